@@ -1,0 +1,68 @@
+"""Scattering of light in planetary atmospheres, as spectra.
+
+The tour::
+
+    model = skyscatter.load_model("earth")                       # a planet: air, ground, star
+    scene = model.scene(sun_elevation_deg=10, altitude="2 km")   # the Sun and an observer
+    image = skyscatter.render(scene, skyscatter.Panorama(width=512, height=256), range(380, 781, 10))
+    image.save("sky.png")
+
+`optical_depth` and `transmittance` work along segments, `radiance` along rays, `render` through a camera.  Names load
+when they are first used, so that importing the package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Component": "skyscatter.media.medium",
+    "Medium": "skyscatter.media.medium",
+    "Ground": "skyscatter.scene",
+    "Observer": "skyscatter.scene",
+    "Scene": "skyscatter.scene",
+    "Star": "skyscatter.scene",
+    "Sun": "skyscatter.scene",
+    "Model": "skyscatter.model",
+    "Planet": "skyscatter.model",
+    "load_model": "skyscatter.model",
+    "model_names": "skyscatter.model",
+    "Fisheye": "skyscatter.geometry.camera",
+    "Panorama": "skyscatter.geometry.camera",
+    "Perspective": "skyscatter.geometry.camera",
+    "PlanetView": "skyscatter.geometry.camera",
+    "SpectralImage": "skyscatter.image.spectral",
+    "SpectralTable": "skyscatter.spectra.table",
+    "optical_depth": "skyscatter.columns",
+    "transmittance": "skyscatter.columns",
+    "radiance": "skyscatter.solvers.run",
+    "render": "skyscatter.solvers.render",
+}
+
+__all__ = ["__version__", *_HOME]
+
+if TYPE_CHECKING:
+    from skyscatter.columns import optical_depth, transmittance
+    from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
+    from skyscatter.image.spectral import SpectralImage
+    from skyscatter.media.medium import Component, Medium
+    from skyscatter.model import Model, Planet, load_model, model_names
+    from skyscatter.scene import Ground, Observer, Scene, Star, Sun
+    from skyscatter.solvers.render import render
+    from skyscatter.solvers.run import radiance
+    from skyscatter.spectra.table import SpectralTable
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'skyscatter' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

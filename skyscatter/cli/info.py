@@ -1,0 +1,66 @@
+"""``skyscatter info``: what an error report should contain."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib import metadata
+from pathlib import Path
+
+import typer
+
+import skyscatter
+
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "astropy",
+    "pyerfa",
+    "colour-science",
+    "OpenEXR",
+    "matplotlib",
+    "xarray",
+    "miepython",
+    "h5netcdf",
+    "pydantic",
+    "typer",
+    "rich",
+)
+
+
+def info() -> None:
+    """Print versions, threads and where compiled kernels are kept."""
+    rows = [("skyscatter", skyscatter.__version__), ("python", platform.python_version())]
+    for package in PACKAGES:
+        try:
+            rows.append((package, metadata.version(package)))
+        except metadata.PackageNotFoundError:
+            rows.append((package, "not installed"))
+    rows += [
+        ("platform", platform.platform()),
+        ("threads", str(usable_processors())),
+        ("package", str(Path(skyscatter.__file__).parent)),
+        ("kernel cache", kernel_cache()),
+    ]
+    for name, value in rows:
+        typer.echo(f"{name:<16}{value}")
+
+
+def usable_processors() -> int:
+    """Processors that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def kernel_cache() -> str:
+    """Where numba keeps what it compiled, told without loading numba."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return f"{chosen} (NUMBA_CACHE_DIR)"
+    kernels = Path(skyscatter.__file__).parent / "solvers" / "kernels" / "__pycache__"
+    if os.access(kernels if kernels.is_dir() else kernels.parent, os.W_OK):
+        return str(kernels)
+    return "numba's folder in the user's cache directory (set NUMBA_CACHE_DIR to choose another)"

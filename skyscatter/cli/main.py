@@ -1,0 +1,104 @@
+"""``skyscatter``: the program and what its exit status means.
+
+Exit status: 0 done, 1 an error in skyscatter itself, 2 something in the command or its files is wrong, 130 interrupted.
+Errors are one line on stderr.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+
+import skyscatter
+from skyscatter.cli import info, models, sky
+from skyscatter.errors import SkyscatterError
+
+app = typer.Typer(
+    name="skyscatter",
+    help="Light scattering in planetary atmospheres: skies as spectra, pictures and numbers with error bars.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("sky")(sky.sky)
+app.add_typer(models.app, name="models")
+app.command("info")(info.info)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"skyscatter {skyscatter.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Light scattering in planetary atmospheres: skies as spectra, pictures and numbers with error bars."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status (the console script hands it to the shell)."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        result = app(args=arguments, prog_name="skyscatter", standalone_mode=False, obj=arguments)
+    except (KeyboardInterrupt, typer.Abort):
+        return _say("interrupted", 130)
+    except ValidationError as error:
+        return _say(f"error: {describe_validation(error)}", 2)
+    except SkyscatterError as error:
+        return _say(f"error: {error}", 2)
+    except BrokenPipeError:
+        # The reader of our output went away; nothing more can be said to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        if hasattr(error, "format_message"):  # typer's usage errors, whose classes moved between its versions
+            context = getattr(error, "ctx", None)
+            if type(error).__name__ == "NoArgsIsHelpError":
+                typer.echo(context.get_help() if context else "", err=True)
+                return 2
+            path = context.command_path if context else "skyscatter"
+            return _say(f"error: {error.format_message()} (see {path} --help)", 2)
+        if os.environ.get("SKYSCATTER_TRACEBACK"):
+            raise
+        return _say(
+            f"internal error: {type(error).__name__}: {error} (SKYSCATTER_TRACEBACK=1 shows where; please report it)", 1
+        )
+    return result if isinstance(result, int) else 0
+
+
+def describe_validation(error: ValidationError) -> str:
+    """One line for a value that a record refused: field, value, remedy."""
+    problems = []
+    for one in error.errors(include_url=False):
+        cause = one.get("ctx", {}).get("error")
+        if isinstance(cause, SkyscatterError):  # already says field, value and remedy
+            problems.append(str(cause))
+            continue
+        field = ".".join(str(part) for part in one["loc"]) or error.title
+        message = one["msg"].removeprefix("Value error, ")
+        message = message[:1].lower() + message[1:]
+        value = one["input"]
+        # A whole table as the offending value would not fit on a line and would say nothing.
+        shown = f"{field} = {value!r}" if isinstance(value, (str, int, float, bool)) else field
+        problems.append(f"{shown}: {message}")
+    return "; ".join(problems).replace("\n", " ")
+
+
+def _say(text: str, status: int) -> int:
+    print(f"skyscatter: {' '.join(text.split())}", file=sys.stderr)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

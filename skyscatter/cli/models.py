@@ -1,0 +1,109 @@
+"""``skyscatter models``: lists, shows, draws and checks model files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from skyscatter.cli import parse
+from skyscatter.errors import ModelFileError, SkyscatterError
+from skyscatter.plotting import plot_model, vertical_optical_depth
+
+app = typer.Typer(
+    help="List, show, draw and check model files.",
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+SHOWN_WAVELENGTHS = np.array([450.0, 550.0, 650.0])
+CHECKED_WAVELENGTHS = np.linspace(300.0, 1000.0, 15)
+
+
+@app.callback(invoke_without_command=True)
+def _list(context: typer.Context) -> None:
+    """List the shipped models; sub-commands show, draw and check one."""
+    if context.invoked_subcommand is not None:
+        return
+    import skyscatter
+
+    names = skyscatter.model_names()
+    width = max(len(name) for name in names)
+    for name in names:
+        typer.echo(f"{name:<{width}}  {skyscatter.load_model(name).description.strip()}")
+
+
+@app.command("show")
+def show(
+    name: Annotated[str, typer.Argument(help="Name of a shipped model or a TOML file.")],
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw profiles, optical depths, phase functions: .png .svg .pdf")
+    ] = None,
+) -> None:
+    """Print what a model consists of and where its numbers come from."""
+    import skyscatter
+
+    if plot is not None:
+        parse.check_output(plot, parse.PLOT_SUFFIXES)
+    model = skyscatter.load_model(name)
+    typer.echo(describe_model(model))
+    if plot is not None:
+        plot_model(model, plot)
+
+
+@app.command("check")
+def check(
+    file: Annotated[str, typer.Argument(help="A TOML file, or the name of a shipped model.")],
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw profiles, optical depths, phase functions: .png .svg .pdf")
+    ] = None,
+) -> None:
+    """Read a model file and evaluate each component once; an error names the field, the value and the remedy."""
+    import skyscatter
+
+    if plot is not None:
+        parse.check_output(plot, parse.PLOT_SUFFIXES)
+    model = skyscatter.load_model(file)
+    for component in model.components:
+        _check_component(file, component)
+    typer.echo(f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)")
+    if plot is not None:
+        plot_model(model, plot)
+
+
+def _check_component(file: str, component: Any) -> None:
+    column = float(component.density.vertical_column(0.0))
+    if not (np.isfinite(column) and column > 0):
+        raise ModelFileError(file, f"component {component.name}: vertical column {column:g} m; it must be positive")
+    for field, values in zip(
+        ("scattering", "absorption", "emission"),
+        component.optics.coefficients(CHECKED_WAVELENGTHS, column),
+        strict=True,
+    ):
+        if not (np.all(np.isfinite(values)) and np.all(np.asarray(values) >= 0)):
+            raise ModelFileError(file, f"component {component.name}: {field} is negative or not finite")
+
+
+def describe_model(model: Any) -> str:
+    """The model as text: planet, components with vertical optical depths, sources."""
+    heads = "".join(f"{wavelength:8.0f} nm" for wavelength in SHOWN_WAVELENGTHS)
+    lines = [
+        f"{model.name}: {model.description.strip()}",
+        f"planet {model.planet.name}, radius {model.planet.radius / 1e3:g} km, atmosphere up to {model.top / 1e3:g} km",
+        "",
+        f"{'vertical optical depth':<44}{heads}",
+    ]
+    total = np.zeros(SHOWN_WAVELENGTHS.size)
+    for component in model.components:
+        try:
+            depth = vertical_optical_depth(component, SHOWN_WAVELENGTHS)
+        except SkyscatterError as error:
+            raise ModelFileError(model.name, f"component {component.name}: {error}") from error
+        total += depth
+        kinds = f"{component.name} ({type(component.density).__name__}, {type(component.optics).__name__})"
+        lines.append(f"  {kinds:<42}" + "".join(f"{value:11.4g}" for value in depth))
+    lines.append(f"  {'all':<42}" + "".join(f"{value:11.4g}" for value in total))
+    lines += ["", "sources"] + [f"  - {source}" for source in model.sources]
+    return "\n".join(lines)

@@ -1,0 +1,159 @@
+"""Short texts of the command line into values; each refusal names the option, the text and what would do."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.units import nanometres
+
+#: Formats by extension: picture, spectral layers, FITS cube, netCDF.
+OUTPUT_SUFFIXES = (".png", ".exr", ".fits", ".nc")
+PLOT_SUFFIXES = (".png", ".svg", ".pdf")
+MAX_WAVELENGTHS = 10_000
+
+_DEFAULT_SIZE = {
+    "panorama": (512, 256),
+    "panorama-upper": (512, 128),
+    "fisheye": (256, 256),
+    "fisheye-equisolid": (256, 256),
+    "perspective": (384, 256),
+    "planet": (256, 256),
+}
+
+
+def parse_size(text: str | None, view: str) -> tuple[int, int]:
+    """``512x256`` as (width, height) [pixel]; without a text the size that suits the view."""
+    if text is None:
+        return _DEFAULT_SIZE.get(view.partition(":")[0], (512, 256))
+    words = text.lower().replace("×", "x").split("x")
+    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
+        raise DomainError("size", text, "give WIDTHxHEIGHT in pixels, for instance 512x256")
+    width, height = (int(word) for word in words)
+    if not (1 <= width <= 65536 and 1 <= height <= 65536):
+        raise DomainError("size", text, "width and height must lie between 1 and 65536 pixels")
+    return width, height
+
+
+def parse_wavelengths(text: str) -> NDArray[np.float64]:
+    """``start:stop:step`` (both ends included) or a list with commas, as ascending vacuum wavelengths [nm]."""
+    remedy = "give START:STOP:STEP or a list with commas in nm, for instance 380:780:5 or 450,550,650"
+    if ":" in text:
+        words = text.split(":")
+        if len(words) != 3:
+            raise DomainError("wavelengths", text, remedy)
+        start, stop, step = (nanometres(word, "wavelengths") for word in words)
+        if not (0 < start <= stop < math.inf and 0 < step < math.inf):
+            raise DomainError("wavelengths", text, "start and step must be positive and stop not below start")
+        # The tolerance keeps the last node when the step, in binary, is a hair too long.
+        count = math.floor((stop - start) / step + 1e-9) + 1
+        _check_count(text, count)
+        return np.asarray(start + step * np.arange(count), dtype=np.float64)
+    values = np.array([nanometres(word, "wavelengths") for word in text.split(",")])
+    _check_count(text, values.size)
+    if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0):
+        raise DomainError("wavelengths", text, "wavelengths must be positive and increase")
+    return values
+
+
+def _check_count(text: str, count: int) -> None:
+    if count > MAX_WAVELENGTHS:
+        raise DomainError("wavelengths", text, f"these are {count} wavelengths; at most {MAX_WAVELENGTHS} are allowed")
+
+
+def parse_integer(text: str | None, name: str, lowest: int, remedy: str) -> int | None:
+    """A whole number not below `lowest`; None stays None."""
+    if text is None:
+        return None
+    word = text.strip()
+    # Python's integers have no end; 64 bits are what seeds and counters have.
+    if not word.isascii() or not word.isdecimal() or not lowest <= int(word[:20]) < 2**63:
+        raise DomainError(name, text, remedy)
+    return int(word)
+
+
+def parse_degrees(text: str | None, name: str, limit: float, default: float) -> float:
+    """An angle [degree] between -limit and limit."""
+    if text is None:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not -limit <= value <= limit:
+        raise DomainError(name, text, f"give an angle between {-limit:g} and {limit:g} degrees")
+    return value
+
+
+def parse_noise(text: str | None) -> float | None:
+    """``1%`` or ``0.01`` as a relative standard error."""
+    if text is None:
+        return None
+    word = text.strip()
+    try:
+        value = float(word[:-1]) / 100 if word.endswith("%") else float(word)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < 1:
+        raise DomainError("noise", text, "give a relative standard error between 0 and 100 %, for instance 1% or 0.01")
+    return value
+
+
+def parse_place(text: str) -> tuple[float, float]:
+    """``LAT,LON`` in degrees, north and east positive."""
+    try:
+        latitude, longitude = (float(word) for word in text.split(","))
+    except ValueError:
+        raise DomainError(
+            "place", text, "give LATITUDE,LONGITUDE in degrees, north and east positive, for instance 48.86,2.35"
+        ) from None
+    return latitude, longitude
+
+
+def parse_exposure(text: str) -> float | str:
+    """``auto`` or an exposure value (EV at ISO 100)."""
+    if text == "auto":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not -100 <= value <= 100:
+        raise DomainError("exposure", text, "give auto, or an exposure value (EV at ISO 100) between -100 and 100")
+    return value
+
+
+def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Path:
+    """The path, if a file of a known kind can be written there; nothing is created."""
+    if path.suffix.lower() not in suffixes:
+        raise DomainError("output", str(path), f"the extension must be one of {', '.join(suffixes)}")
+    if path.is_dir():
+        raise DomainError("output", str(path), "this is a folder; add a file name")
+    if not path.parent.is_dir():
+        raise DomainError("output", str(path), f"there is no folder {path.parent}; make it first")
+    if not os.access(path.parent, os.W_OK):
+        raise DomainError("output", str(path), f"the folder {path.parent} may not be written to; choose another")
+    return path
+
+
+def check_outputs(paths: list[Path]) -> list[Path]:
+    """All paths, each writable and each only once."""
+    seen: set[Path] = set()
+    for path in paths:
+        check_output(path)
+        if path.resolve() in seen:
+            raise DomainError("output", str(path), "is named twice; give each file once")
+        seen.add(path.resolve())
+    return paths
+
+
+def check_input(path: Path, what: str) -> Path:
+    """The path, if a file is there."""
+    if not path.is_file():
+        raise MissingDataError(path, f"there is no such {what}; check the path")
+    return path

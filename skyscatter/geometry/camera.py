@@ -1,0 +1,301 @@
+"""Cameras: which direction each pixel looks in, and in which pixel a direction is seen.
+
+Every camera is a frozen record with a width and a height [pixel].  `directions` gives the line of sight through each
+pixel's centre as a unit vector in the observer's frame (x east, y north, z up); it is NaN outside the field.  `pixel`
+is the inverse.  Pixel coordinates are array indices: the pixel in row j and column i has its centre at (x, y) = (i, j),
+and the picture spans -0.5 to width - 0.5.
+
+With offsets from the picture's centre, a to the right and b upwards in pixels,
+
+    a = x - (width - 1) / 2,      b = (height - 1) / 2 - y,
+
+each class states its mapping as an equation.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.geometry.vectors import azimuth_elevation_from_direction, camera_frame, direction_from_azimuth_elevation
+from skyscatter.record import Record
+
+Array = NDArray[np.float64]
+Pixels = Annotated[int, Field(ge=1, le=65536)]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+
+
+class ObserverLike(Protocol):
+    """What a camera may ask of an observer; all in metres."""
+
+    @property
+    def altitude(self) -> float:
+        """Height above the ground."""
+
+    @property
+    def planet_radius(self) -> float:
+        """Radius of the ground."""
+
+    @property
+    def atmosphere_top(self) -> float:
+        """Altitude above which there is vacuum."""
+
+
+class CameraBase(Record):
+    """Size of the picture and what all cameras share."""
+
+    width: Pixels
+    height: Pixels
+
+    def directions(self, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up) through the pixel centres, shape (height, width, 3); NaN outside the field."""
+        raise NotImplementedError
+
+    def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
+        """Fractional pixel coordinates (x, y) of directions of shape (..., 3); NaN where the camera does not see."""
+        raise NotImplementedError
+
+    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
+        """Solid angle of each pixel [sr], shape (height, width); 0 outside the field."""
+        raise NotImplementedError
+
+    def _offsets(self) -> tuple[Array, Array]:
+        a = np.arange(self.width) - (self.width - 1) / 2
+        b = (self.height - 1) / 2 - np.arange(self.height)
+        return np.broadcast_to(a, (self.height, self.width)), np.broadcast_to(b[:, None], (self.height, self.width))
+
+    def _inside(self, a: Array, b: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+        x, y = (self.width - 1) / 2 + a, (self.height - 1) / 2 - b
+        with np.errstate(invalid="ignore"):
+            seen = seen & (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5)
+        return np.where(seen, x, np.nan), np.where(seen, y, np.nan)
+
+
+class Panorama(CameraBase):
+    """Equirectangular panorama: azimuth to the right, elevation upwards, all around.
+
+    ``A = centre_azimuth + 360° a / width`` and ``e = (min + max) / 2 + (max - min) b / height``.  A lowest elevation of
+    -90 gives the full sphere, 0 the upper half.
+    """
+
+    kind: Literal["panorama"] = "panorama"
+    elevation_min_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = -90.0
+    elevation_max_deg: Annotated[float, Field(gt=-90.0, le=90.0)] = 90.0
+    centre_azimuth_deg: Degrees = 180.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Panorama:
+        if self.elevation_min_deg >= self.elevation_max_deg:
+            raise ValueError("elevation_min_deg must be below elevation_max_deg")
+        return self
+
+    def _elevation(self, b: ArrayLike) -> Array:
+        low, high = self.elevation_min_deg, self.elevation_max_deg
+        return np.clip((low + high) / 2 + (high - low) * np.asarray(b) / self.height, low, high)
+
+    def directions(self, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up), shape (height, width, 3)."""
+        a, b = self._offsets()
+        return direction_from_azimuth_elevation(self.centre_azimuth_deg + 360.0 * a / self.width, self._elevation(b))
+
+    def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
+        """Fractional pixel coordinates (x, y); NaN above and below the range of elevations."""
+        azimuth, elevation = azimuth_elevation_from_direction(direction)
+        low, high = self.elevation_min_deg, self.elevation_max_deg
+        from_centre = (azimuth - self.centre_azimuth_deg + 180.0) % 360.0 - 180.0
+        b = (elevation - (low + high) / 2) * self.height / (high - low)
+        return self._inside(from_centre / 360.0 * self.width, b, np.isfinite(elevation))
+
+    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
+        """Solid angle [sr], exact: (2π / width) (sin e_upper - sin e_lower)."""
+        edges = np.sin(np.radians(self._elevation(self.height / 2 - np.arange(self.height + 1))))
+        return np.repeat((2 * np.pi / self.width * (edges[:-1] - edges[1:]))[:, None], self.width, axis=1)
+
+
+class Fisheye(CameraBase):
+    """Circular fisheye; by default it looks at the zenith, north at the top and east on the left.
+
+    The circle of radius ``R = min(width, height) / 2`` pixels holds the field.  With ``ρ = hypot(a, b) / R`` the angle
+    from the axis is ``θ = ρ fov / 2`` (equidistant) or ``sin(θ / 2) = ρ sin(fov / 4)`` (equisolid, equal solid angle
+    per pixel).  ``east_left=True`` shows the sky as it looks from below (and every picture the right way round);
+    ``east_left=False`` mirrors it, as if laid over a map.
+    """
+
+    kind: Literal["fisheye"] = "fisheye"
+    projection: Literal["equidistant", "equisolid"] = "equidistant"
+    fov_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 180.0
+    # A camera that faces south and is tilted up to the zenith has north at the top.
+    azimuth_deg: Degrees = 180.0
+    elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 90.0
+    roll_deg: Degrees = 0.0
+    east_left: bool = True
+
+    def _radius_and_half_field(self) -> tuple[float, float]:
+        return min(self.width, self.height) / 2, np.radians(self.fov_deg) / 2
+
+    def _angle(self) -> tuple[Array, Array, Array]:
+        """Angle from the axis [rad] (NaN outside), and the unit offsets (right, up) in the picture."""
+        a, b = self._offsets()
+        radius, half = self._radius_and_half_field()
+        length = np.hypot(a, b)
+        rho = np.where(length <= radius, length / radius, np.nan)
+        theta = rho * half if self.projection == "equidistant" else 2 * np.arcsin(rho * np.sin(half / 2))
+        safe = np.where(length > 0, length, 1.0)
+        return theta, a / safe, b / safe
+
+    def directions(self, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up), shape (height, width, 3); NaN outside the circle."""
+        theta, a, b = self._angle()
+        forward, right, up = camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
+        across = (a if self.east_left else -a)[..., None] * right + b[..., None] * up
+        return np.cos(theta)[..., None] * forward + np.sin(theta)[..., None] * across
+
+    def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
+        """Fractional pixel coordinates (x, y); NaN outside the circle."""
+        forward, right, up = camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
+        d = np.asarray(direction, dtype=float)
+        ahead, a, b = d @ forward, d @ right, d @ up
+        theta = np.arctan2(np.hypot(a, b), ahead)
+        radius, half = self._radius_and_half_field()
+        rho = theta / half if self.projection == "equidistant" else np.sin(theta / 2) / np.sin(half / 2)
+        length = np.hypot(a, b)
+        scale = radius * rho / np.where(length > 0, length, 1.0)
+        seen = np.asarray(rho <= 1.0)
+        return self._inside((a if self.east_left else -a) * scale, b * scale, seen)
+
+    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
+        """Solid angle [sr] by the mapping's Jacobian at the pixel centre; 0 where that is outside the circle."""
+        theta, _, _ = self._angle()
+        radius, half = self._radius_and_half_field()
+        if self.projection == "equidistant":
+            omega = (half / radius) ** 2 * np.sinc(theta / np.pi)
+        else:
+            omega = (2 * np.sin(half / 2) / radius) ** 2 * np.ones_like(theta)
+        return np.where(np.isnan(theta), 0.0, omega)
+
+
+class _Pinhole(CameraBase):
+    """Straight lines stay straight: ``d ∝ f·forward + a·right + b·up`` with a focal length of f pixels."""
+
+    def _view(self, observer: ObserverLike | None) -> tuple[float, Array, Array, Array]:
+        """Focal length [pixel], forward, right, up."""
+        raise NotImplementedError
+
+    def directions(self, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up), shape (height, width, 3)."""
+        focal, forward, right, up = self._view(observer)
+        a, b = self._offsets()
+        d = focal * forward + a[..., None] * right + b[..., None] * up
+        return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+    def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
+        """Fractional pixel coordinates (x, y); NaN behind the camera and outside the frame."""
+        focal, forward, right, up = self._view(observer)
+        d = np.asarray(direction, dtype=float)
+        ahead = d @ forward
+        seen = ahead > 0
+        scale = focal / np.where(seen, ahead, 1.0)
+        return self._inside((d @ right) * scale, (d @ up) * scale, seen)
+
+    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
+        """Solid angle [sr] at the pixel centre: f (f² + a² + b²)^(-3/2), the area of a pixel seen obliquely."""
+        focal, *_ = self._view(observer)
+        a, b = self._offsets()
+        return focal / (focal**2 + a**2 + b**2) ** 1.5
+
+
+class Perspective(_Pinhole):
+    """Pinhole camera by pointing and horizontal field of view: ``f = (width / 2) / tan(fov / 2)`` pixels.
+
+    Up in the picture is towards the zenith; roll turns the camera clockwise as seen from behind it.
+    """
+
+    kind: Literal["perspective"] = "perspective"
+    azimuth_deg: Degrees
+    elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 0.0
+    fov_deg: Annotated[float, Field(gt=0.0, lt=180.0)] = 60.0
+    roll_deg: Degrees = 0.0
+
+    def _view(self, observer: ObserverLike | None) -> tuple[float, Array, Array, Array]:
+        focal = self.width / 2 / np.tan(np.radians(self.fov_deg) / 2)
+        return focal, *camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
+
+
+class PlanetView(_Pinhole):
+    """The whole planet with its atmosphere, from above: looking straight down, north at the top, east on the right.
+
+    The limb of the atmosphere stands ``ρ`` from the nadir, ``sin ρ = (R + top) / (R + altitude)``; the focal length is
+    ``f = min(width, height) / 2 / ((1 + margin) tan ρ)`` pixels.
+    """
+
+    kind: Literal["planet"] = "planet"
+    margin: Annotated[float, Field(ge=0.0, le=10.0)] = 0.05
+
+    def _view(self, observer: ObserverLike | None) -> tuple[float, Array, Array, Array]:
+        if observer is None:
+            raise DomainError("observer", None, "a view of the planet needs the observer's altitude")
+        if not observer.altitude > observer.atmosphere_top:
+            raise DomainError(
+                "altitude",
+                float(observer.altitude),
+                f"the planet is seen whole only from above the atmosphere's top ({observer.atmosphere_top:g} m)",
+            )
+        rim, distance = observer.planet_radius + observer.atmosphere_top, observer.planet_radius + observer.altitude
+        # tan of asin(rim / distance), written so that it keeps its digits close above the atmosphere
+        tangent = rim / np.sqrt((distance - rim) * (distance + rim))
+        focal = min(self.width, self.height) / 2 / ((1.0 + self.margin) * tangent)
+        return focal, *camera_frame(0.0, -90.0)
+
+
+Camera = Annotated[Panorama | Fisheye | Perspective | PlanetView, Field(discriminator="kind")]
+
+VIEWS = "panorama, panorama-upper, fisheye, fisheye-equisolid, perspective:AZIMUTH,ELEVATION,FOV, planet"
+
+
+def camera_from_view(
+    view: str, width: int, height: int, sun_azimuth_deg: float = 180.0
+) -> Panorama | Fisheye | Perspective | PlanetView:
+    """Camera from the short text that the command line takes.
+
+    Parameters
+    ----------
+    view : str
+        ``panorama`` and ``panorama-upper`` (centred on the Sun's azimuth), ``fisheye``, ``fisheye-equisolid``,
+        ``perspective:AZIMUTH,ELEVATION,FOV`` [degree] or ``planet``.
+    width, height : int
+        Size of the picture [pixel].
+    sun_azimuth_deg : float
+        Azimuth [degree] of the Sun, the middle of a panorama.
+
+    Raises
+    ------
+    DomainError
+        When the text is none of these; the message lists them.
+    """
+    name, _, rest = view.strip().partition(":")
+    size = {"width": width, "height": height}
+    centre = float(sun_azimuth_deg) % 360.0
+    if name == "perspective":
+        try:
+            azimuth, elevation, fov = (float(word) for word in rest.split(","))
+        except ValueError:
+            raise DomainError(
+                "view", view, "give perspective:AZIMUTH,ELEVATION,FOV in degrees, for instance perspective:90,10,60"
+            ) from None
+        return Perspective(**size, azimuth_deg=azimuth, elevation_deg=elevation, fov_deg=fov)
+    if rest == "" and ":" not in view:
+        if name == "panorama":
+            return Panorama(**size, centre_azimuth_deg=centre)
+        if name == "panorama-upper":
+            return Panorama(**size, centre_azimuth_deg=centre, elevation_min_deg=0.0)
+        if name == "fisheye":
+            return Fisheye(**size)
+        if name == "fisheye-equisolid":
+            return Fisheye(**size, projection="equisolid")
+        if name == "planet":
+            return PlanetView(**size)
+    raise DomainError("view", view, f"choose one of {VIEWS}")

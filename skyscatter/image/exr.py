@@ -1,0 +1,196 @@
+"""OpenEXR files: a picture for every viewer, and the spectra in the published layout for spectral images.
+
+Channels (all float32, ZIP):
+
+- ``R G B``: scene-linear, sRGB primaries; 1 is a white of 1 cd m-2, as the standard attribute ``whiteLuminance`` says.
+  Where the image has pixels outside the camera's field, these are black there and a channel ``A`` is 0 (else 1).
+- ``S0.550,000000nm``: radiance at 550 nm, in the layout of Fichet, Pacanowski and Wilkie (2021, J. Comput. Graph. Tech.
+  10(3)).  Attributes ``spectralLayoutVersion`` and ``emissiveUnits``; the authors' library knows one string only for
+  the latter, so that one is written, and the true unit (per nm) is in ``skyscatterRadianceUnits``.
+- ``standard_error.550,000000nm`` and ``layer.NAME.550,000000nm``: our own, which readers of that layout pass over.
+
+``skyscatterWavelengths`` keeps the wavelengths to the last digit (names have six decimals), ``skyscatterRecipe`` the
+recipe.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError
+from skyscatter.image.colour import SPACES
+from skyscatter.image.spectral import UNITS, SpectralImage
+
+_MAGIC = b"\x76\x2f\x31\x01"
+_LIGHT_NM = 2.99792458e17  # speed of light [nm s-1]
+_PREFIX = {
+    "Y": 1e24, "Z": 1e21, "E": 1e18, "P": 1e15, "T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "h": 1e2, "da": 1e1,
+    "": 1.0, "d": 1e-1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12,
+}  # fmt: skip
+_BAND = re.compile(
+    r"(?P<group>S[0-3]|standard_error|layer\.[A-Za-z0-9_-]+)\."
+    r"(?P<number>\d+(?:,\d*)?(?:[eE][+-]?\d+)?)(?P<prefix>Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(?P<unit>m|Hz)"
+)
+
+
+def channel_name(group: str, wavelength_nm: float) -> str:
+    """Name of the channel of one wavelength, with the decimal comma of the layout: ``S0.550,000000nm``."""
+    return f"{group}.{wavelength_nm:.6f}nm".replace(".", ",").replace(",", ".", group.count(".") + 1)
+
+
+def parse_channel(name: str) -> tuple[str, float] | None:
+    """Group (``S0``, ``standard_error``, ``layer.NAME``) and wavelength [nm] of a channel; None for other channels."""
+    match = _BAND.fullmatch(name)
+    if match is None:
+        return None
+    value = float(match["number"].replace(",", "."))
+    prefix = match["prefix"] or ""
+    if match["unit"] == "Hz":
+        return (match["group"], _LIGHT_NM / (value * _PREFIX[prefix])) if value > 0.0 else None
+    return match["group"], value if prefix == "n" else value * _PREFIX[prefix] * 1e9
+
+
+def _groups(image: SpectralImage) -> dict[str, NDArray[Any]]:
+    groups = {"S0": image.radiance}
+    if image.standard_error is not None:
+        groups["standard_error"] = image.standard_error
+    groups.update({f"layer.{name}": values for name, values in image.layers.items()})
+    return groups
+
+
+def _float32(values: NDArray[Any]) -> NDArray[np.float32]:
+    with np.errstate(over="ignore"):
+        cast = np.ascontiguousarray(values, dtype=np.float32)
+    if np.isinf(cast).any():
+        raise DomainError("radiance", float(np.nanmax(np.abs(values))), "is too large for the float32 of EXR files")
+    return cast
+
+
+def _spectral_channels(image: SpectralImage) -> dict[str, NDArray[np.float32]]:
+    channels: dict[str, NDArray[np.float32]] = {}
+    for group, cube in _groups(image).items():
+        planes = _float32(np.moveaxis(cube, -1, 0))
+        for wavelength, plane in zip(image.wavelengths, planes, strict=True):
+            name = channel_name(group, wavelength)
+            if name in channels:
+                raise DomainError("wavelengths", float(wavelength), "EXR needs them at least 1e-6 nm apart")
+            channels[name] = plane
+    return channels
+
+
+def _colour_channels(image: SpectralImage) -> dict[str, NDArray[np.float32]]:
+    rgb = _float32(image.rgb("srgb"))
+    outside = np.isnan(rgb).any(axis=-1)
+    rgb[outside] = 0.0
+    channels: dict[str, NDArray[np.float32]] = {}
+    for c, name in enumerate("RGB"):
+        channels[name] = np.ascontiguousarray(rgb[..., c])
+    if outside.any():
+        channels["A"] = np.asarray(~outside, dtype=np.float32)
+    return channels
+
+
+def _header(image: SpectralImage, spectral: bool) -> dict[str, Any]:
+    import OpenEXR
+
+    srgb = SPACES["srgb"]
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "chromaticities": (*srgb.red, *srgb.green, *srgb.blue, *srgb.white),
+        "whiteLuminance": 1.0,
+        "software": "skyscatter",
+        "skyscatterRecipe": json.dumps(image.recipe),
+    }
+    if spectral:
+        header["spectralLayoutVersion"] = "1.0"
+        header["emissiveUnits"] = "W.m^-2.sr^-1"
+        header["skyscatterRadianceUnits"] = UNITS
+        header["skyscatterWavelengths"] = json.dumps(image.wavelengths.tolist())
+    return header
+
+
+def write(image: SpectralImage, path: Path, spectral: bool = True) -> None:
+    """Write an OpenEXR file; without `spectral` only R, G, B (and A)."""
+    import OpenEXR
+
+    channels = _colour_channels(image)
+    if spectral:
+        channels.update(_spectral_channels(image))
+    with atomic_path(path) as temporary:
+        try:
+            with OpenEXR.File(_header(image, spectral), channels) as file:
+                file.write(str(temporary))
+        except RuntimeError as error:  # the library's word for whatever the system refused
+            raise OSError(str(error)) from error
+
+
+def _open(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Header and channels of the first part; never merges R, G, B into one array (see `separate_channels`)."""
+    import OpenEXR
+
+    with path.open("rb") as file:
+        if file.read(4) != _MAGIC:  # the library would also complain on stderr
+            raise DomainError("image file", str(path), "is not an OpenEXR file")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as exr:
+            return dict(exr.header()), {name: channel.pixels for name, channel in exr.channels().items()}
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise DomainError("image file", str(path), f"is a damaged OpenEXR file ({error})") from error
+
+
+def read(path: Path) -> SpectralImage:
+    """Read the spectral layers of an OpenEXR file in the layout of Fichet et al. (2021), ours or another's.
+
+    Stokes layers S1 to S3 become layers of the image.
+    """
+    header, channels = _open(path)
+    groups: dict[str, list[tuple[float, NDArray[Any]]]] = {}
+    for name, pixels in channels.items():
+        parsed = parse_channel(name)
+        if parsed is not None:
+            groups.setdefault(parsed[0], []).append((parsed[1], pixels))
+    if "S0" not in groups:
+        raise DomainError("image file", str(path), "has no spectral channels (S0.<wavelength>nm), only a picture")
+    cubes: dict[str, NDArray[Any]] = {}
+    named: dict[str, list[float]] = {}
+    for group, planes in groups.items():
+        planes.sort(key=lambda plane: plane[0])
+        named[group] = [wavelength for wavelength, _ in planes]
+        if named[group] != named["S0" if "S0" in named else group]:
+            raise DomainError("image file", str(path), f"its channels {group} have other wavelengths than S0")
+        cubes[group] = np.stack([pixels for _, pixels in planes], axis=-1).astype(np.float32)
+    error = cubes.pop("standard_error", None)
+    radiance = cubes.pop("S0")
+    return SpectralImage(
+        radiance,
+        _exact_wavelengths(header, named["S0"]),
+        error,
+        recipe=_json_attribute(header, "skyscatterRecipe", path) or {},
+        layers={group.removeprefix("layer."): cube for group, cube in cubes.items()},
+    )
+
+
+def _exact_wavelengths(header: dict[str, Any], named: list[float]) -> list[float]:
+    """Take the wavelengths as they were, where the file says so and its channel names still agree."""
+    try:
+        exact = json.loads(header.get("skyscatterWavelengths", "null"))
+        if len(exact) == len(named) and np.allclose(exact, named, rtol=0.0, atol=1e-6):
+            return [float(wavelength) for wavelength in exact]
+    except (TypeError, ValueError):
+        pass
+    return named
+
+
+def _json_attribute(header: dict[str, Any], name: str, path: Path) -> Any:
+    try:
+        return json.loads(header.get(name, "null"))
+    except (TypeError, ValueError) as error:
+        raise DomainError("image file", str(path), f"its attribute {name} is not JSON ({error})") from error

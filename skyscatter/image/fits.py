@@ -1,0 +1,154 @@
+"""FITS files: one cube for the radiance, one for its standard error, one for each layer, with a spectral axis.
+
+- Axes in astropy's order are (wavelength, y, x).  FITS counts rows from the bottom and our first row is the top: rows
+  are turned over on writing and on reading.
+- The third world axis is ``WAVE`` (vacuum) in nm: linear where the grid is uniform, else a look-up table, ``WAVE-TAB``
+  (Greisen et al. 2006, A&A 446, 747, section 6), which `astropy.wcs` reads when it is given the file.
+- Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
+- Extension ``RECIPE`` holds the recipe as JSON in a table of one cell, where length and characters are free.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError
+from skyscatter.image.spectral import UNITS, SpectralImage
+
+if TYPE_CHECKING:
+    from astropy.io import fits
+
+_TABLE = "WCS-TABLE"
+_COLUMN = "WAVELENGTH"
+
+
+def _is_uniform(wavelengths: NDArray[np.float64]) -> bool:
+    if wavelengths.size == 1:
+        return True
+    line = np.linspace(wavelengths[0], wavelengths[-1], wavelengths.size)
+    return bool(np.allclose(wavelengths, line, rtol=1e-12, atol=0.0))
+
+
+def _axes(wavelengths: NDArray[np.float64]) -> list[tuple[str, Any, str]]:
+    """Header cards of the spectral axis."""
+    n = wavelengths.size
+    cards: list[tuple[str, Any, str]] = [("WCSAXES", 3, "x, y, wavelength"), ("CUNIT3", "nm", "vacuum wavelength")]
+    if _is_uniform(wavelengths):
+        step = (wavelengths[-1] - wavelengths[0]) / (n - 1) if n > 1 else 1.0
+        start = float(wavelengths[0])
+        return [*cards, ("CTYPE3", "WAVE", "linear"), ("CRPIX3", 1.0, ""), ("CRVAL3", start, ""), ("CDELT3", step, "")]
+    return [
+        *cards,
+        ("CTYPE3", "WAVE-TAB", "look-up table"),
+        ("CRPIX3", 1.0, ""),
+        ("CRVAL3", 1.0, "index into the table"),
+        ("CDELT3", 1.0, ""),
+        ("PS3_0", _TABLE, "extension with the table"),
+        ("PS3_1", _COLUMN, "its column"),
+        ("PV3_1", 1, "version of that extension"),
+        ("PV3_2", 1, "level of that extension"),
+        ("PV3_3", 1, "axis of the table"),
+    ]
+
+
+def _fill(hdu: Any, image: SpectralImage, comment: str) -> None:
+    hdu.header["BUNIT"] = UNITS
+    for card in _axes(image.wavelengths):
+        hdu.header[card[0]] = card[1:]
+    hdu.header["COMMENT"] = comment
+    hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
+
+
+def _flipped(cube: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(np.moveaxis(cube, -1, 0)[:, ::-1, :])
+
+
+def _hdus(image: SpectralImage) -> fits.HDUList:
+    from astropy.io import fits
+
+    primary = fits.PrimaryHDU(_flipped(image.radiance))
+    _fill(primary, image, "Spectral radiance.")
+    primary.header["DATE"] = (datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "when this file was written (UTC)")
+    primary.header["CREATOR"] = "skyscatter"
+    hdus = fits.HDUList([primary])
+    if image.standard_error is not None:
+        hdus.append(fits.ImageHDU(_flipped(image.standard_error), name="STDERR"))
+        _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
+    for number, (name, cube) in enumerate(image.layers.items(), start=1):
+        hdus.append(fits.ImageHDU(_flipped(cube), name=f"LAYER{number}"))
+        hdus[-1].header["LAYER"] = (name, "name of the layer")
+        _fill(hdus[-1], image, "A part of the radiance in the primary array.")
+    n = image.wavelengths.size
+    column = fits.Column(_COLUMN, f"{n}D", unit="nm", dim=f"(1,{n})", array=image.wavelengths.reshape(1, n, 1))
+    table = fits.BinTableHDU.from_columns([column], name=_TABLE)
+    table.header["EXTVER"], table.header["EXTLEVEL"] = 1, 1
+    hdus.append(table)
+    text = json.dumps(image.recipe)  # ASCII: JSON escapes the rest
+    cell = fits.Column("JSON", f"{len(text)}A", array=np.array([text.encode("ascii")]))
+    hdus.append(fits.BinTableHDU.from_columns([cell], name="RECIPE"))
+    return hdus
+
+
+def write(image: SpectralImage, path: Path) -> None:
+    """Write a FITS file with checksums."""
+    with atomic_path(path) as temporary:
+        _hdus(image).writeto(temporary, overwrite=True, checksum=True)
+
+
+def _wavelengths(hdus: fits.HDUList, path: Path) -> NDArray[np.float64]:
+    """From our table if it is there, else from the linear axis of the header."""
+    if _TABLE in hdus and _COLUMN in hdus[_TABLE].columns.names:
+        return np.asarray(hdus[_TABLE].data[_COLUMN], dtype=np.float64).ravel()
+    header = hdus[0].header
+    if header.get("CTYPE3", "").strip() != "WAVE" or "CDELT3" not in header:
+        raise DomainError("image file", str(path), "has no wavelength axis (CTYPE3 = 'WAVE', or a table WCS-TABLE)")
+    scale = {"m": 1e9, "um": 1e3, "nm": 1.0, "angstrom": 0.1}.get(header.get("CUNIT3", "m").strip().lower())
+    if scale is None:
+        raise DomainError("CUNIT3", header["CUNIT3"], "must be m, um, nm or Angstrom")
+    index = np.arange(1, header["NAXIS3"] + 1) - header.get("CRPIX3", 0.0)
+    return np.asarray((header.get("CRVAL3", 0.0) + index * header["CDELT3"]) * scale, dtype=np.float64)
+
+
+def _cube(hdu: Any) -> NDArray[Any]:
+    values = np.moveaxis(hdu.data[:, ::-1, :], 0, -1)
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def _image(hdus: fits.HDUList, path: Path) -> SpectralImage:
+    if hdus[0].data is None or hdus[0].data.ndim != 3:
+        raise DomainError("image file", str(path), "its primary array is no cube (wavelength, y, x)")
+    recipe = json.loads(str(hdus["RECIPE"].data["JSON"][0])) if "RECIPE" in hdus else {}
+    return SpectralImage(
+        _cube(hdus[0]),
+        _wavelengths(hdus, path),
+        _cube(hdus["STDERR"]) if "STDERR" in hdus else None,
+        recipe=recipe,
+        layers={hdu.header["LAYER"]: _cube(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
+    )
+
+
+def read(path: Path) -> SpectralImage:
+    """Read a FITS file that `write` wrote, or another cube with a linear vacuum wavelength axis."""
+    from astropy.io import fits
+
+    with path.open("rb") as file:
+        if file.read(6) != b"SIMPLE":
+            raise DomainError("image file", str(path), "is not a FITS file")
+    try:
+        with warnings.catch_warnings():
+            # A cut file is refused below, where its data are read; the warning before it would be said twice.
+            warnings.filterwarnings("ignore", "File may have been truncated")
+            with fits.open(path, memmap=False) as hdus:
+                return _image(hdus, path)
+    except DomainError:
+        raise
+    except (OSError, ValueError, TypeError, KeyError, IndexError, fits.VerifyError) as error:
+        raise DomainError("image file", str(path), f"is a damaged FITS file ({error})") from error

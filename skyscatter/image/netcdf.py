@@ -1,0 +1,114 @@
+"""netCDF files, and the labelled form of an image that they hold.
+
+Written with h5netcdf (netCDF-4, compressed) where that is installed, else with scipy (netCDF-3).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError
+from skyscatter.image.spectral import UNITS, SpectralImage
+
+if TYPE_CHECKING:
+    import xarray
+
+_DIMS = ("y", "x", "wavelength")
+_LAYER = "layer_"
+
+
+def to_dataset(image: SpectralImage) -> xarray.Dataset:
+    """Label the image as an xarray Dataset (dims y, x, wavelength) over the same arrays, with CF attributes."""
+    import xarray
+
+    radiance = {"units": UNITS, "long_name": "spectral radiance per wavelength"}
+    variables: dict[str, Any] = {"radiance": (_DIMS, image.radiance, radiance)}
+    if image.standard_error is not None:
+        attributes = {"units": UNITS, "long_name": "standard error of the spectral radiance"}
+        variables["radiance_standard_error"] = (_DIMS, image.standard_error, attributes)
+        radiance["ancillary_variables"] = "radiance_standard_error"
+    for name, values in image.layers.items():
+        attributes = {"units": UNITS, "long_name": f"part of the spectral radiance: {name}", "layer": name}
+        variables[_LAYER + name] = (_DIMS, values, attributes)
+    wavelength = {"units": "nm", "standard_name": "radiation_wavelength", "long_name": "wavelength in vacuum"}
+    return xarray.Dataset(
+        variables,
+        coords={"wavelength": ("wavelength", image.wavelengths, wavelength)},
+        attrs={
+            "Conventions": "CF-1.11",
+            "title": "Spectral image",
+            "source": "skyscatter",
+            "comment": "The first row is the top of the picture; NaN lies outside the camera's field.",
+            "recipe": json.dumps(image.recipe),
+        },
+    )
+
+
+def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
+    """Build the image that a dataset in the form of `to_dataset` describes."""
+    for name in ("radiance", "wavelength"):
+        if name not in dataset.variables:
+            raise DomainError("dataset", list(map(str, dataset.variables)), f"has no variable named {name}")
+    if set(dataset["radiance"].dims) != set(_DIMS):
+        raise DomainError("radiance", dataset["radiance"].dims, f"must have the dimensions {', '.join(_DIMS)}")
+    cubes = {
+        str(name): _native(variable.transpose(*_DIMS).values)
+        for name, variable in dataset.data_vars.items()
+        if set(variable.dims) == set(_DIMS)
+    }
+    try:
+        recipe = json.loads(dataset.attrs.get("recipe", "{}"))
+    except (TypeError, ValueError) as error:
+        raise DomainError("recipe", dataset.attrs["recipe"], f"must be JSON ({error})") from error
+    return SpectralImage(
+        cubes["radiance"],
+        dataset["wavelength"].values,
+        cubes.get("radiance_standard_error"),
+        recipe=recipe,
+        layers={name.removeprefix(_LAYER): cube for name, cube in cubes.items() if name.startswith(_LAYER)},
+    )
+
+
+def _native(values: Any) -> Any:
+    """In this machine's byte order (netCDF-3 is big-endian on disk)."""
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+def write(image: SpectralImage, path: Path) -> None:
+    """Write the image as netCDF."""
+    dataset = image.dataset
+    # Made in memory: the HDF5 library crashes when the disk fills up under it.
+    if importlib.util.find_spec("h5netcdf") is not None:
+        encoding = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in dataset.data_vars}
+        data = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+    else:
+        data = dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def read(path: Path) -> SpectralImage:
+    """Read an image that `write` wrote, or any netCDF file of that form."""
+    import xarray
+
+    with path.open("rb") as file:
+        magic = file.read(8)
+    if not magic.startswith((b"CDF", b"\x89HDF\r\n\x1a\n")):
+        raise DomainError("image file", str(path), "is not a netCDF file")
+    engine = "scipy" if magic.startswith(b"CDF") else "h5netcdf"
+    if engine == "h5netcdf" and importlib.util.find_spec("h5netcdf") is None:
+        raise DomainError("image file", str(path), "is netCDF-4; install h5netcdf to read it")
+    try:
+        with xarray.open_dataset(path, engine=engine, decode_times=False) as dataset:
+            dataset.load()
+    except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
+        raise DomainError("image file", str(path), f"is damaged or not netCDF ({_first_line(error)})") from error
+    return from_dataset(dataset)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

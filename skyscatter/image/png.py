@@ -1,0 +1,197 @@
+"""PNG files with 8 or 16 bits a channel (W3C Portable Network Graphics, third edition).
+
+Pillow does not write 16-bit colour, and the format is zlib and a checksum, both in the standard library; so it is
+written here.  The colour space is stated by ``cICP`` (and ``sRGB``, ``gAMA``, ``cHRM`` for older readers), the recipe
+stands in an ``iTXt`` chunk with the keyword ``skyscatter-recipe``.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.image.colour import ColourSpace, display_space
+from skyscatter.image.spectral import SpectralImage
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type -> channels; palettes (3) are not read
+_SRGB_TRANSFER = 13  # ITU-T H.273
+
+
+class Png(NamedTuple):
+    """What a PNG file holds: pixels (y, x, channel) as uint8 or uint16, texts by keyword, the code of its primaries."""
+
+    pixels: NDArray[Any]
+    texts: dict[str, str]
+    cicp: tuple[int, int, int, int] | None
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def _colour_chunks(space: ColourSpace) -> bytes:
+    assert space.cicp is not None  # the callers take display spaces only
+    corners = (*space.white, *space.red, *space.green, *space.blue)
+    chunks = _chunk(b"cICP", bytes([space.cicp, _SRGB_TRANSFER, 0, 1]))
+    if space.name == "srgb":
+        chunks += _chunk(b"sRGB", b"\x00")
+    chunks += _chunk(b"gAMA", struct.pack(">I", 45455))
+    return chunks + _chunk(b"cHRM", struct.pack(">8I", *(round(value * 100000) for value in corners)))
+
+
+def _filtered(pixels: NDArray[Any]) -> bytes:
+    """Rows of big-endian bytes, each with the filter (none, left, up) whose differences are smallest."""
+    height = pixels.shape[0]
+    rows = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
+    step = pixels.shape[2] * pixels.dtype.itemsize
+    left, up = rows.copy(), rows.copy()
+    left[:, step:] -= rows[:, :-step]
+    up[1:] -= rows[:-1]
+    candidates = (rows, left, up)
+    costs = [np.abs(candidate.view(np.int8).astype(np.int16)).sum(axis=1) for candidate in candidates]
+    choice = np.argmin(costs, axis=0)
+    out = np.empty((height, rows.shape[1] + 1), dtype=np.uint8)
+    out[:, 0] = choice
+    for kind, candidate in enumerate(candidates):
+        out[choice == kind, 1:] = candidate[choice == kind]
+    return out.tobytes()
+
+
+def encode_png(picture: ArrayLike, space: str = "srgb", bits: int = 8, texts: dict[str, str] | None = None) -> bytes:
+    """PNG file of a display-encoded picture in [0, 1], shape (y, x, 3) or, with opacity, (y, x, 4)."""
+    if bits not in (8, 16):
+        raise DomainError("bits", bits, "a PNG channel has 8 or 16 bits")
+    display = display_space(space)
+    values = np.asarray(picture, dtype=float)
+    if values.ndim != 3 or values.shape[2] not in (3, 4) or values.size == 0:
+        raise DomainError("picture", f"shape {values.shape}", "must be (y, x, 3) or (y, x, 4)")
+    if not (np.all(values >= 0.0) and np.all(values <= 1.0)):
+        raise DomainError("picture", f"{values.min()} to {values.max()}", "must lie in [0, 1]")
+    pixels = np.rint(values * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    height, width, channels = pixels.shape
+    kind = 2 if channels == 3 else 6
+    file = _SIGNATURE + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, kind, 0, 0, 0))
+    file += _colour_chunks(display)
+    for keyword, text in {"Software": "skyscatter", **(texts or {})}.items():
+        file += _chunk(b"iTXt", keyword.encode("latin-1") + b"\0\0\0\0\0" + text.encode("utf-8"))
+    return file + _chunk(b"IDAT", zlib.compress(_filtered(pixels), 6)) + _chunk(b"IEND", b"")
+
+
+def write(
+    image: SpectralImage,
+    path: Path,
+    space: str = "srgb",
+    exposure: float | Literal["auto"] = "auto",
+    tone: str = "filmic",
+    bits: int = 8,
+) -> None:
+    """Write the picture of an image; transparent where it lies outside the camera's field."""
+    picture, ev100 = image.developed(space, exposure, tone)
+    inside = image.inside
+    if not inside.all():
+        picture = np.concatenate([picture, np.where(inside, 1.0, 0.0)[..., None]], axis=-1)
+    made = {"colour_space": space, "ev100": ev100, "tone": tone}
+    texts = {"skyscatter-recipe": json.dumps(image.recipe), "skyscatter-picture": json.dumps(made)}
+    data = encode_png(picture, space, bits, texts)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    position = len(_SIGNATURE)
+    while position + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, position)
+        kind, body = data[position + 4 : position + 8], data[position + 8 : position + 8 + length]
+        check = data[position + 8 + length : position + 12 + length]
+        if check != struct.pack(">I", zlib.crc32(kind + body)):
+            raise ValueError(f"checksum of chunk {kind!r} is wrong")
+        yield kind, body
+        position += 12 + length
+
+
+def _text(body: bytes) -> tuple[str, str]:
+    keyword, _, rest = body.partition(b"\0")
+    compressed, rest = rest[0], rest[2:].split(b"\0", 2)[2]
+    return keyword.decode("latin-1"), (zlib.decompress(rest) if compressed else rest).decode("utf-8")
+
+
+def _average_or_paeth(kind: int, row: bytearray, above: bytes, step: int) -> None:
+    """Undo filters 3 and 4 in place; other programs write them, we do not, so this may be a plain loop."""
+    for i in range(len(row)):
+        left, up, corner = (row[i - step], above[i], above[i - step]) if i >= step else (0, above[i], 0)
+        if kind == 3:
+            guess = (left + up) // 2
+        else:
+            estimate = left + up - corner
+            guess = min((left, up, corner), key=lambda value: abs(estimate - value))
+        row[i] = (row[i] + guess) & 255
+
+
+def _unfiltered(data: bytes, height: int, length: int, step: int) -> NDArray[np.uint8]:
+    filtered = np.frombuffer(data, dtype=np.uint8).reshape(height, length + 1)
+    rows = np.zeros((height + 1, length), dtype=np.uint8)  # row 0 is the zeros above the first
+    for y in range(height):
+        kind, row = int(filtered[y, 0]), filtered[y, 1:]
+        if kind == 1:
+            rows[y + 1] = np.cumsum(row.reshape(-1, step), axis=0, dtype=np.uint8).ravel()
+        elif kind in (0, 2):
+            rows[y + 1] = row + rows[y] if kind == 2 else row
+        elif kind in (3, 4):
+            plain = bytearray(row.tobytes())
+            _average_or_paeth(kind, plain, rows[y].tobytes(), step)
+            rows[y + 1] = np.frombuffer(plain, dtype=np.uint8)
+        else:
+            raise ValueError(f"row {y} has the unknown filter {kind}")
+    return rows[1:]
+
+
+def _decode(data: bytes) -> Png:
+    header, packed, texts, cicp = b"", bytearray(), {}, None
+    for kind, body in _chunks(data):
+        if kind == b"IHDR":
+            header = body
+        elif kind == b"IDAT":
+            packed += body
+        elif kind == b"iTXt":
+            keyword, text = _text(body)
+            texts[keyword] = text
+        elif kind == b"cICP":
+            cicp = struct.unpack("4B", body)
+    width, height, bits, colour_type, _, _, interlace = struct.unpack(">IIBBBBB", header)
+    if bits not in (8, 16) or colour_type not in _CHANNELS or interlace:
+        raise ValueError("only pictures of 8 or 16 bits without palette and interlacing are read")
+    channels = _CHANNELS[colour_type]
+    step = channels * bits // 8
+    rows = _unfiltered(zlib.decompress(bytes(packed)), height, width * step, step)
+    pixels = rows.view(">u2").astype(np.uint16) if bits == 16 else rows
+    return Png(pixels.reshape(height, width, channels), texts, cicp)
+
+
+def read_png(path: str | Path) -> Png:
+    """Read the pixels and texts of a PNG file with 8 or 16 bits (grey or colour, with or without opacity).
+
+    Raises
+    ------
+    MissingDataError, DomainError
+        If there is no such file; if it is not a PNG file, is damaged, or is of another kind.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise MissingDataError(path, "there is no such file; check the path")
+    data = file.read_bytes()
+    if not data.startswith(_SIGNATURE):
+        raise DomainError("picture file", str(path), "is not a PNG file")
+    try:
+        return _decode(data)
+    except (ValueError, struct.error, zlib.error, IndexError) as error:
+        raise DomainError("picture file", str(path), f"cannot be read as PNG ({error})") from error

@@ -1,0 +1,265 @@
+"""The result of every rendering: spectral radiance in each pixel, its standard error, and how it was made."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.image import colour
+from skyscatter.image import tone as tones
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+UNITS = "W m-2 sr-1 nm-1"
+
+#: Extension -> module and the options that its writer takes.
+_WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    ".exr": ("exr", ("spectral",)),
+    ".png": ("png", ("space", "exposure", "tone", "bits")),
+    ".fits": ("fits", ()),
+    ".nc": ("netcdf", ()),
+}
+_READERS = tuple(ext for ext in _WRITERS if ext != ".png")
+_LAYER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
+
+
+class SpectralImage:
+    """An image with a spectrum in each pixel.
+
+    Parameters
+    ----------
+    radiance : array_like, shape (y, x, wavelength)
+        Spectral radiance [W m-2 sr-1 nm-1]; the first row is the top of the picture.  float32 stays float32, all else
+        becomes float64.  A pixel that is NaN lies outside the camera's field: black or transparent in pictures.
+    wavelengths : array_like, shape (wavelength,)
+        Ascending vacuum wavelengths [nm].
+    standard_error : array_like, shape (y, x, wavelength), optional
+        Standard error of `radiance`, in the same unit.
+    recipe : mapping, optional
+        How to make the image again (model, solver, seed, version, ...); whatever JSON can hold.
+    layers : mapping of str to array_like, shape (y, x, wavelength), optional
+        Named parts of the radiance, for instance direct, ground and scattered light, or orders of scattering.
+
+    Raises
+    ------
+    DomainError
+        If shapes do not fit, wavelengths do not ascend, a value is infinite, or the recipe is not JSON.
+    """
+
+    def __init__(
+        self,
+        radiance: ArrayLike,
+        wavelengths: ArrayLike,
+        standard_error: ArrayLike | None = None,
+        *,
+        recipe: Mapping[str, Any] | None = None,
+        layers: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        self._wavelengths = _checked_wavelengths(wavelengths)
+        self._radiance = _checked_cube("radiance", radiance, None, self._wavelengths.size)
+        shape = self._radiance.shape
+        self._error = None if standard_error is None else _checked_cube("standard_error", standard_error, shape)
+        if self._error is not None and np.any(self._error < 0.0):
+            raise DomainError("standard_error", float(np.nanmin(self._error)), "must not be negative")
+        self._layers: dict[str, NDArray[Any]] = {}
+        for name, values in (layers or {}).items():
+            if not isinstance(name, str) or not _LAYER_NAME.fullmatch(name):
+                raise DomainError("layer name", name, "letters, digits, - and _ only, 40 at most, no - or _ first")
+            self._layers[name] = _checked_cube(f"layer {name}", values, shape)
+        try:
+            self._recipe: dict[str, Any] = json.loads(json.dumps(dict(recipe or {}), allow_nan=False))
+        except (TypeError, ValueError) as error:
+            raise DomainError("recipe", type(recipe).__name__, f"must be a JSON object ({error})") from error
+
+    def __repr__(self) -> str:
+        y, x, n = self.shape
+        span = f"{self._wavelengths[0]:g} to {self._wavelengths[-1]:g} nm"
+        return f"SpectralImage({x} x {y} pixels, {n} wavelengths, {span}, layers: {', '.join(self._layers) or 'none'})"
+
+    @property
+    def radiance(self) -> NDArray[Any]:
+        """Spectral radiance [W m-2 sr-1 nm-1], shape (y, x, wavelength)."""
+        return self._radiance
+
+    @property
+    def wavelengths(self) -> Array:
+        """Vacuum wavelengths [nm], shape (wavelength,)."""
+        return self._wavelengths
+
+    @property
+    def standard_error(self) -> NDArray[Any] | None:
+        """Standard error of `radiance`, same shape and unit; None if unknown."""
+        return self._error
+
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """How to make the image again."""
+        return self._recipe
+
+    @property
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Named parts of the radiance, each of shape (y, x, wavelength)."""
+        return self._layers
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(y, x, wavelength)."""
+        y, x, n = self._radiance.shape
+        return y, x, n
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """True where a pixel lies inside the camera's field, shape (y, x)."""
+        outside: NDArray[np.bool_] = np.isnan(self._radiance).any(axis=-1)
+        return ~outside
+
+    @cached_property
+    def dataset(self) -> xarray.Dataset:
+        """The same arrays, labelled, as an xarray Dataset with units and CF attributes."""
+        from skyscatter.image.netcdf import to_dataset
+
+        return to_dataset(self)
+
+    def layer(self, name: str) -> SpectralImage:
+        """One layer as an image of its own (without a standard error, which layers do not have)."""
+        if name not in self._layers:
+            raise DomainError("layer", name, f"one of {', '.join(self._layers) or '(this image has none)'}")
+        return SpectralImage(self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name})
+
+    def xyz(self) -> Array:
+        """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""
+        return colour.spectrum_to_xyz(self._radiance, self._wavelengths)
+
+    def luminance(self) -> Array:
+        """Luminance [cd m-2], shape (y, x)."""
+        return self.xyz()[..., 1]
+
+    def rgb(self, space: str = "srgb") -> Array:
+        """Scene-linear RGB in "srgb", "display-p3", "rec2020" or "acescg", shape (y, x, 3).
+
+        White of 1 cd m-2 is 1; not clipped, so colours outside the space have negative components.
+        """
+        colour.colour_space(space)
+        return colour.xyz_to_rgb(self.xyz(), space)
+
+    def auto_exposure(self) -> float:
+        """Exposure value (EV at ISO 100) that "auto" stands for; see `skyscatter.image.tone.auto_ev100`."""
+        return tones.auto_ev100(self.luminance())
+
+    def picture(self, space: str = "srgb", exposure: float | Literal["auto"] = "auto", tone: str = "filmic") -> Array:
+        """Display-encoded picture in [0, 1], shape (y, x, 3); black outside the camera's field.
+
+        Parameters
+        ----------
+        space : {"srgb", "display-p3", "rec2020"}
+            The display's colour space.
+        exposure : float or "auto"
+            Exposure value at ISO 100: a luminance of ``2**exposure * 0.125`` cd m-2 becomes mid grey.  Take one from
+            `auto_exposure` to give several images the same exposure.
+        tone : {"filmic", "linear"}
+            Film-like curve, or a straight line that stops at white.
+        """
+        return self.developed(space, exposure, tone)[0]
+
+    def developed(self, space: str, exposure: float | Literal["auto"], tone: str) -> tuple[Array, float]:
+        """`picture`, and the exposure value (EV at ISO 100) that it was made with."""
+        colour.display_space(space)
+        xyz = self.xyz()
+        ev100 = tones.exposure_value(exposure, xyz[..., 1])
+        return tones.develop(colour.xyz_to_rgb(xyz, space), space, ev100, tone), ev100
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the image; the extension says how.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.exr`` (RGB and spectral layers; option ``spectral=False`` for RGB alone), ``.png`` (options ``space``,
+            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` or ``.nc`` (netCDF).
+        **options
+            As listed above.
+
+        Raises
+        ------
+        DomainError
+            For another extension or another option.
+        SkyscatterError
+            If the file cannot be written; nothing is left behind then.
+        """
+        extension = Path(path).suffix.lower()
+        if extension not in _WRITERS:
+            raise DomainError("output file", str(path), f"the extension must be one of {', '.join(_WRITERS)}")
+        module, known = _WRITERS[extension]
+        for option in options:
+            if option not in known:
+                raise DomainError("option", option, f"{extension} files take {', '.join(known) or 'no options'}")
+        importlib.import_module(f"skyscatter.image.{module}").write(self, Path(path), **options)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> SpectralImage:
+        """Read an image back from a spectral ``.exr``, a ``.fits`` or a ``.nc`` file.
+
+        Raises
+        ------
+        MissingDataError
+            If there is no such file.
+        DomainError
+            If it is not what its extension says, or holds no spectra.
+        """
+        file = Path(path)
+        extension = file.suffix.lower()
+        if extension not in _READERS:
+            raise DomainError("image file", str(path), f"spectra are read from {', '.join(_READERS)} files")
+        if not file.is_file():
+            raise MissingDataError(path, "there is no such file; check the path")
+        image: SpectralImage = importlib.import_module(f"skyscatter.image.{_WRITERS[extension][0]}").read(file)
+        return image
+
+    def plot_spectrum(self, x: int, y: int, ax: Axes | None = None, path: str | os.PathLike[str] | None = None) -> Axes:
+        """Draw the spectrum of pixel (x, y).  See `skyscatter.image.plot.plot_spectrum`."""
+        from skyscatter.image.plot import plot_spectrum
+
+        return plot_spectrum(self, x, y, ax=ax, path=path)
+
+
+def _checked_wavelengths(wavelengths: ArrayLike) -> Array:
+    try:
+        values = np.array(wavelengths, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DomainError("wavelengths", type(wavelengths).__name__, "must be numbers [nm]") from error
+    if values.ndim != 1 or values.size == 0:
+        raise DomainError("wavelengths", f"shape {values.shape}", "must be a list of at least one wavelength [nm]")
+    if not np.all(np.isfinite(values)) or values[0] <= 0.0 or np.any(np.diff(values) <= 0.0):
+        raise DomainError("wavelengths", values.tolist()[:8], "must be positive and ascend [nm]")
+    return values
+
+
+def _checked_cube(
+    name: str, values: ArrayLike, shape: tuple[int, ...] | None, bands: int | None = None
+) -> NDArray[Any]:
+    try:
+        cube = np.asarray(values)
+        cube = np.ascontiguousarray(cube, dtype=np.float32 if cube.dtype == np.float32 else np.float64)
+    except (TypeError, ValueError) as error:
+        raise DomainError(name, type(values).__name__, "must be an array of numbers") from error
+    if shape is not None and cube.shape != shape:
+        raise DomainError(name, f"shape {cube.shape}", f"must have the shape of the radiance, {shape}")
+    if cube.ndim != 3 or cube.size == 0 or (bands is not None and cube.shape[2] != bands):
+        raise DomainError(name, f"shape {cube.shape}", f"must be (y, x, wavelength) with {bands} wavelengths")
+    if np.isinf(cube).any():
+        raise DomainError(name, "infinite", "must be finite, or NaN outside the camera's field")
+    return cube

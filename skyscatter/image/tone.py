@@ -1,0 +1,147 @@
+"""From scene-linear RGB to what a display shows: exposure, gamut, tone, encoding; all of them keep the hue.
+
+No step clips one channel by itself.  Exposure and the tone curve scale a colour as a whole, the gamut mapping mixes it
+with grey in linear light: both keep its dominant wavelength.  Only highlights that fade to white do so at constant
+*perceived* hue, because a blue mixed with white in linear light looks purple and an orange looks pink (Abney effect).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.image.colour import SPACES, display_space, luminance_weights, rgb_to_xyz_matrix
+
+Array = NDArray[np.float64]
+
+TONES = ("filmic", "linear")
+MID_GREY = 0.18  #: linear value that the metered luminance is given
+_METER = 12.5  # reflected-light meter constant K [cd m-2 s], ISO 2720:1974
+
+# Oklab (Ottosson 2020): cone-like responses of XYZ, and lightness and two opponent axes of their cube roots.
+_OKLAB_LMS = np.array(
+    [
+        [0.8189330101, 0.3618667424, -0.1288597137],
+        [0.0329845436, 0.9293118715, 0.0361456387],
+        [0.0482003018, 0.2643662691, 0.6338517070],
+    ]
+)
+_OKLAB = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+
+
+def metered_luminance(ev100: float) -> float:
+    """Luminance [cd m-2] that becomes mid grey at exposure value EV (ISO 100): ``2**EV * 12.5 / 100`` (ISO 2720)."""
+    return float(2.0**ev100 * _METER / 100.0)
+
+
+def auto_ev100(luminance: ArrayLike) -> float:
+    """Exposure value (ISO 100) that makes the picture's log-average luminance [cd m-2] mid grey.
+
+    Only finite, positive luminances count.  Those darker than a thousandth of the 99th percentile (space around a
+    planet, deep shadow) are left out, and of the rest the brightest and the darkest 5 %, so that neither the Sun's
+    disk nor the black margin of a fisheye moves the exposure.  A picture without light has EV 0.
+    """
+    values = np.asarray(luminance, dtype=float).ravel()
+    values = values[np.isfinite(values) & (values > 0.0)]
+    if values.size == 0:
+        return 0.0
+    values = values[values >= 1e-3 * np.percentile(values, 99.0)]
+    low, high = np.percentile(values, [5.0, 95.0])
+    values = values[(values >= low) & (values <= high)]
+    return float(np.mean(np.log2(values)) - np.log2(metered_luminance(0.0)))
+
+
+def exposure_value(exposure: float | Literal["auto"], luminance: ArrayLike) -> float:
+    """EV (ISO 100) from a user's word: "auto" or a number."""
+    if isinstance(exposure, str):
+        if exposure == "auto":
+            return auto_ev100(luminance)
+        raise DomainError("exposure", exposure, "'auto' or an exposure value (EV at ISO 100) as a number")
+    value = float(exposure)
+    if not np.isfinite(value) or abs(value) > 100.0:
+        raise DomainError("exposure", exposure, "an exposure value between -100 and 100 EV, or 'auto'")
+    return value
+
+
+def map_gamut(rgb: ArrayLike, space: str = "srgb") -> Array:
+    """Bring colours with negative components into the space, at their own luminance and dominant wavelength.
+
+    The colour is moved in linear light towards the grey of equal luminance, just until its lowest component is zero;
+    colours inside stay as they are.  Colours without luminance become black.
+    """
+    values = np.asarray(rgb, dtype=float)
+    grey = (values @ luminance_weights(display_space(space)))[..., None]
+    lowest = values.min(axis=-1, keepdims=True)
+    outside = (lowest < 0.0) & (grey > 0.0)
+    share = np.divide(-lowest, grey - lowest, out=np.zeros_like(grey), where=outside)
+    mapped = values + share * (grey - values)
+    # The lowest component is zero up to rounding: the maximum takes away that rounding and nothing else.
+    result: Array = np.where(grey > 0.0, np.maximum(mapped, 0.0), np.where(np.isnan(grey), np.nan, 0.0))
+    return result
+
+
+def filmic_curve(x: ArrayLike) -> Array:
+    """Film-like S-curve on [0, inf) to [0, 1]: the rational fit to the ACES reference rendering by Narkowicz (2015).
+
+    Mid grey 0.18 becomes 0.267, and 1 is reached at 7.24, that is 5.3 stops above mid grey.
+    """
+    value = np.minimum(np.asarray(x, dtype=float), 8.0)  # beyond 7.24 it is 1; the bound keeps the squares finite
+    return np.minimum(value * (2.51 * value + 0.03) / (value * (2.43 * value + 0.59) + 0.14), 1.0)
+
+
+def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb") -> Array:
+    """Map exposed, non-negative linear RGB (..., 3) into [0, 1].
+
+    The curve acts on the largest component and the other two keep their ratios to it.  ``"linear"`` stops at 1.
+    ``"filmic"`` is `filmic_curve`, and from 1 to 64 (2.5 to 8.5 stops above mid grey) colours go over to white as on
+    film, along a line of constant hue in Oklab (Ottosson 2020).
+    """
+    if tone not in TONES:
+        raise DomainError("tone", tone, f"one of {', '.join(TONES)}")
+    values = np.asarray(rgb, dtype=float)
+    peak = values.max(axis=-1, keepdims=True)
+    ratios = np.divide(values, peak, out=np.zeros_like(values), where=peak > 0.0)
+    if tone == "linear":
+        return np.asarray(ratios * np.minimum(peak, 1.0))
+    bright = peak[..., 0] > 1.0
+    if bright.any():
+        fade = np.minimum(np.log2(peak[bright]) / 6.0, 1.0)
+        ratios[bright] = _towards_white(ratios[bright], fade * fade * (3.0 - 2.0 * fade), space)
+    return filmic_curve(peak) * ratios
+
+
+def _towards_white(ratios: Array, share: Array, space: str) -> Array:
+    """Move colours (n, 3) whose largest component is 1 by a share (n, 1) of the way to white in Oklab; that stays 1."""
+    to_lms = _OKLAB_LMS @ rgb_to_xyz_matrix(SPACES[space])
+    to_lms /= to_lms.sum(axis=1, keepdims=True)  # the published digits leave white 1e-4 off; here it is exact
+    lab = np.cbrt(ratios @ to_lms.T) @ _OKLAB.T
+    white = _OKLAB.sum(axis=1)
+    moved = ((lab + share * (white - lab)) @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T
+    inside = map_gamut(moved, space)
+    # Oklab is homogeneous: a colour scaled as a whole keeps its hue there, too.
+    return inside / inside.max(axis=-1, keepdims=True)
+
+
+def encode(linear: ArrayLike) -> Array:
+    """Display encoding of [0, 1]: the piecewise curve of sRGB (IEC 61966-2-1).
+
+    Display P3 shares it.  Rec.2020 pictures use it too and their files say so: the broadcast curve of BT.2020 is a
+    camera's, and displays disagree on its inverse.
+    """
+    value = np.asarray(linear, dtype=float)
+    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.maximum(value, 0.0031308) ** (1.0 / 2.4) - 0.055)
+
+
+def develop(rgb: ArrayLike, space: str, ev100: float, tone: str) -> Array:
+    """Display-encoded picture (..., 3) in [0, 1] from absolute linear RGB [cd m-2]; NaN becomes black."""
+    exposed = np.nan_to_num(np.asarray(rgb, dtype=float) * (MID_GREY / metered_luminance(ev100)), nan=0.0)
+    return encode(apply_tone(map_gamut(exposed, space), tone, space))

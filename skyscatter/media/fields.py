@@ -1,0 +1,233 @@
+"""Density fields of spherical symmetry: dimensionless density over altitude.
+
+A field says how much of something there is relative to a reference of 1; the optical model of its component says what
+one unit of it does per metre.  Every field has a top above which there is nothing, a closed-form vertical column, and
+a row in the kernels' `FieldTable`.  A new field is one class here and one branch in `kernels.columns`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
+
+
+from skyscatter.errors import DomainError
+from skyscatter.record import Record
+from skyscatter.units import Metres
+
+# The kinds of `kernels.columns`, repeated as plain numbers so that describing a field does not load the compiler.
+EXPONENTIAL, LINEAR, LOGARITHMIC, GAUSSIAN, CHAPMAN = 0, 1, 2, 3, 4
+
+
+class FieldRow(NamedTuple):
+    """One field as the kernels see it."""
+
+    kind: int
+    parameters: tuple[float, ...]
+    top: float
+    altitudes: tuple[float, ...]
+    densities: tuple[float, ...]
+    breaks: tuple[float, ...]
+
+
+class DensityField(Record):
+    """Dimensionless density as a function of altitude above the planet's radius."""
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        raise NotImplementedError
+
+    @property
+    def top_altitude(self) -> float:
+        """Altitude above which the density is nought [m]."""
+        return self.row().top
+
+    def density(self, altitude: ArrayLike) -> NDArray[np.float64]:
+        """Density at altitudes [m]; dimensionless, shape of the input."""
+        return self._evaluate(altitude, "density")
+
+    def vertical_column(self, altitude: ArrayLike = 0.0) -> NDArray[np.float64]:
+        """Column from altitudes [m] straight up to the top [m of unit density], shape of the input."""
+        return self._evaluate(altitude, "vertical_column")
+
+    def _evaluate(self, altitude: ArrayLike, function: str) -> NDArray[np.float64]:
+        from skyscatter.media.tables import pack_fields
+        from skyscatter.solvers.kernels import columns
+
+        table = pack_fields([self], radius=1e7)
+        h = np.asarray(altitude, float)
+        values = [getattr(columns, function)(table, 0, x) for x in h.ravel()]
+        return np.array(values, float).reshape(h.shape)
+
+
+def _require_positive(field: DensityField, *names: str) -> None:
+    for name in names:
+        value = getattr(field, name)
+        if value is not None and not value > 0:
+            raise DomainError(name, value, "must be a positive length")
+
+
+class Exponential(DensityField):
+    """exp(-h / H): density 1 on the ground, falling by e every scale height.
+
+    Parameters
+    ----------
+    scale_height : length
+        H [m].
+    top : length, optional
+        Altitude where the shell ends [m]; 16 scale heights (density 1e-7) when not given.
+    """
+
+    kind: Literal["exponential"] = "exponential"
+    scale_height: Metres
+    top: Metres | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Exponential:
+        _require_positive(self, "scale_height", "top")
+        return self
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        top = 16 * self.scale_height if self.top is None else self.top
+        return FieldRow(EXPONENTIAL, (self.scale_height,), top, (), (), (top,))
+
+
+class Uniform(DensityField):
+    """Density 1 between two altitudes: a slab, or a shell of fog."""
+
+    kind: Literal["uniform"] = "uniform"
+    base: Metres = 0.0
+    top: Metres
+
+    @model_validator(mode="after")
+    def _check(self) -> Uniform:
+        _require_positive(self, "top")
+        if not 0 <= self.base < self.top:
+            raise DomainError("base", self.base, "must lie between 0 and the top")
+        return self
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        return FieldRow(LINEAR, (), self.top, (self.base, self.top), (1.0, 1.0), (self.base, self.top))
+
+
+class Tent(DensityField):
+    """Rising linearly from `base` to 1 at `peak`, falling linearly to `top`: the plainest ozone layer."""
+
+    kind: Literal["tent"] = "tent"
+    base: Metres
+    peak: Metres
+    top: Metres
+
+    @model_validator(mode="after")
+    def _check(self) -> Tent:
+        if not 0 <= self.base < self.peak < self.top:
+            raise DomainError("peak", self.peak, "needs 0 <= base < peak < top")
+        return self
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        nodes = (self.base, self.peak, self.top)
+        return FieldRow(LINEAR, (), self.top, nodes, (0.0, 1.0, 0.0), nodes)
+
+
+class Gaussian(DensityField):
+    """exp(-(h - peak)^2 / 2 width^2), cut at `top` (6 widths above the peak when not given) and at the ground."""
+
+    kind: Literal["gaussian"] = "gaussian"
+    peak: Metres
+    width: Metres
+    top: Metres | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Gaussian:
+        _require_positive(self, "width", "top")
+        return self
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        top = self.peak + 6 * self.width if self.top is None else self.top
+        return FieldRow(GAUSSIAN, (self.peak, self.width), top, (), (), (top,))
+
+
+class ChapmanLayer(DensityField):
+    """exp(1 - z - exp(-z)) with z = (h - peak) / H: a layer made by sunlight in an exponential atmosphere.
+
+    Chapman (1931), Proc. Phys. Soc. 43, 26, for the Sun in the zenith; 1 at the peak.
+    """
+
+    kind: Literal["chapman"] = "chapman"
+    peak: Metres
+    scale_height: Metres
+    top: Metres | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> ChapmanLayer:
+        _require_positive(self, "scale_height", "top")
+        return self
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        top = self.peak + 16 * self.scale_height if self.top is None else self.top
+        return FieldRow(CHAPMAN, (self.peak, self.scale_height), top, (), (), (top,))
+
+
+class Tabulated(DensityField):
+    """A profile given at altitudes, interpolated in the density or in its logarithm; nothing outside the nodes.
+
+    Parameters
+    ----------
+    altitudes : tuple of length
+        Rising altitudes of the nodes [m].
+    densities : tuple of float
+        Density at the nodes, never negative (positive for logarithmic interpolation).
+    interpolation : {"logarithmic", "linear"}
+    """
+
+    kind: Literal["tabulated"] = "tabulated"
+    altitudes: tuple[Metres, ...]
+    densities: tuple[float, ...]
+    interpolation: Literal["logarithmic", "linear"] = "logarithmic"
+
+    @model_validator(mode="after")
+    def _check(self) -> Tabulated:
+        if len(self.altitudes) != len(self.densities) or len(self.altitudes) < 2:
+            raise DomainError("altitudes", len(self.altitudes), "needs at least 2 nodes, as many as densities")
+        if np.any(np.diff(self.altitudes) <= 0) or self.altitudes[0] < 0:
+            raise DomainError("altitudes", self.altitudes, "must start at or above 0 and increase")
+        if min(self.densities) < 0 or max(self.densities) <= 0:
+            raise DomainError("densities", min(self.densities), "a density is never negative, nor nought everywhere")
+        if self.interpolation == "logarithmic" and min(self.densities) <= 0:
+            raise DomainError("densities", min(self.densities), 'must be positive, or set interpolation = "linear"')
+        return self
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        kind = LINEAR if self.interpolation == "linear" else LOGARITHMIC
+        ends = (self.altitudes[0], self.altitudes[-1])
+        return FieldRow(kind, (), self.altitudes[-1], self.altitudes, self.densities, ends)
+
+
+class UsStandard1976(DensityField):
+    """Air of the U.S. Standard Atmosphere 1976 (NOAA-S/T 76-1562): number density relative to the ground's."""
+
+    kind: Literal["us-standard-1976"] = "us-standard-1976"
+
+    def row(self) -> FieldRow:
+        """The field as data for the kernels."""
+        from skyscatter.datafiles import read_table
+
+        table = read_table("ussa1976.csv")
+        altitudes = tuple(float(h) for h in table["altitude"])
+        number = table["number_density"]
+        return FieldRow(LOGARITHMIC, (), altitudes[-1], altitudes, tuple(number / number[0]), (altitudes[-1],))
+
+
+AnyField = Annotated[
+    Exponential | Uniform | Tent | Gaussian | ChapmanLayer | Tabulated | UsStandard1976,
+    Field(discriminator="kind"),
+]

@@ -1,0 +1,94 @@
+"""A medium: a weighted sum of components, each a density field times an optical model."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.media.fields import AnyField
+from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
+from skyscatter.optics.mie import MieAerosol
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
+from skyscatter.record import Record
+from skyscatter.spectra.table import Spectral
+from skyscatter.units import Metres
+
+AnyOptics = Annotated[
+    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption,
+    Field(discriminator="kind"),
+]
+
+
+class Component(Record):
+    """One constituent of a medium.
+
+    Parameters
+    ----------
+    name : str
+    density : density field
+        Where it is.
+    optics : optical model
+        What one unit of density does to light.
+    weight : float
+        Factor on all its coefficients; 0 switches it off, 2 doubles it.
+    emission : float or SpectralTable
+        Light that one unit of density gives off by itself [W m-3 sr-1 nm-1]; nought for air.
+    """
+
+    name: str
+    density: AnyField
+    optics: AnyOptics
+    weight: float = 1.0
+    emission: Spectral = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Component:
+        if self.weight < 0:
+            raise DomainError("weight", self.weight, "a component cannot weigh less than nothing")
+        return self
+
+
+class Medium(Record):
+    """An atmosphere: components in spherical shells around a planet.
+
+    Parameters
+    ----------
+    components : tuple of Component
+    planet_radius : length
+        Radius at which altitudes are 0 [m].
+    """
+
+    components: tuple[Component, ...]
+    planet_radius: Metres
+
+    @model_validator(mode="after")
+    def _check(self) -> Medium:
+        if not self.planet_radius > 0:
+            raise DomainError("planet_radius", self.planet_radius, "must be a positive length")
+        if not self.components:
+            raise DomainError("components", 0, "a medium needs at least one component")
+        names = [component.name for component in self.components]
+        for name in names:
+            if names.count(name) > 1:
+                raise DomainError("components", name, "two components of one name; rename one")
+        return self
+
+    @property
+    def top(self) -> float:
+        """Altitude of the top of the highest component [m]."""
+        return max(component.density.top_altitude for component in self.components)
+
+    def component(self, name: str) -> Component:
+        """The component of that name."""
+        for component in self.components:
+            if component.name == name:
+                return component
+        raise DomainError("component", name, f"choose from {', '.join(c.name for c in self.components)}")
+
+    def without(self, name: str) -> Medium:
+        """The same medium without the component of that name."""
+        gone = self.component(name)
+        return self.model_copy(update={"components": tuple(c for c in self.components if c is not gone)})

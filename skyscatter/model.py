@@ -1,0 +1,181 @@
+"""Model files: a planet with its air, its ground and its star, as TOML."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError, model_validator
+
+from skyscatter.atomic import atomic_path
+from skyscatter.datafiles import models_dir
+from skyscatter.errors import DomainError, ModelFileError
+from skyscatter.media.medium import Component, Medium
+from skyscatter.record import Record
+from skyscatter.scene import Ground, Scene, Star, Sun
+from skyscatter.units import Metres
+
+
+class Planet(Record):
+    """A sphere.
+
+    Parameters
+    ----------
+    name : str
+    radius : length
+        [m].
+    """
+
+    name: str
+    radius: Metres
+
+    @model_validator(mode="after")
+    def _check(self) -> Planet:
+        if not self.radius > 0:
+            raise DomainError("radius", self.radius, "must be a positive length")
+        return self
+
+
+class Model(Record):
+    """What a model file says; `scene` puts an observer and a Sun into it.
+
+    Parameters
+    ----------
+    name, description : str
+    sources : tuple of str
+        Where the numbers come from.
+    planet : Planet
+    ground : Ground
+    star : Star
+    components : tuple of Component
+        The atmosphere.
+    """
+
+    name: str
+    description: str = ""
+    sources: tuple[str, ...] = ()
+    planet: Planet
+    ground: Ground = Ground()
+    star: Star = Star()
+    components: tuple[Component, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> Model:
+        _ = self.medium
+        return self
+
+    @property
+    def medium(self) -> Medium:
+        """The atmosphere around the planet."""
+        return Medium(components=self.components, planet_radius=self.planet.radius)
+
+    @property
+    def top(self) -> float:
+        """Altitude of the top of the atmosphere [m]."""
+        return self.medium.top
+
+    def scene(
+        self,
+        sun_elevation_deg: float = 30.0,
+        sun_azimuth_deg: float = 180.0,
+        sun_distance_au: float | None = None,
+        altitude: Any = 0.0,
+    ) -> Scene:
+        """A scene with the Sun at an elevation and azimuth [degree] and the observer at an altitude [m]."""
+        sun = Sun(elevation_deg=sun_elevation_deg, azimuth_deg=sun_azimuth_deg, distance_au=sun_distance_au)
+        return Scene(medium=self.medium, ground=self.ground, star=self.star, sun=sun, altitude=altitude)
+
+    def scene_at(self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0) -> Scene:
+        """A scene for a place on Earth [degree] and a time (ISO 8601 text, UTC; or a datetime)."""
+        from skyscatter.geometry.sun import sun_position
+
+        sun = sun_position(latitude_deg, longitude_deg, time)
+        return self.scene(sun.elevation_deg, sun.azimuth_deg, sun.distance_au, altitude)
+
+    def to_toml(self) -> str:
+        """The model as TOML text, which `load_model` reads back to an equal model."""
+        return _toml(self.model_dump(mode="json", exclude_none=True))
+
+    def save(self, path: str | Path) -> None:
+        """Write the model file; an existing one is replaced only when the new one is complete."""
+        with atomic_path(path) as temporary:
+            temporary.write_text(self.to_toml(), encoding="utf-8")
+
+
+def model_names() -> list[str]:
+    """Names of the models that come with skyscatter."""
+    return sorted(path.stem for path in models_dir().glob("*.toml"))
+
+
+def load_model(name_or_path: str | Path) -> Model:
+    """Read a model by the name of a shipped one or from a TOML file.
+
+    Raises
+    ------
+    ModelFileError
+        If there is no such model, the file is not TOML, or a field is missing, unknown or out of range; the message
+        names the field, the value and what would be accepted.
+    """
+    text = str(name_or_path)
+    path = Path(text)
+    if not path.suffix and not path.is_file():
+        path = models_dir() / f"{text}.toml"
+        if not path.is_file():
+            raise ModelFileError(text, f"no such model; choose from {', '.join(model_names())}, or give a .toml file")
+    try:
+        with open(path, "rb") as file:
+            content = tomllib.load(file)
+    except OSError as error:
+        raise ModelFileError(path, f"cannot be read ({error.strerror or error}); check the path") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ModelFileError(path, f"is not TOML: {error}") from error
+    return parse_model(content, path)
+
+
+def parse_model(content: dict[str, Any], source: object) -> Model:
+    """Build a `Model` from the content of a file; `source` is named in errors."""
+    try:
+        return Model.model_validate(content)
+    except ValidationError as error:
+        raise ModelFileError(source, first_problem(error)) from error
+
+
+def first_problem(error: ValidationError) -> str:
+    """The first complaint of a validation as one line: field, value, remedy."""
+    problem = error.errors(include_url=False)[0]
+    field = ".".join(str(part) for part in problem["loc"]) or "model"
+    message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "missing":
+        return f"{field} is missing; add it"
+    if problem["type"] == "extra_forbidden":
+        return f"{field} = {problem['input']!r}: no such field; check the spelling"
+    if problem["type"] == "value_error":
+        return f"{field}: {message}"
+    shown = repr(problem["input"])
+    return f"{field} = {shown if len(shown) < 80 else shown[:77] + '...'}: {message}"
+
+
+def _toml(content: dict[str, Any]) -> str:
+    """TOML text of plain values, tables and one list of tables."""
+    plain = {k: v for k, v in content.items() if not isinstance(v, dict) and k != "components"}
+    lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
+    for key, value in content.items():
+        if isinstance(value, dict):
+            lines += ["", f"[{key}]", *(f"{k} = {_value(v)}" for k, v in value.items())]
+    for component in content["components"]:
+        lines += ["", "[[components]]", *(f"{k} = {_value(v)}" for k, v in component.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{escaped}"'
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {_value(v)}" for k, v in value.items()) + " }"
+    return repr(value)

@@ -1,0 +1,1 @@
+"""What matter does to light: scattering, absorption, emission, and where the light goes."""

@@ -1,0 +1,72 @@
+"""Particles described by numbers rather than by their size: extinction, albedo and a phase function."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
+from skyscatter.optics.phase import AnyPhase
+from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.units import Nanometres
+
+
+class Particles(OpticalModel):
+    """Extinction by optical depth or coefficient, its Angstrom law, a single-scattering albedo and a phase function.
+
+    sigma_t(lambda) = sigma_t(wavelength) (lambda / wavelength)^(-angstrom_exponent)  (Angstrom 1929); with a table over
+    wavelength instead of a number leave the exponent at 0.
+
+    Parameters
+    ----------
+    optical_depth : float or SpectralTable, optional
+        Vertical optical depth of the component.  Give this or `extinction`.
+    extinction : float or SpectralTable, optional
+        Extinction coefficient where the density is 1 [m-1].
+    wavelength : length
+        Where a number is meant [nm].
+    angstrom_exponent : float
+        Exponent of the law; 0 is grey.
+    single_scattering_albedo : float or SpectralTable
+        Scattered part of the extinction, 0 to 1.
+    phase : phase function
+    """
+
+    kind: Literal["particles"] = "particles"
+    optical_depth: Spectral | None = None
+    extinction: Spectral | None = None
+    wavelength: Nanometres = 550.0
+    angstrom_exponent: float = 0.0
+    single_scattering_albedo: Spectral = 1.0
+    phase: AnyPhase
+
+    @model_validator(mode="after")
+    def _check(self) -> Particles:
+        if (self.optical_depth is None) == (self.extinction is None):
+            raise DomainError("optical_depth", self.optical_depth, "give exactly one of optical_depth and extinction")
+        name = "extinction" if self.optical_depth is None else "optical_depth"
+        if bounds(getattr(self, name))[0] < 0:
+            raise DomainError(name, getattr(self, name), "is never negative")
+        low, high = bounds(self.single_scattering_albedo)
+        if low < 0 or high > 1:
+            raise DomainError("single_scattering_albedo", low if low < 0 else high, "lies between 0 and 1")
+        return self
+
+    def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
+        """Coefficients per unit density; see `OpticalModel`."""
+        wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
+        if self.optical_depth is not None:
+            extinction = evaluate(self.optical_depth, wl) / column_m
+        else:
+            extinction = evaluate(self.extinction, wl)
+        extinction = extinction * (wl / self.wavelength) ** -self.angstrom_exponent
+        albedo = evaluate(self.single_scattering_albedo, wl)
+        return Coefficients(extinction * albedo, extinction * (1 - albedo), np.zeros_like(wl))
+
+    def phase_function(self, wavelengths_nm: ArrayLike) -> PhaseFunction:
+        """The phase function as given."""
+        return self.phase

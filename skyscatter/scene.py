@@ -1,0 +1,178 @@
+"""A scene: a medium, its light and its ground, and where the observer stands."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.media.medium import Medium
+from skyscatter.record import Record
+from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, solar_irradiance
+from skyscatter.spectra.surfaces import surface_albedo
+from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.units import Metres
+
+AU = 149597870700.0  #: astronomical unit [m], IAU 2012 resolution B2
+
+
+class Star(Record):
+    """The light of a scene: a limb-darkened disk with a spectrum.
+
+    Parameters
+    ----------
+    spectrum : {"astm-g173", "blackbody"} or float or SpectralTable
+        Irradiance at `distance` outside the atmosphere: the measured Sun, a black body of `temperature`, or numbers
+        [W m-2 nm-1] valid at `distance`.
+    temperature : float
+        Of the black body [K].
+    radius, distance : length
+        Of the star, and of its centre from the planet; a Sun position with its own distance overrides the latter.
+    limb_darkening : bool
+        Darken the disk as the Sun's (Neckel & Labs 1994); a uniform disk otherwise.
+    """
+
+    spectrum: Literal["astm-g173", "blackbody"] | Spectral = "astm-g173"
+    temperature: float = 5772.0
+    radius: Metres = SOLAR_RADIUS
+    distance: Metres = AU
+    limb_darkening: bool = True
+
+    @model_validator(mode="after")
+    def _check(self) -> Star:
+        if not self.temperature > 0:
+            raise DomainError("temperature", self.temperature, "must be positive [K]")
+        if self.radius < 0:
+            raise DomainError("radius", self.radius, "is never negative (0 makes a point)")
+        if not self.distance > self.radius:
+            raise DomainError("distance", self.distance, "must exceed the star's radius")
+        if not isinstance(self.spectrum, str) and bounds(self.spectrum)[0] < 0:
+            raise DomainError("spectrum", self.spectrum, "an irradiance is never negative")
+        return self
+
+    def irradiance(self, wavelengths_nm: ArrayLike, distance: float) -> NDArray[np.float64]:
+        """Irradiance on a surface that faces the star at `distance` [m]; W m-2 nm-1, shape (wavelength,)."""
+        if self.spectrum == "blackbody":
+            return blackbody_irradiance(wavelengths_nm, self.temperature, self.radius, distance)
+        if self.spectrum == "astm-g173":
+            return solar_irradiance(wavelengths_nm) * (AU / distance) ** 2
+        return evaluate(self.spectrum, wavelengths_nm) * (self.distance / distance) ** 2
+
+
+class Ground(Record):
+    """The planet's surface, a Lambertian reflector.
+
+    Parameters
+    ----------
+    albedo : float or SpectralTable or str
+        Reflected share of the light, 0 to 1, or the name of a surface (``"grass"``, ``"snow"``, ...).
+    """
+
+    albedo: Spectral | str = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Ground:
+        if isinstance(self.albedo, str):
+            surface_albedo(self.albedo, [550.0])
+        else:
+            low, high = bounds(self.albedo)
+            if low < 0 or high > 1:
+                raise DomainError("albedo", low if low < 0 else high, "lies between 0 and 1")
+        return self
+
+    def reflectance(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+        """Albedo per wavelength, shape (wavelength,)."""
+        if isinstance(self.albedo, str):
+            return surface_albedo(self.albedo, wavelengths_nm)
+        return evaluate(self.albedo, wavelengths_nm)
+
+
+class Sun(Record):
+    """Where the star stands in the observer's sky.
+
+    Parameters
+    ----------
+    elevation_deg : float
+        Above the horizontal plane, -90 to 90 [degree]; not refracted.
+    azimuth_deg : float
+        From north through east [degree].
+    distance_au : float, optional
+        Distance [au]; the model's when not given.
+    """
+
+    elevation_deg: float = 30.0
+    azimuth_deg: float = 180.0
+    distance_au: float | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Sun:
+        if not -90 <= self.elevation_deg <= 90:
+            raise DomainError("sun_elevation_deg", self.elevation_deg, "lies between -90 and 90 degrees")
+        if self.distance_au is not None and not self.distance_au > 0:
+            raise DomainError("sun_distance_au", self.distance_au, "must be positive")
+        return self
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Unit vector towards the star (east, north, up)."""
+        return direction_from_azimuth_elevation(self.azimuth_deg, self.elevation_deg)
+
+
+class Observer(NamedTuple):
+    """What a camera needs to know of where it stands [m]."""
+
+    altitude: float
+    planet_radius: float
+    atmosphere_top: float
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Position from the planet's centre [m] in the observer's frame (east, north, up)."""
+        return np.array([0.0, 0.0, self.planet_radius + self.altitude])
+
+
+class Scene(Record):
+    """Everything that decides what a ray of light sees.
+
+    The frame is the observer's: origin in the planet's centre, x east, y north, z up through the observer.
+
+    Parameters
+    ----------
+    medium : Medium
+    ground : Ground
+    star : Star
+    sun : Sun
+    altitude : length
+        Height of the observer above the ground [m].
+    background : float or SpectralTable
+        Uniform radiance from outside the atmosphere [W m-2 sr-1 nm-1].
+    """
+
+    medium: Medium
+    ground: Ground = Ground()
+    star: Star = Star()
+    sun: Sun = Sun()
+    altitude: Metres = 0.0
+    background: Spectral = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Scene:
+        if self.altitude < 0:
+            raise DomainError("altitude", self.altitude, "the observer stands on the ground (0) or above it")
+        if bounds(self.background)[0] < 0:
+            raise DomainError("background", self.background, "a radiance is never negative")
+        return self
+
+    @property
+    def observer(self) -> Observer:
+        """The observer as cameras see it."""
+        return Observer(self.altitude, self.medium.planet_radius, self.medium.top)
+
+    @property
+    def star_distance(self) -> float:
+        """Distance of the star [m]."""
+        return self.star.distance if self.sun.distance_au is None else self.sun.distance_au * AU

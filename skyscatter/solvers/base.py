@@ -1,0 +1,98 @@
+"""The one question every solver answers: what is the spectral radiance along these rays, and how uncertain is it?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays in the scene's frame; numbers tell them apart whatever the order in which they are traced.
+
+    Attributes
+    ----------
+    origins, directions : ndarray, shape (ray, 3)
+        From the planet's centre [m]; unit vectors.
+    numbers : ndarray of int, shape (ray,)
+    """
+
+    origins: Array
+    directions: Array
+    numbers: NDArray[np.int64]
+
+    def part(self, rays: slice) -> Rays:
+        """Some of the rays."""
+        return Rays(
+            np.ascontiguousarray(self.origins[rays]), np.ascontiguousarray(self.directions[rays]), self.numbers[rays]
+        )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Spectral radiance along rays.
+
+    Attributes
+    ----------
+    radiance : ndarray, shape (..., wavelength)
+        [W m-2 sr-1 nm-1].
+    standard_error : ndarray, shape (..., wavelength)
+        Of the radiance; 0 where the solver is deterministic.
+    layers : dict of str to ndarray, shape (..., wavelength)
+        Parts of the radiance, where they were asked for.
+    samples : ndarray of int, shape (...)
+        Walks used; 0 where the solver is deterministic.
+    """
+
+    radiance: Array
+    standard_error: Array
+    layers: dict[str, Array] = field(default_factory=dict)
+    samples: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be asked of a solver; see `skyscatter.radiance` for the meaning of each.
+
+    A solver refuses options that mean nothing to it.
+    """
+
+    samples: int | None = None
+    noise: float | None = None
+    seed: int = 0
+    max_order: int | None = None
+    tolerance: float | None = None
+    sampling: str | None = None
+    parts: bool = False
+    orders: int = 0
+
+    def check(self) -> None:
+        """Refuse values that no solver can use."""
+        _at_least("samples", self.samples, 1)
+        _at_least("max_order", self.max_order, 1)
+        _at_least("orders", self.orders, 0)
+        if self.noise is not None and not 0 < self.noise < 1:
+            raise DomainError("noise", self.noise, "a relative standard error between 0 and 1, such as 0.01")
+        if self.tolerance is not None and not 1e-9 <= self.tolerance <= 0.1:
+            raise DomainError("tolerance", self.tolerance, "a relative tolerance between 1e-9 and 0.1")
+        if not 0 <= self.seed < 2**63:
+            raise DomainError("seed", self.seed, "a whole number from 0 to 2^63 - 1")
+
+    def refuse(self, solver: str, *names: str) -> None:
+        """Raise for options that were given but mean nothing to `solver`."""
+        plain = Options()
+        for name in names:
+            if getattr(self, name) != getattr(plain, name):
+                raise DomainError(name, getattr(self, name), f"means nothing to the solver {solver}; leave it out")
+
+
+def _at_least(name: str, value: Any, lowest: int) -> None:
+    if value is not None and (not isinstance(value, (int, np.integer)) or value < lowest):
+        raise DomainError(name, value, f"a whole number, at least {lowest}")

@@ -1,0 +1,117 @@
+"""From a scene and wavelengths to the tables that the kernels read."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.media.medium import Medium
+from skyscatter.media.tables import pack_fields
+from skyscatter.optics.phase import normalise
+from skyscatter.scene import Scene
+from skyscatter.solvers.kernels.columns import FieldTable
+from skyscatter.solvers.kernels.lookup import ColumnTable, build_column_table
+from skyscatter.solvers.kernels.optics import OpticsTable, SceneTable
+from skyscatter.spectra.solar import disk_mean, limb_darkening
+from skyscatter.spectra.table import evaluate
+
+Array = NDArray[np.float64]
+
+#: Cells of the phase function tables; nodes at cos_theta = 1 - 2 (k / n)^2, 0.11 degrees apart at the Sun.
+PHASE_CELLS = 1024
+#: Rings on which the radiance of the solar disk is tabulated, over the squared fractional radius.
+DISK_RINGS = 65
+
+
+@lru_cache(maxsize=8)
+def field_tables(medium: Medium) -> tuple[FieldTable, ColumnTable]:
+    """Fields and columns of a medium; independent of wavelength and Sun, and so shared by all scenes of a medium."""
+    fields = pack_fields([component.density for component in medium.components], medium.planet_radius)
+    return fields, build_column_table(fields)
+
+
+@lru_cache(maxsize=8)
+def medium_optics(medium: Medium, wavelengths: tuple[float, ...]) -> tuple[Array, Array, Array, Array, Array]:
+    """Scattering, extinction and emission (component, wl), phase (component, angle, wl), its distribution function."""
+    wl = np.array(wavelengths)
+    mu = 1 - 2 * (np.arange(PHASE_CELLS + 1) / PHASE_CELLS) ** 2
+    count = len(medium.components)
+    sigma_s, sigma_t, emission = (np.zeros((count, wl.size)) for _ in range(3))
+    phase = np.empty((count, mu.size, wl.size))
+    for c, component in enumerate(medium.components):
+        column = float(component.density.vertical_column(0.0))
+        coefficients = component.optics.coefficients(wl, column)
+        sigma_s[c] = component.weight * coefficients.scattering
+        sigma_t[c] = component.weight * (coefficients.scattering + coefficients.absorption)
+        emission[c] = component.weight * (coefficients.emission + evaluate(component.emission, wl))
+        values = component.optics.phase_function(wl).value(mu[::-1], wl)
+        phase[c] = normalise(mu[::-1], values)[::-1]
+    cell = np.pi * (phase[:, 1:] + phase[:, :-1]) * (mu[:-1] - mu[1:])[None, :, None]
+    cdf = np.concatenate([np.zeros((count, 1, wl.size)), np.cumsum(cell, axis=1)], axis=1)
+    return sigma_s, sigma_t, emission, phase, np.ascontiguousarray(np.moveaxis(cdf / cdf[:, -1:], 1, 2))
+
+
+def disk_points(axis: Array, radius: float) -> tuple[Array, Array, Array]:
+    """Points on a disk that integrate polynomials of degree 5 over it: the middle and a hexagon.
+
+    Stroud (1971), Approximate Calculation of Multiple Integrals, S2:5-1 turned to seven points: weights 1/4 and 1/8,
+    the hexagon at sqrt(2/3) of the radius.
+
+    Returns
+    -------
+    directions : (7, 3), weights : (7,), squared fractional radius : (7,)
+    """
+    if radius <= 0:
+        return axis[None, :], np.ones(1), np.zeros(1)
+    helper = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    side = np.cross(axis, helper)
+    side /= np.linalg.norm(side)
+    up = np.cross(side, axis)
+    angle = np.arange(6) * np.pi / 3
+    offset = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
+    rho = np.sin(radius) * np.sqrt(2 / 3)
+    ring = np.sqrt(1 - rho**2) * axis + rho * offset
+    weights = np.array([1 / 4] + [1 / 8] * 6)
+    return np.vstack([axis, ring]), weights, np.array([0.0] + [2 / 3] * 6)
+
+
+def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
+    """Tables of a scene at wavelengths [nm]; the costly parts are kept between calls."""
+    fields, columns = field_tables(scene.medium)
+    sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, tuple(float(w) for w in wavelengths))
+    distance, star = scene.star_distance, scene.star
+    irradiance = star.irradiance(wavelengths, distance)
+    radius = float(np.arcsin(star.radius / distance))
+    axis = scene.sun.direction
+    directions, weights, square = disk_points(axis, radius)
+    share = weights[:, None] * _limb(scene, np.sqrt(1 - square), wavelengths)
+    share /= share.sum(axis=0)
+    rings = np.linspace(0.0, 1.0, DISK_RINGS)
+    solid_angle = np.pi * np.sin(radius) ** 2
+    mean_radiance = irradiance / solid_angle if radius > 0 else np.zeros_like(irradiance)
+    optics = OpticsTable(
+        sigma_s=sigma_s,
+        sigma_t=sigma_t,
+        emission=emission,
+        phase=phase,
+        phase_cdf=cdf,
+        sun_direction=np.ascontiguousarray(directions),
+        sun_irradiance=share * irradiance,
+        sun_chance=weights,
+        disk_axis=axis,
+        disk_radius=radius,
+        disk_radiance=mean_radiance * _limb(scene, np.sqrt(1 - rings), wavelengths),
+        albedo=scene.ground.reflectance(wavelengths),
+        emits=bool(np.any(emission)),
+        background=evaluate(scene.background, wavelengths),
+    )
+    return SceneTable(columns, optics, fields.breaks)
+
+
+def _limb(scene: Scene, mu: Array, wavelengths: Array) -> Array:
+    """Radiance of the disk relative to its mean, shape (mu, wavelength)."""
+    if not scene.star.limb_darkening:
+        return np.ones((mu.size, wavelengths.size))
+    return limb_darkening(mu, wavelengths) / disk_mean(wavelengths)

@@ -1,0 +1,221 @@
+"""Plain random walks with free flights, against which the marching walks are tested.
+
+The distance to the next event is drawn from exp(-tau) at the hero wavelength by inverting the column along the line:
+no event is rejected.  At every event one estimate of the sunlight is made.  Value and chance of the walk under every
+hero wavelength are kept as in `kernels.path`, and combined by the same balance heuristic.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skyscatter.solvers.kernels.jit import entry, kernel
+from skyscatter.solvers.kernels.lookup import columns_along, densities, start_columns, trace_line
+from skyscatter.solvers.kernels.optics import add_coefficients, phase_at, sample_cosine, transmittance, weigh_phase
+from skyscatter.solvers.kernels.path import (
+    depart,
+    lift_to_ground,
+    light_at,
+    make_walk,
+    move,
+    pick_sun,
+    rebalance,
+    reflect,
+    turn,
+)
+from skyscatter.solvers.kernels.random import start_stream, uniform
+from skyscatter.solvers.kernels.work import make_work
+
+#: Below this largest throughput roulette begins.
+ROULETTE_BELOW = 0.1
+
+
+@kernel
+def depth_at(scene, line, t, hero, work):
+    """Optical depth at the hero wavelength from the entry of the line to t."""
+    columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
+    tau = 0.0
+    for c in range(work.along.size):
+        tau += work.along[c] * scene.optics.sigma_t[c, hero]
+    return tau
+
+
+@kernel
+def fly(scene, line, hero, tau, work):
+    """Distance t at which the optical depth reaches tau, or the end of the line: bisection down to rounding."""
+    start_columns(scene.columns, line, work.from_start, work.across)
+    if depth_at(scene, line, line.leave, hero, work) <= tau:
+        return line.leave
+    low, high = line.enter, line.leave
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if depth_at(scene, line, middle, hero, work) < tau:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@kernel
+def add_sunlight(scene, r, at_ground, order, work, walk, total, by_order):
+    """One next-event estimate at the walk's position: a point of the solar disk, seen from there."""
+    optics = scene.optics
+    node = pick_sun(optics, uniform(walk.state))
+    s, x, d = optics.sun_direction[node], walk.position, walk.direction
+    x_sun = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
+    if (at_ground and x_sun <= 0.0) or not light_at(scene, r, x_sun, work):
+        return
+    if not at_ground:
+        phase_at(optics, d[0] * s[0] + d[1] * s[1] + d[2] * s[2], work.phase)
+        weigh_phase(optics, work)
+        add_coefficients(optics, work)
+    for i in range(total.size):
+        towards = optics.albedo[i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
+        light = walk.value[i] * towards * work.sun[i] * optics.sun_irradiance[node, i] / optics.sun_chance[node]
+        total[i] += light
+        if order <= by_order.shape[0]:
+            by_order[order - 1, i] += light
+
+
+@kernel
+def turn_by_phase(scene, hero, work, walk):
+    """New direction by the phase function of a component that the hero is scattered by."""
+    optics = scene.optics
+    total = 0.0
+    for c in range(work.density.size):
+        total += work.density[c] * optics.sigma_s[c, hero]
+    rest, chosen = uniform(walk.state) * total, 0
+    for c in range(work.density.size):
+        part = work.density[c] * optics.sigma_s[c, hero]
+        if part > 0.0:
+            chosen = c
+            if rest < part:
+                break
+            rest -= part
+    cosine = sample_cosine(optics, chosen, hero, uniform(walk.state))
+    turn(walk.direction, cosine, 2.0 * math.pi * uniform(walk.state))
+    phase_at(optics, cosine, work.phase)
+    weigh_phase(optics, work)
+    add_coefficients(optics, work)
+    for i in range(walk.value.size):
+        # The value takes scattering times phase function; each hero's chance its own mean phase function.
+        walk.value[i] *= work.towards[i]
+        walk.chance[i] *= work.towards[i] / max(work.scattering[i], 1e-300)
+
+
+@kernel
+def add_background(scene, order, walk, total, by_order):
+    """Light from outside, at the end of a walk."""
+    for i in range(total.size):
+        light = walk.value[i] * scene.optics.background[i]
+        total[i] += light
+        if 1 <= order <= by_order.shape[0]:
+            by_order[order - 1, i] += light
+
+
+@kernel
+def fly_leg(scene, order, hero, work, walk, total, by_order):
+    """One free flight and the event at its end; False when the walk leaves the atmosphere."""
+    optics, x, d = scene.optics, walk.position, walk.direction
+    line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
+    t = line.leave
+    if line.leave > line.enter:
+        t = fly(scene, line, hero, -math.log(1.0 - uniform(walk.state)), work)
+        columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
+    else:
+        for c in range(work.along.size):
+            work.along[c] = 0.0
+    transmittance(work.along, optics.sigma_t, work.through)
+    r = math.sqrt(line.p * line.p + t * t)
+    at_end = t >= line.leave
+    if not at_end:
+        densities(scene.columns, r - scene.columns.radius, work.density)
+    for i in range(total.size):
+        extinction = 1.0
+        if not at_end:
+            extinction = 0.0
+            for c in range(work.density.size):
+                extinction += work.density[c] * optics.sigma_t[c, i]
+        walk.value[i] *= work.through[i]
+        walk.chance[i] *= work.through[i] * extinction
+    if not rebalance(walk):
+        return False
+    if at_end and not line.hits_ground:
+        # The camera's own ray to the outside is deterministic and not counted here.
+        if order > 1:
+            add_background(scene, order - 1, walk, total, by_order)
+        return False
+    move(walk, t - line.start)
+    if at_end:
+        lift_to_ground(scene, walk)
+        add_sunlight(scene, scene.columns.radius, True, order, work, walk, total, by_order)
+        for i in range(total.size):
+            walk.value[i] *= optics.albedo[i]
+        reflect(walk, uniform(walk.state), uniform(walk.state))
+        return True
+    if optics.emits:
+        add_emission(scene, order, work, walk, total, by_order)
+    add_sunlight(scene, r, False, order, work, walk, total, by_order)
+    turn_by_phase(scene, hero, work, walk)
+    return rebalance(walk)
+
+
+@kernel
+def add_emission(scene, order, work, walk, total, by_order):
+    """Light that the medium gives off at an event."""
+    for i in range(total.size):
+        for c in range(work.density.size):
+            light = walk.value[i] * work.density[c] * scene.optics.emission[c, i]
+            total[i] += light
+            if 1 <= order - 1 <= by_order.shape[0]:
+                by_order[order - 2, i] += light
+
+
+@kernel
+def walk_freely(scene, max_order, work, walk, total, by_order):
+    """One walk from the camera to its end."""
+    hero = min(int(uniform(walk.state) * total.size), total.size - 1)
+    for i in range(total.size):
+        walk.value[i] = 1.0
+        walk.chance[i] = 1.0
+    # The leg after the last scattering only looks for light from outside.
+    for order in range(1, max_order + 2):
+        if not fly_leg(scene, order, hero, work, walk, total, by_order) or order > max_order:
+            return
+        largest = 0.0
+        for i in range(total.size):
+            largest = max(largest, walk.value[i])
+        if largest < ROULETTE_BELOW:
+            if uniform(walk.state) >= largest / ROULETTE_BELOW:
+                return
+            for i in range(total.size):
+                walk.value[i] *= ROULETTE_BELOW / largest
+
+
+@entry
+def flight_rays(scene, origins, directions, ids, seed, samples, max_order, mean, error, by_order, used):
+    """Light of all orders along many rays, with plain statistics over walks; arguments as for `path_rays`."""
+    wavelengths = scene.optics.albedo.size
+    work, walk = make_work(scene.optics.sigma_s.shape[0], wavelengths), make_walk(wavelengths)
+    total, square = np.zeros(wavelengths), np.zeros(wavelengths)
+    for ray in range(origins.shape[0]):
+        mean[ray, :] = 0.0
+        by_order[ray, :, :] = 0.0
+        square[:] = 0.0
+        for n in range(samples):
+            start_stream(walk.state, seed, ids[ray], n)
+            depart(walk, origins[ray], directions[ray])
+            total[:] = 0.0
+            walk_freely(scene, max_order, work, walk, total, by_order[ray])
+            for i in range(wavelengths):
+                mean[ray, i] += total[i]
+                square[i] += total[i] * total[i]
+        for i in range(wavelengths):
+            mean[ray, i] /= samples
+            spread = max(square[i] / samples - mean[ray, i] ** 2, 0.0)
+            error[ray, i] = math.sqrt(spread / (samples - 1.0)) if samples > 1 else math.inf
+            for k in range(by_order.shape[1]):
+                by_order[ray, k, i] /= samples
+        used[ray] = samples

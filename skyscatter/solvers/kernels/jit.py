@@ -1,0 +1,54 @@
+"""How kernels are compiled: serial, without the GIL, and cached on disk.
+
+Numba's disk cache looks only at the source file of the function itself.  After an edit to a function that it calls in
+another file, the old machine code would still be used.  So every kernel here carries one stamp made of all kernel
+sources: a change in any of them (an edit, an upgrade of the package) compiles all of them anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+
+@cache
+def source_stamp() -> str:
+    """Hash of the sources of all kernels."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Any:
+    compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    # The index of the cache compares this stamp and starts over when it differs.
+    compiled._cache._cache_file._source_stamp = source_stamp()
+    return compiled
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile an inner loop; ``.py_func`` keeps the plain Python twin.
+
+    It must not make arrays: Numba's reference counts are switched off, because counting the arrays of a `SceneTable`
+    at every call costs more than the arithmetic.
+    """
+    return _compile(function, _nrt=False)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Like `kernel`, for small functions in the innermost loops.
+
+    A table passed to a function that is not inlined is copied, number by number, at every call.
+    """
+    return _compile(function, _nrt=False, forceinline=True)
+
+
+def entry(function: Callable[..., Any]) -> Any:
+    """Compile a kernel that Python calls and that makes its own scratch arrays."""
+    return _compile(function)

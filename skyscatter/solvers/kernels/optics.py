@@ -1,0 +1,133 @@
+"""Optical tables of a scene over its wavelengths, and the phase function looked up in them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.solvers.kernels.fastexp import fast_exp
+from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.lookup import ColumnTable
+
+
+class OpticsTable(NamedTuple):
+    """Everything spectral.  Components are in the order of the fields; the wavelength is always the last axis."""
+
+    sigma_s: np.ndarray  #: (component, wavelength) scattering per unit density [m-1]
+    sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density [m-1]
+    emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
+    phase: np.ndarray  #: (component, angle, wavelength) [sr-1], at cos_theta = 1 - 2 (k / n)^2
+    phase_cdf: np.ndarray  #: (component, wavelength, angle) probability of an angle nearer to forward
+    sun_direction: np.ndarray  #: (node, 3) directions to points on the solar disk
+    sun_irradiance: np.ndarray  #: (node, wavelength) share of the irradiance at the top [W m-2 nm-1]
+    sun_chance: np.ndarray  #: (node,) share of each of them in the draw of a point on the disk
+    disk_axis: np.ndarray  #: (3,) direction to the middle of the disk
+    disk_radius: float  #: angular radius [rad]
+    disk_radiance: np.ndarray  #: (ring, wavelength) radiance over the squared fractional radius [W m-2 sr-1 nm-1]
+    albedo: np.ndarray  #: (wavelength,) of the Lambertian ground
+    emits: bool  #: whether any component shines by itself
+    background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
+
+
+class SceneTable(NamedTuple):
+    """A scene as the solvers' kernels see it."""
+
+    columns: ColumnTable
+    optics: OpticsTable
+    breaks: np.ndarray  #: altitudes at which some density or its slope jumps [m]
+
+
+@inlined
+def phase_at(optics, cos_theta, out):
+    """Phase function [sr-1] of every component and wavelength at one scattering angle, into `out` (component, wl)."""
+    last = optics.phase.shape[1] - 1
+    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
+    scale = 2.0 / (last * last)
+    # Nodes fall from +1: mu_k - mu_(k+1) = 2 (2 k + 1) / n^2.
+    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    for c in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            low, high = optics.phase[c, k, i], optics.phase[c, k + 1, i]
+            out[c, i] = low + w * (high - low)
+
+
+@kernel
+def sample_cosine(optics, c, i, u):
+    """Cosine of the scattering angle drawn from the phase function of component c at wavelength i."""
+    cdf = optics.phase_cdf[c, i]
+    low, high = 0, cdf.size - 1
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if cdf[middle] <= u:
+            low = middle
+        else:
+            high = middle
+    scale = 2.0 / ((cdf.size - 1) * (cdf.size - 1))
+    mu = 1.0 - scale * low * low
+    width = scale * (2 * low + 1)
+    p0, p1 = optics.phase[c, low, i], optics.phase[c, low + 1, i]
+    # Within a cell the density is linear: solve p0 x + (p1 - p0) x^2 / 2 = share of the cell, stably.
+    total = 0.5 * (p0 + p1)
+    share = total * (u - cdf[low]) / max(cdf[high] - cdf[low], 1e-300)
+    root = math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0))
+    x = 2.0 * share / max(p0 + root, 1e-300)
+    return max(mu - width * min(x, 1.0), -1.0)
+
+
+@inlined
+def transmittance(columns, sigma_t, out):
+    """exp(-sum of columns times extinction), into `out` (wavelength,)."""
+    for i in range(out.size):
+        out[i] = 0.0
+    for c in range(columns.size):
+        column = columns[c]
+        for i in range(out.size):
+            out[i] -= column * sigma_t[c, i]
+    for i in range(out.size):
+        out[i] = fast_exp(out[i])
+
+
+@inlined
+def weigh_phase(optics, work):
+    """Phase functions times scattering per unit density, ``work.phase`` into ``work.weighted``."""
+    for c in range(work.density.size):
+        for i in range(work.scattering.size):
+            work.weighted[c, i] = work.phase[c, i] * optics.sigma_s[c, i]
+
+
+@inlined
+def add_coefficients(optics, work):
+    """Mix the components at a point by their densities: scattering, scattering towards an angle, emission."""
+    for i in range(work.scattering.size):
+        work.scattering[i] = 0.0
+        work.towards[i] = 0.0
+    for c in range(work.density.size):
+        n = work.density[c]
+        for i in range(work.scattering.size):
+            work.scattering[i] += n * optics.sigma_s[c, i]
+            work.towards[i] += n * work.weighted[c, i]
+    if optics.emits:
+        for i in range(work.emitted.size):
+            work.emitted[i] = 0.0
+            for c in range(work.density.size):
+                work.emitted[i] += work.density[c] * optics.emission[c, i]
+
+
+@kernel
+def disk_radiance(optics, dx, dy, dz, out):
+    """Radiance of the solar disk in a direction into `out` (wavelength,); False outside the disk."""
+    ax, ay, az = optics.disk_axis[0], optics.disk_axis[1], optics.disk_axis[2]
+    if optics.disk_radius <= 0.0 or dx * ax + dy * ay + dz * az <= 0.0:
+        return False
+    cx, cy, cz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+    square = (cx * cx + cy * cy + cz * cz) / math.sin(optics.disk_radius) ** 2
+    if square > 1.0:
+        return False
+    rings = optics.disk_radiance.shape[0]
+    k = min(int(square * (rings - 1)), rings - 2)
+    w = square * (rings - 1) - k
+    for i in range(out.size):
+        out[i] = (1.0 - w) * optics.disk_radiance[k, i] + w * optics.disk_radiance[k + 1, i]
+    return True

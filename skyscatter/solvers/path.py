@@ -1,0 +1,71 @@
+"""Solver ``path``: all orders of scattering by backward Monte Carlo.
+
+The first order of sunlight comes from ``single``, without noise; random walks add the rest.  With
+``sampling="free-flight"`` everything, the first order too, comes from plain walks with free flights drawn by the
+extinction of the hero wavelength: slow, independent, and there to test the rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.kernels.flight import flight_rays
+from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.kernels.path import BATCHES, path_rays
+from skyscatter.solvers.single import single_parts
+
+DEFAULT_SAMPLES = 32
+#: Where ``noise`` decides, no ray gets more walks than this.
+MOST_SAMPLES = 1 << 20
+#: Orders of scattering that are followed when nothing else is said: roulette ends all walks long before.
+MOST_ORDERS = 100_000
+SAMPLINGS = ("march", "free-flight")
+
+
+def check(options: Options) -> None:
+    """Refuse what contradicts itself."""
+    if options.samples is not None and options.noise is not None:
+        raise DomainError("samples", options.samples, "give samples or noise, not both")
+    if options.sampling is not None and options.sampling not in SAMPLINGS:
+        raise DomainError("sampling", options.sampling, f"choose from {', '.join(SAMPLINGS)}")
+    if options.sampling == "free-flight":
+        options.refuse("path with free-flight sampling", "noise", "tolerance")
+
+
+def walks_for(options: Options) -> int:
+    """Walks per ray: what was asked for, rounded up to whole batches."""
+    samples = DEFAULT_SAMPLES if options.samples is None else int(options.samples)
+    if options.noise is not None:
+        samples = MOST_SAMPLES
+    return samples if samples < BATCHES else -(-samples // BATCHES) * BATCHES
+
+
+def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
+    """Radiance of all orders; see `skyscatter.radiance`."""
+    n, wavelengths = len(rays.origins), scene.optics.albedo.size
+    mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
+    by_order = np.empty((n, options.orders, wavelengths))
+    used = np.empty(n, np.int64)
+    max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
+    seed, walks = np.int64(options.seed), walks_for(options)
+    if options.sampling == "free-flight":
+        flight_rays(
+            scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order, mean, error, by_order, used
+        )
+        scattered = ground = np.zeros_like(mean)
+        direct = single_parts(scene, rays, None)[2]
+    else:
+        scattered, ground, direct = single_parts(scene, rays, options.tolerance)
+        path_rays(
+            scene, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
+            options.noise or 0.0, max_order, mean, error, by_order, used,
+        )  # fmt: skip
+    layers = {}
+    if options.parts:
+        layers = {"direct": direct, "scattered": scattered, "ground": ground, "multiple": mean}
+    if options.orders:
+        by_order[:, 0] += scattered + ground
+        layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}
+    return Answer(scattered + ground + direct + mean, error, layers, used)

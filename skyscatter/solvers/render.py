@@ -1,0 +1,158 @@
+"""Pictures: a camera's rays through a solver into a `SpectralImage`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.scene import Scene
+from skyscatter.solvers.base import Array, Options, Rays
+from skyscatter.solvers.run import Interrupted, RenderState, check_wavelengths, solve_rays
+
+if TYPE_CHECKING:
+    from skyscatter.image.spectral import SpectralImage
+
+#: Sub-pixels along each side of a pixel that the edge of the Sun may cross.
+SUN_SUBPIXELS = 8
+
+
+def render(
+    scene: Scene,
+    camera: Any,
+    wavelengths: ArrayLike,
+    solver: str = "path",
+    *,
+    samples: int | None = None,
+    noise: float | None = None,
+    seed: int = 0,
+    max_order: int | None = None,
+    tolerance: float | None = None,
+    parts: bool = False,
+    orders: int = 0,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    resume: str | os.PathLike[str] | None = None,
+) -> SpectralImage:
+    """Render a picture.
+
+    Each pixel is the radiance along the ray through its middle; the direct light of the solar disk, which is often
+    smaller than a pixel, is averaged over the pixel instead.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera
+        What is seen where; see `skyscatter.geometry.camera`.
+    wavelengths : array_like, shape (wavelength,)
+        Vacuum wavelengths [nm], rising.
+    solver, samples, noise, seed, max_order, tolerance, parts, orders, threads, progress
+        As for `skyscatter.radiance`.
+    resume : path, optional
+        Checkpoint of an interrupted render with the same arguments.
+
+    Returns
+    -------
+    SpectralImage
+        With standard error, the layers that were asked for, and the recipe; NaN outside the camera's field.
+
+    Raises
+    ------
+    Interrupted
+        On Ctrl-C: it carries the finished part and a state from which to go on.
+    DomainError
+        For options out of range, and for a checkpoint of another render.
+    """
+    wl = check_wavelengths(wavelengths)
+    options = Options(samples, noise, seed, max_order, tolerance, None, parts, orders)
+    recipe = _recipe(scene, camera, wl, solver, options)
+    grid = camera.directions(scene.observer)
+    inside = np.isfinite(grid[..., 0])
+    numbers = np.flatnonzero(inside.ravel())
+    directions = grid.reshape(-1, 3)[numbers]
+    origins = np.broadcast_to(scene.observer.position, directions.shape)
+    rays = Rays(origins, directions, numbers.astype(np.int64))
+    if resume is None:
+        state = RenderState.empty(recipe, numbers.size, wl.size)
+    else:
+        state = RenderState.load(resume, recipe)
+    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress)
+    image = _picture(scene, grid, inside, wl, state)
+    if not complete:
+        raise Interrupted(image, state)
+    return image
+
+
+def _recipe(scene: Scene, camera: Any, wl: Array, solver: str, options: Options) -> dict[str, Any]:
+    """All that is needed to make the picture again."""
+    from skyscatter import __version__
+
+    given = {name: value for name, value in vars(options).items() if value not in (None, False)}
+    return {
+        "skyscatter": __version__,
+        "scene": scene.model_dump(mode="json", exclude_none=True),
+        "camera": camera.model_dump(mode="json"),
+        "wavelengths_nm": [float(w) for w in wl],
+        "solver": solver,
+        "options": given,
+    }
+
+
+def _picture(scene: Scene, grid: Array, inside: NDArray[np.bool_], wl: Array, state: RenderState) -> SpectralImage:
+    from skyscatter.image.spectral import SpectralImage
+
+    def spread(values: Array) -> Array:
+        cube = np.full((*inside.shape, values.shape[-1]), np.nan)
+        cube[inside] = np.where(state.done[:, None], values, np.nan)
+        return cube
+
+    cube = spread(state.radiance)
+    layers = {name: spread(values) for name, values in state.layers.items()}
+    correction = _sun_correction(scene, grid, wl)
+    if correction is not None:
+        cube[correction[0]] += correction[1]
+        if "direct" in layers:
+            layers["direct"][correction[0]] += correction[1]
+    return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers)
+
+
+def _sun_correction(scene: Scene, grid: Array, wl: Array) -> tuple[NDArray[np.bool_], Array] | None:
+    """Pixels near the Sun, and what averaging its disk over them adds to the radiance along their middle."""
+    from skyscatter.solvers.compile import compile_scene
+    from skyscatter.solvers.single import single_parts
+
+    radius = float(np.arcsin(scene.star.radius / scene.star_distance))
+    step_x, step_y = _steps(grid, axis=1), _steps(grid, axis=0)
+    size = np.linalg.norm(step_x, axis=-1) + np.linalg.norm(step_y, axis=-1)
+    distance = np.arccos(np.clip(grid @ scene.sun.direction, -1, 1))
+    with np.errstate(invalid="ignore"):
+        near = distance < radius + size
+    if radius <= 0 or not near.any():
+        return None
+    offsets = (np.arange(SUN_SUBPIXELS) + 0.5) / SUN_SUBPIXELS - 0.5
+    fine = (
+        grid[near][:, None, None]
+        + offsets[None, :, None, None] * step_y[near][:, None, None]
+        + offsets[None, None, :, None] * step_x[near][:, None, None]
+    )
+    fine /= np.linalg.norm(fine, axis=-1, keepdims=True)
+    flat = fine.reshape(-1, 3)
+    table = compile_scene(scene, wl)
+    # Only direct light is needed: a scene without scattering would do, but the kernel is quick enough here.
+    everything = np.concatenate([flat, grid[near]])
+    origins = np.broadcast_to(scene.observer.position, everything.shape)
+    rays = Rays(np.ascontiguousarray(origins), everything, np.zeros(len(everything), np.int64))
+    direct = single_parts(table, rays, 0.1)[2]
+    mean = direct[: len(flat)].reshape(int(near.sum()), -1, wl.size).mean(axis=1)
+    return near, mean - direct[len(flat) :]
+
+
+def _steps(grid: Array, axis: int) -> Array:
+    """Change of direction from one pixel to the next; 0 at edges of the field, where there is no neighbour."""
+    if grid.shape[axis] < 2:
+        return np.zeros_like(grid)
+    step = np.gradient(grid, axis=axis)
+    return np.where(np.isfinite(step), step, 0.0)

@@ -1,0 +1,287 @@
+"""Running a solver over many rays: tiles in a pool of threads, progress, interruption, and going on later."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.scene import Scene
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+
+if TYPE_CHECKING:
+    from skyscatter.image.spectral import SpectralImage
+
+#: Rays in a tile: long enough to hide the cost of handing it out, short enough for Ctrl-C and progress.
+TILE_RAYS = 128
+SOLVERS = ("path", "single")
+
+
+@dataclass
+class RenderState:
+    """Finished rays of a render, and the recipe that they belong to."""
+
+    recipe: dict[str, Any]
+    done: NDArray[np.bool_]  #: (ray,)
+    radiance: Array  #: (ray, wavelength), nought where not done
+    standard_error: Array
+    samples: NDArray[np.int64]
+    layers: dict[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
+        """A state in which nothing is done."""
+        zero = np.zeros((rays, wavelengths))
+        return cls(recipe, np.zeros(rays, bool), zero, zero.copy(), np.zeros(rays, np.int64))
+
+    def put(self, rays: slice, answer: Answer) -> None:
+        """Keep the answer for some rays."""
+        self.radiance[rays], self.standard_error[rays] = answer.radiance, answer.standard_error
+        self.samples[rays] = answer.samples
+        for name, values in answer.layers.items():
+            self.layers.setdefault(name, np.zeros_like(self.radiance))[rays] = values
+        self.done[rays] = True
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the state to an .npz file, whole or not at all."""
+        layers = {f"layer_{name}": values for name, values in self.layers.items()}
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            np.savez(
+                file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
+                standard_error=self.standard_error, samples=self.samples, **layers,
+            )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], recipe: dict[str, Any]) -> RenderState:
+        """Read a state back and check that it belongs to `recipe`."""
+        if not Path(path).is_file():
+            raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+            found = json.loads(str(content["recipe"]))
+            layers = {name.removeprefix("layer_"): v for name, v in content.items() if name.startswith("layer_")}
+            state = cls(
+                found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers
+            )
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
+        for name in sorted(set(found) | set(recipe)):
+            if found.get(name) != json.loads(json.dumps(recipe.get(name))):
+                raise DomainError("resume", str(path), f"was begun with another {name}; repeat the command as it was")
+        return state
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a render.
+
+    Attributes
+    ----------
+    partial : SpectralImage
+        What was finished; NaN elsewhere.
+    state : RenderState
+        To be saved and given back as ``resume``.
+    """
+
+    def __init__(self, partial: SpectralImage, state: RenderState) -> None:
+        self.partial, self.state = partial, state
+        super().__init__("render interrupted")
+
+
+def default_threads() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def load_solver(name: str) -> Any:
+    """The module of a solver."""
+    if name not in SOLVERS:
+        raise DomainError("solver", name, f"choose from {', '.join(SOLVERS)}")
+    if name == "single":
+        from skyscatter.solvers import single
+
+        return single
+    from skyscatter.solvers import path
+
+    return path
+
+
+def check_wavelengths(wavelengths: ArrayLike) -> Array:
+    """Vacuum wavelengths [nm] as a rising one-dimensional array; Quantities are converted."""
+    if hasattr(wavelengths, "to_value"):
+        wavelengths = wavelengths.to_value("nm")
+    wl = np.atleast_1d(np.asarray(wavelengths, float))
+    if wl.ndim != 1 or wl.size == 0 or not np.all(np.isfinite(wl)) or wl.min() <= 0:
+        raise DomainError("wavelengths", wavelengths, "positive numbers [nm]")
+    if np.any(np.diff(wl) <= 0):
+        raise DomainError("wavelengths", wavelengths, "must increase, none twice")
+    return np.ascontiguousarray(wl)
+
+
+def check_rays(scene: Scene, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+    """Origins [m] and unit directions of one shape (..., 3), broadcast against each other."""
+    if hasattr(origins, "to_value"):
+        origins = origins.to_value("m")
+    o, d = np.asarray(origins, float), np.asarray(directions, float)
+    if o.shape[-1:] != (3,) or d.shape[-1:] != (3,):
+        raise DomainError("directions", d.shape, "origins and directions are arrays of shape (..., 3)")
+    o, d = np.broadcast_arrays(o, d)
+    length = np.linalg.norm(d, axis=-1, keepdims=True)
+    if d.size and not (np.all(np.isfinite(o)) and np.all(np.abs(length - 1) < 1e-6)):
+        raise DomainError("directions", float(length.min()), "must be finite unit vectors; divide by their length")
+    # Rounding may put a point on the ground a hair below it; more is inside the planet.
+    low = np.linalg.norm(o, axis=-1).min(initial=np.inf) - scene.medium.planet_radius
+    if low < -1e-6 * scene.medium.planet_radius:
+        raise DomainError("origins", f"altitude {low:.6g} m", "inside the planet; start on the ground or above")
+    return o, d / length
+
+
+def solve_rays(
+    scene: Scene,
+    rays: Rays,
+    wavelengths: Array,
+    solver: str,
+    options: Options,
+    state: RenderState,
+    threads: int | None,
+    progress: Callable[[float], None] | None,
+) -> bool:
+    """Fill `state` tile by tile; False if interrupted, with every tile that was finished in it.
+
+    Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
+    of threads.
+    """
+    from skyscatter.solvers.compile import compile_scene
+
+    module = load_solver(solver)
+    options.check()
+    module.check(options)
+    table = compile_scene(scene, wavelengths)
+    n = len(rays.origins)
+    tiles = [slice(k, min(k + TILE_RAYS, n)) for k in range(0, n, TILE_RAYS)]
+    waiting = [tile for tile in tiles if not state.done[tile].all()]
+    if not waiting:
+        return True
+    stop = threading.Event()
+
+    def work(tile: slice) -> tuple[slice, Answer] | None:
+        return None if stop.is_set() else (tile, module.solve(table, rays.part(tile), options))
+
+    workers = default_threads() if threads is None else threads
+    if workers < 1:
+        raise DomainError("threads", threads, "at least 1")
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        jobs: set[Future[tuple[slice, Answer] | None]] = {pool.submit(work, tile) for tile in waiting}
+        try:
+            while jobs:
+                finished, jobs = wait(jobs, return_when=FIRST_COMPLETED)
+                _keep(finished, state)
+                if progress is not None:
+                    progress(float(state.done.mean()))
+            return True
+        except KeyboardInterrupt:
+            stop.set()
+            _keep(wait(jobs).done, state)
+            return False
+        except BaseException:
+            stop.set()
+            raise
+
+
+def _keep(finished: set[Future[tuple[slice, Answer] | None]], state: RenderState) -> None:
+    for job in finished:
+        result = job.result()
+        if result is not None:
+            state.put(*result)
+
+
+def radiance(
+    scene: Scene,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    wavelengths: ArrayLike,
+    solver: str = "path",
+    *,
+    samples: int | None = None,
+    noise: float | None = None,
+    seed: int = 0,
+    max_order: int | None = None,
+    tolerance: float | None = None,
+    sampling: str | None = None,
+    parts: bool = False,
+    orders: int = 0,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Answer:
+    """Spectral radiance that arrives along rays, and its standard error.
+
+    Parameters
+    ----------
+    scene : Scene
+    origins : array_like, shape (..., 3)
+        Where the rays are observed, from the planet's centre in the scene's frame (east, north, up) [m].
+    directions : array_like, shape (..., 3)
+        Unit vectors in which to look.  Broadcast against the origins.
+    wavelengths : array_like, shape (wavelength,)
+        Vacuum wavelengths [nm], rising.
+    solver : {"path", "single"}
+        All orders of scattering by Monte Carlo, or the first by quadrature.
+    samples : int, optional
+        Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 32 if neither this nor `noise` is given.
+    noise : float, optional
+        Go on until the standard error, relative to the radiance without the direct Sun and averaged over the
+        wavelengths, is below this for every ray (``path``).  The number of walks doubles until then.
+    seed : int
+        Same seed, same numbers, whatever the threads (``path``).
+    max_order : int, optional
+        Leave out light that was scattered or reflected more often than this (``path``).
+    tolerance : float, optional
+        Largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; 1e-4 when not given.
+    sampling : {"march", "free-flight"}, optional
+        How walks find their vertices; "free-flight" is the plain, slow way, kept for tests (``path``).
+    parts : bool
+        Return the parts of the radiance as layers: direct, scattered (once), ground (reflected once), multiple.
+    orders : int
+        Return the first so many orders of scattering as layers order1, order2, ... (``path``).
+    threads : int, optional
+        All processors when not given.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+
+    Returns
+    -------
+    Answer
+        ``radiance`` and ``standard_error`` [W m-2 sr-1 nm-1] of shape (..., wavelength), ``layers``, ``samples``.
+
+    Raises
+    ------
+    DomainError
+        For rays inside the planet, directions that are not unit vectors, or options out of range or without meaning
+        for the solver.
+    """
+    wl = check_wavelengths(wavelengths)
+    o, d = check_rays(scene, origins, directions)
+    shape = o.shape[:-1]
+    rays = Rays(o.reshape(-1, 3), d.reshape(-1, 3), np.arange(int(np.prod(shape)), dtype=np.int64))
+    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders)
+    state = RenderState.empty({}, len(rays.origins), wl.size)
+    if not solve_rays(scene, rays, wl, solver, options, state, threads, progress):
+        raise KeyboardInterrupt
+    return Answer(
+        state.radiance.reshape(*shape, -1),
+        state.standard_error.reshape(*shape, -1),
+        {name: values.reshape(*shape, -1) for name, values in state.layers.items()},
+        state.samples.reshape(shape),
+    )

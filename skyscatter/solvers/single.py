@@ -1,0 +1,39 @@
+"""Solver ``single``: sunlight scattered once, by deterministic quadrature.
+
+Leaves out all light that is scattered or reflected more than once: a clear blue sky loses a third of its light to
+that, a hazy or twilight sky most of it.  The emission of the medium and light from outside are included as far as they
+come straight to the observer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.kernels.single import single_rays
+
+#: Largest disagreement of the two quadrature rules on a piece of a ray; the result is about ten times better.
+DEFAULT_TOLERANCE = 1e-4
+
+
+def check(options: Options) -> None:
+    """Refuse what means nothing here."""
+    options.refuse("single", "samples", "noise", "max_order", "sampling", "orders")
+
+
+def single_parts(scene: SceneTable, rays: Rays, tolerance: float | None) -> tuple[Array, Array, Array]:
+    """Radiance scattered once, reflected once by the ground, and direct; each (ray, wavelength)."""
+    shape = (len(rays.origins), scene.optics.albedo.size)
+    scattered, ground, direct = np.empty(shape), np.empty(shape), np.empty(shape)
+    limit = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    single_rays(scene, rays.origins, rays.directions, limit, scattered, ground, direct)
+    return scattered, ground, direct
+
+
+def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
+    """Radiance of single scattering; see `skyscatter.radiance`."""
+    scattered, ground, direct = single_parts(scene, rays, options.tolerance)
+    layers = {"direct": direct, "scattered": scattered, "ground": ground} if options.parts else {}
+    radiance = scattered + ground + direct
+    return Answer(radiance, np.zeros_like(radiance), layers, np.zeros(len(radiance), np.int64))

@@ -1,0 +1,54 @@
+"""What every test shares: no network, and the folder of reference files."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import hypothesis
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+# The same examples in every run, so that a red run can be repeated; no deadline, for machines are shared and kernels
+# compile on their first call.
+hypothesis.settings.register_profile("skyscatter", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("skyscatter")
+
+
+class NetworkUseError(RuntimeError):
+    """A test, or code under test, tried to reach the network."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_network() -> Iterator[None]:
+    """Refuse every connection and every name look-up, other than over local (unix) sockets."""
+    patch = pytest.MonkeyPatch()
+    connect = socket.socket.connect
+
+    def guarded(self: socket.socket, address: Any) -> None:
+        if self.family != getattr(socket, "AF_UNIX", None):
+            raise NetworkUseError(f"connection to {address!r}: nothing here may use the network")
+        connect(self, address)
+
+    def look_up(host: Any, *_: Any, **__: Any) -> None:
+        raise NetworkUseError(f"look-up of {host!r}: nothing here may use the network")
+
+    patch.setattr(socket.socket, "connect", guarded)
+    patch.setattr(socket, "getaddrinfo", look_up)
+    patch.setattr(socket, "gethostbyname", look_up)
+    yield
+    patch.undo()
+
+
+@pytest.fixture(scope="session")
+def reference() -> Path:
+    """Folder of reference files (tables by other codes, measured skies); the test is skipped without it."""
+    folder = Path(os.environ.get("SKYSCATTER_REFERENCE", ROOT.parent / "shared" / "reference"))
+    if not folder.is_dir():
+        pytest.skip(f"no reference files in {folder}; name their folder in SKYSCATTER_REFERENCE")
+    return folder

@@ -1,0 +1,258 @@
+"""Cameras: orientation as in docs/conventions.md, the inverse, solid angles, refusals."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from skyscatter.errors import DomainError
+from skyscatter.geometry import Camera, Fisheye, Panorama, Perspective, PlanetView, camera_from_view
+from skyscatter.geometry.vectors import (
+    azimuth_elevation_from_direction,
+    camera_frame,
+    direction_from_azimuth_elevation,
+)
+
+ORBIT = SimpleNamespace(altitude=20_000e3, planet_radius=6371e3, atmosphere_top=100e3)
+EAST, NORTH, UP = np.eye(3)
+
+CAMERAS = [
+    Panorama(width=24, height=12),
+    Panorama(width=24, height=7, elevation_min_deg=-5, elevation_max_deg=60, centre_azimuth_deg=10),
+    Fisheye(width=21, height=17),
+    Fisheye(width=16, height=20, projection="equisolid", fov_deg=220, east_left=False),
+    Fisheye(width=16, height=16, fov_deg=360, azimuth_deg=30, elevation_deg=-20, roll_deg=15),
+    Perspective(width=20, height=11, azimuth_deg=120, elevation_deg=15, fov_deg=70, roll_deg=-20),
+    Perspective(width=9, height=9, azimuth_deg=0, elevation_deg=90, fov_deg=150),
+    PlanetView(width=15, height=12),
+]
+IDS = [f"{camera.kind}-{number}" for number, camera in enumerate(CAMERAS)]
+
+
+def test_azimuth_runs_from_north_through_east():
+    # exact up to the rounding of sin and cos of a multiple of pi / 2
+    np.testing.assert_allclose(direction_from_azimuth_elevation(0, 0), NORTH, atol=1e-15)
+    np.testing.assert_allclose(direction_from_azimuth_elevation(90, 0), EAST, atol=1e-15)
+    np.testing.assert_allclose(direction_from_azimuth_elevation(123, 90), UP, atol=1e-15)
+
+
+@given(st.floats(0, 360, exclude_max=True), st.floats(-89.9, 89.9))
+def test_azimuth_and_elevation_come_back(azimuth, elevation):
+    a, e = azimuth_elevation_from_direction(direction_from_azimuth_elevation(azimuth, elevation))
+    # 0.1 degree off the vertical the azimuth loses three digits; both are rounding of degrees up to 360
+    assert abs((a - azimuth + 180) % 360 - 180) < 1e-10
+    assert abs(e - elevation) < 1e-12
+    assert 0 <= a < 360
+
+
+def test_tiny_negative_azimuth_stays_below_360():
+    assert azimuth_elevation_from_direction([-1e-300, 1.0, 0.0])[0] == 0.0
+
+
+@given(st.floats(-360, 360), st.floats(-90, 90), st.floats(-180, 180))
+def test_camera_frame_is_right_handed(azimuth, elevation, roll):
+    forward, right, up = camera_frame(azimuth, elevation, roll)
+    matrix = np.stack([right, up, -forward])
+    # rounding of products of sines and cosines
+    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=4e-15)
+    assert np.linalg.det(matrix) == pytest.approx(1.0, abs=4e-15)
+
+
+def test_positive_roll_turns_the_camera_clockwise():
+    _, _, up = camera_frame(0.0, 0.0, 90.0)  # looking north: clockwise from above is towards the east
+    np.testing.assert_allclose(up, EAST, atol=1e-15)  # rounding of cos(pi / 2)
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=IDS)
+def test_directions_are_unit_vectors_or_nan(camera):
+    d = camera.directions(ORBIT)
+    assert d.shape == (camera.height, camera.width, 3)
+    assert d.dtype == np.float64
+    length = np.linalg.norm(d, axis=-1)
+    inside = np.isfinite(length)
+    assert inside.any()
+    np.testing.assert_allclose(length[inside], 1.0, atol=1e-15)  # rounding
+    assert np.array_equal(inside, camera.pixel_solid_angle(ORBIT) > 0)
+    assert np.array_equal(np.isnan(d).any(axis=-1), np.isnan(d).all(axis=-1))
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=IDS)
+def test_pixel_inverts_directions(camera):
+    d = camera.directions(ORBIT)
+    x, y = camera.pixel(d, ORBIT)
+    j, i = np.mgrid[: camera.height, : camera.width].astype(float)
+    outside = np.isnan(d[..., 0])
+    # atan2 and asin keep 1e-15 rad; a pixel is 0.01 rad and more, and asin loses half its digits near its end
+    np.testing.assert_allclose(x, np.where(outside, np.nan, i), atol=1e-6)
+    np.testing.assert_allclose(y, np.where(outside, np.nan, j), atol=1e-6)
+
+
+@given(
+    st.floats(0, 360),
+    st.floats(-90, 90),
+    st.sampled_from(CAMERAS),
+)
+def test_a_direction_is_seen_in_the_pixel_nearest_to_it(azimuth, elevation, camera):
+    direction = direction_from_azimuth_elevation(azimuth, elevation)
+    x, y = camera.pixel(direction, ORBIT)
+    assert np.isnan(x) == np.isnan(y)
+    if np.isnan(x):
+        return
+    i, j = round(min(max(float(x), 0), camera.width - 1)), round(min(max(float(y), 0), camera.height - 1))
+    nearest = camera.directions(ORBIT)[j, i]
+    if np.isnan(nearest[0]):
+        return  # the pixel's centre lies outside the circle, its corner inside
+    angle = np.degrees(np.arccos(np.clip(nearest @ direction, -1, 1)))
+    # half the diagonal of the coarsest pixel: 150 degrees over 9, at the centre atan(sqrt(0.5) tan(75) / 4.5) = 30.4
+    assert angle < 30.5
+
+
+@pytest.mark.parametrize("size", [(64, 32), (33, 9)])
+def test_panorama_covers_the_sphere_exactly(size):
+    width, height = size
+    full = Panorama(width=width, height=height).pixel_solid_angle()
+    upper = Panorama(width=width, height=height, elevation_min_deg=0).pixel_solid_angle()
+    assert full.sum() == pytest.approx(4 * np.pi, rel=1e-13)  # sum of exact strips: rounding only
+    assert upper.sum() == pytest.approx(2 * np.pi, rel=1e-13)
+
+
+@pytest.mark.parametrize("projection", ["equidistant", "equisolid"])
+@pytest.mark.parametrize(("fov", "expected"), [(180, 2 * np.pi), (90, 2 * np.pi * (1 - np.sqrt(0.5)))])
+def test_fisheye_solid_angle(projection, fov, expected):
+    omega = Fisheye(width=400, height=400, projection=projection, fov_deg=fov).pixel_solid_angle()
+    # pixels on the rim count wholly or not at all: the lattice of 125664 points in the circle is off by about 0.03 %
+    assert omega.sum() == pytest.approx(expected, rel=1e-3)
+
+
+def test_equisolid_pixels_are_all_alike():
+    omega = Fisheye(width=30, height=30, projection="equisolid").pixel_solid_angle()
+    assert np.unique(omega[omega > 0]).size == 1
+
+
+def test_perspective_solid_angle():
+    # a square frame of half-width tan(45 degrees) is one face of a cube: 4 pi / 6; midpoint rule over 200 pixels: 1e-5
+    omega = Perspective(width=200, height=200, azimuth_deg=0, fov_deg=90).pixel_solid_angle()
+    assert omega.sum() == pytest.approx(4 * np.pi / 6, rel=2e-5)
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=IDS)
+def test_solid_angle_is_the_angle_between_neighbours(camera):
+    """Cross product of the steps to the neighbours, on a fine version of the same camera."""
+    fine = camera.model_copy(update={"width": camera.width * 32, "height": camera.height * 32})
+    d, omega = fine.directions(ORBIT), fine.pixel_solid_angle(ORBIT)
+    across, down = (d[1:-1, 2:] - d[1:-1, :-2]) / 2, (d[2:, 1:-1] - d[:-2, 1:-1]) / 2
+    area = np.linalg.norm(np.cross(across, down), axis=-1)
+    known = np.isfinite(area)
+    # central differences: second order in a pixel of 0.03 rad and less, (0.03)^2 / 6 = 1.5e-4, thrice that in corners
+    assert np.median(np.abs(area[known] / omega[1:-1, 1:-1][known] - 1)) < 5e-4
+
+
+def test_fisheye_has_north_up_and_east_left():
+    d = Fisheye(width=101, height=101).directions()
+    assert d[50, 50] == pytest.approx(UP, abs=1e-15)  # rounding of cos(pi / 2)
+    assert d[0, 50] @ NORTH > 0.99
+    assert d[50, 0] @ EAST > 0.99
+    mirrored = Fisheye(width=101, height=101, east_left=False).directions()
+    assert mirrored[50, 100] @ EAST > 0.99
+    assert mirrored[0, 50] @ NORTH > 0.99
+
+
+def test_fisheye_equidistant_angle_grows_with_radius():
+    d = Fisheye(width=100, height=100).directions()
+    zenith_angle = np.degrees(np.arccos(d[49, 50:, 2]))
+    steps = np.hypot(np.arange(50) + 0.5, 0.5) * 1.8
+    np.testing.assert_allclose(zenith_angle, steps, atol=1e-10)  # arccos loses some digits near the zenith
+
+
+def test_panorama_azimuth_grows_to_the_right():
+    camera = Panorama(width=36, height=18, centre_azimuth_deg=90)
+    azimuth, elevation = azimuth_elevation_from_direction(camera.directions())
+    np.testing.assert_allclose(azimuth[9, 18], 95, atol=1e-12)  # rounding of degrees
+    np.testing.assert_allclose(azimuth[9, 17], 85, atol=1e-12)
+    np.testing.assert_allclose(elevation[:, 0], 85 - 10 * np.arange(18), atol=1e-12)
+
+
+def test_perspective_looks_where_it_points():
+    camera = Perspective(width=81, height=41, azimuth_deg=90, elevation_deg=20, fov_deg=60)
+    d = camera.directions()
+    np.testing.assert_allclose(d[20, 40], direction_from_azimuth_elevation(90, 20), atol=1e-15)  # rounding
+    assert d[0, 40, 2] > d[20, 40, 2]  # up is up
+    assert d[20, 80] @ NORTH < 0  # facing east, south is on the right
+    left, right = camera.pixel(camera.directions()[20, 0])[0], camera.pixel(camera.directions()[20, 80])[0]
+    assert (left, right) == pytest.approx((0, 80), abs=1e-9)  # rounding, times 80 pixels
+    edges = np.degrees(np.arctan2(40.5, 40.5 / np.tan(np.radians(30))))
+    assert 2 * edges == pytest.approx(60)
+
+
+def test_planet_fills_the_picture_up_to_the_margin():
+    camera = PlanetView(width=201, height=201, margin=0.05)
+    d = camera.directions(ORBIT)
+    assert d[100, 100] == pytest.approx(-UP, abs=1e-15)  # rounding of cos(pi / 2)
+    assert d[0, 100] @ NORTH > 0
+    assert d[100, 200] @ EAST > 0
+    limb = np.arcsin((6371e3 + 100e3) / (6371e3 + 20_000e3))
+    on_limb = np.array([np.sin(limb), 0.0, -np.cos(limb)])
+    x, y = camera.pixel(on_limb, ORBIT)
+    # half the width is 100.5 pixels, 1.05 times the radius of the limb
+    assert x == pytest.approx(100 + 100.5 / 1.05, abs=1e-9)  # rounding, times 100 pixels
+    assert y == pytest.approx(100, abs=1e-9)
+
+
+@pytest.mark.parametrize("altitude", [0.0, 100e3])
+def test_planet_view_from_inside_the_air_is_refused(altitude):
+    inside = SimpleNamespace(altitude=altitude, planet_radius=6371e3, atmosphere_top=100e3)
+    with pytest.raises(DomainError, match="above the atmosphere's top"):
+        PlanetView(width=4, height=4).directions(inside)
+    with pytest.raises(DomainError, match="observer"):
+        PlanetView(width=4, height=4).directions()
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (Panorama, {"width": 0, "height": 4}),
+        (Panorama, {"width": 4, "height": 4, "elevation_min_deg": 40, "elevation_max_deg": 30}),
+        (Fisheye, {"width": 4, "height": 4, "fov_deg": 361}),
+        (Fisheye, {"width": 4, "height": 4, "projection": "square"}),
+        (Perspective, {"width": 4, "height": 4, "azimuth_deg": 0, "fov_deg": 180}),
+        (Perspective, {"width": 4, "height": 4, "azimuth_deg": float("nan")}),
+        (PlanetView, {"width": 4, "height": 4, "margin": -0.1}),
+        (PlanetView, {"width": 4, "height": 4, "colour": "blue"}),
+    ],
+)
+def test_bad_values_are_refused(kind, values):
+    with pytest.raises(ValidationError):
+        kind(**values)
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=IDS)
+def test_cameras_can_be_written_and_read_back(camera):
+    assert TypeAdapter(Camera).validate_python(camera.model_dump()) == camera
+
+
+def test_views_of_the_command_line():
+    assert camera_from_view("panorama", 8, 4, 250) == Panorama(width=8, height=4, centre_azimuth_deg=250)
+    upper = camera_from_view("panorama-upper", 8, 4)
+    assert (upper.elevation_min_deg, upper.centre_azimuth_deg) == (0, 180)
+    assert camera_from_view("fisheye", 8, 4) == Fisheye(width=8, height=4)
+    assert camera_from_view("fisheye-equisolid", 8, 4).projection == "equisolid"
+    assert camera_from_view("planet", 8, 4) == PlanetView(width=8, height=4)
+    expected = Perspective(width=8, height=4, azimuth_deg=90, elevation_deg=-10, fov_deg=45)
+    assert camera_from_view("perspective:90,-10,45", 8, 4) == expected
+
+
+@pytest.mark.parametrize("view", ["", "globe", "panorama:3", "fisheye:", "Planet"])
+def test_unknown_views_list_the_choices(view):
+    with pytest.raises(DomainError, match="panorama-upper, fisheye, fisheye-equisolid"):
+        camera_from_view(view, 8, 4)
+
+
+@pytest.mark.parametrize("view", ["perspective", "perspective:1,2", "perspective:a,b,c"])
+def test_incomplete_perspective_shows_an_example(view):
+    with pytest.raises(DomainError, match="perspective:90,10,60"):
+        camera_from_view(view, 8, 4)

@@ -1,0 +1,465 @@
+"""The command line: what it refuses and how, what it loads, and what it hands to the solver (a stand-in here)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import types
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydantic import model_validator
+
+import skyscatter
+from skyscatter.cli import sky as sky_module
+from skyscatter.cli.main import main
+from skyscatter.cli.parse import parse_noise, parse_size, parse_wavelengths
+from skyscatter.errors import DomainError, ModelFileError
+from skyscatter.optics.base import Coefficients
+from skyscatter.record import Record
+
+HEAVY = ("numba", "astropy", "colour", "matplotlib")
+
+
+class Image:
+    """Stands in for SpectralImage: notes where it was saved."""
+
+    def __init__(self):
+        self.radiance = np.array([[[2.0, np.nan]]])
+        self.standard_error = np.array([[[0.02, np.nan]]])
+        self.saved = {}
+
+    def auto_exposure(self):
+        return 12.5
+
+    def save(self, path, **options):
+        self.saved[Path(path).name] = options
+        Path(path).write_text("image")
+
+
+class State:
+    def save(self, path):
+        Path(path).write_text("state")
+
+
+class Interrupted(Exception):  # noqa: N818 - the name of what it stands for
+    def __init__(self, partial, state):
+        self.partial, self.state = partial, state
+
+
+@pytest.fixture
+def fake(monkeypatch, tmp_path):
+    """A model, a scene and a render function that record what they are asked for."""
+    calls = SimpleNamespace(scene=None, render=None, image=Image(), stop=False)
+
+    class Place(Record):
+        altitude: float
+
+        @model_validator(mode="after")
+        def _check(self):
+            if self.altitude < 0:
+                raise DomainError("altitude", self.altitude, "never below the ground")
+            return self
+
+    def scene(**options):
+        calls.scene = options
+        Place(altitude=options["altitude"])
+        return SimpleNamespace(
+            observer=SimpleNamespace(altitude=options["altitude"], planet_radius=6371e3, atmosphere_top=1e5),
+            sun=SimpleNamespace(
+                elevation_deg=options["sun_elevation_deg"],
+                azimuth_deg=options["sun_azimuth_deg"],
+            ),
+            star_distance=options.get("sun_distance_au", 1.5) * 149597870700.0,
+        )
+
+    def load_model(name):
+        if name not in ("earth", "mars"):
+            raise ModelFileError(name, "no such model; choose earth or mars")
+        return SimpleNamespace(name=name, planet=SimpleNamespace(name=name.capitalize()), scene=scene)
+
+    def render(scene, camera, wavelengths, **options):
+        calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
+        options["progress"](1.0)
+        if calls.stop:
+            raise Interrupted(calls.image, State())
+        return calls.image
+
+    monkeypatch.setattr(skyscatter, "load_model", load_model, raising=False)
+    monkeypatch.setattr(skyscatter, "render", render, raising=False)
+    run = types.ModuleType("skyscatter.solvers.run")
+    run.Interrupted = Interrupted
+    monkeypatch.setitem(sys.modules, "skyscatter.solvers.run", run)
+    monkeypatch.chdir(tmp_path)
+    return calls
+
+
+def refused(capsys, arguments):
+    """The one line that a refused command prints."""
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("skyscatter: error: ")
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--bogus"], ["--bogus"]),
+        (["earth", "mars"], ["mars"]),
+        (["--size", "512"], ["size", "'512'", "512x256"]),
+        (["--size", "0x4"], ["size", "'0x4'"]),
+        (["--size", "-3x4"], ["size", "'-3x4'"]),
+        (["--size", "99999x4"], ["65536"]),
+        (["--wavelengths", "380:780"], ["wavelengths", "START:STOP:STEP"]),
+        (["--wavelengths", "780:380:5"], ["wavelengths", "stop not below start"]),
+        (["--wavelengths", "380:780:0"], ["step"]),
+        (["--wavelengths", "380:780:1e-9"], ["wavelengths", "at most"]),
+        (["--wavelengths", "550,450"], ["wavelengths", "increase"]),
+        (["--wavelengths", "blue"], ["wavelengths", "'blue'"]),
+        (["--wavelengths", "0,1"], ["positive"]),
+        (["--noise", "0"], ["noise", "'0'"]),
+        (["--noise", "200%"], ["noise", "200%"]),
+        (["--noise", "little"], ["noise", "1%"]),
+        (["--samples", "0"], ["samples", "'0'", "1 or more"]),
+        (["--samples", "many"], ["samples", "'many'"]),
+        (["--samples", "1.5"], ["samples", "'1.5'"]),
+        (["--samples"], ["--samples", "argument"]),
+        (["--samples", "4", "--noise", "1%"], ["--samples or --noise"]),
+        (["--seed", "-1"], ["seed", "'-1'"]),
+        (["--seed", "9" * 30], ["seed"]),
+        (["--threads", "0"], ["threads", "'0'"]),
+        (["--max-order", "0"], ["max_order", "'0'"]),
+        (["--solver", "magic"], ["solver", "'magic'", "path, single"]),
+        (["--solver", "single", "--samples", "3"], ["samples", "single"]),
+        (["--solver", "single", "--noise", "1%"], ["noise", "single"]),
+        (["--solver", "single", "--max-order", "3"], ["max_order", "single"]),
+        (["--altitude", "high"], ["altitude", "'high'", "km"]),
+        (["--view", "globe"], ["view", "'globe'", "fisheye"]),
+        (["--view", "perspective:0,0,200"], ["fov_deg", "200", "less than 180"]),
+        (["--view", "planet"], ["altitude", "above"]),
+        (["--sun-elevation", "91"], ["sun_elevation", "91"]),
+        (["--sun-azimuth", "1000"], ["sun_azimuth", "1000"]),
+        (["--sun-elevation", "nan"], ["sun_elevation", "nan"]),
+        (["--sun-elevation", "low"], ["sun_elevation", "'low'"]),
+        (["--place", "48,2"], ["place", "--time"]),
+        (["--time", "2026-06-21"], ["time", "--place"]),
+        (["--place", "48,2", "--time", "2026-06-21", "--sun-elevation", "3"], ["place", "--sun-elevation"]),
+        (["--place", "48,2", "--time", "2026-06-21", "--sun-azimuth", "3"], ["place", "--sun-azimuth"]),
+        (["--place", "Paris", "--time", "2026-06-21"], ["place", "'Paris'", "48.86,2.35"]),
+        (["--place", "95,2", "--time", "2026-06-21"], ["latitude", "95"]),
+        (["--place", "48,2", "--time", "noon"], ["time", "'noon'", "ISO 8601"]),
+        (["mars", "--place", "48,2", "--time", "2026-06-21"], ["place", "mars", "Earth"]),
+        (["--exposure", "bright"], ["exposure", "'bright'", "auto"]),
+        (["--tone", "neon"], ["tone", "'neon'", "filmic"]),
+        (["--space", "cmyk"], ["cmyk", "srgb"]),
+        (["--space", "acescg"], ["acescg", "srgb"]),
+        (["--bits", "12"], ["bits", "12", "8 or 16"]),
+        (["-o", "sky.gif"], ["sky.gif", ".png"]),
+        (["-o", "nowhere/sky.png"], ["nowhere", "folder"]),
+        (["-o", "folder.png"], ["folder.png", "folder"]),
+        (["-o", "sky.png", "-o", "./sky.png"], ["twice"]),
+        (["--resume", "gone.npz"], ["gone.npz", "no such checkpoint"]),
+        (["pluto"], ["pluto", "earth or mars"]),
+        (["--altitude", "-5m"], ["altitude = -5.0", "never below"]),
+    ],
+)
+def test_wrong_input_is_refused_in_one_line(fake, capsys, tmp_path, arguments, words):
+    (tmp_path / "folder.png").mkdir()
+    line = refused(capsys, ["sky", *(["-o", "out.png"] if "-o" not in arguments else []), *arguments])
+    for word in words:
+        assert word in line
+    assert fake.render is None
+    assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [([], "nothing would be kept"), (["-o", "a.exr", "--tone", "linear"], "PNG"), (["--json", "--bits", "16"], "PNG")],
+)
+def test_options_without_effect_are_refused(fake, capsys, arguments, word):
+    assert word in refused(capsys, ["sky", *arguments])
+    assert fake.render is None
+
+
+def test_folder_without_permission_is_refused(fake, capsys, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *_: False)  # root may write everywhere, so the answer is played
+    assert "may not be written to" in refused(capsys, ["sky", "-o", "sky.png"])
+
+
+@pytest.mark.parametrize(
+    "arguments", [["models", "show"], ["models", "show", "pluto"], ["models", "check", "gone.toml"], ["models", "x"]]
+)
+def test_wrong_models_are_refused(fake, capsys, arguments):
+    refused(capsys, arguments)
+
+
+def test_plot_of_unknown_kind_is_refused(fake, capsys):
+    assert ".svg" in refused(capsys, ["models", "show", "earth", "--plot", "model.bmp"])
+
+
+def test_defaults(fake, capsys):
+    assert main(["sky", "-o", "sky.png"]) == 0
+    assert fake.scene == {"sun_elevation_deg": 30.0, "sun_azimuth_deg": 180.0, "altitude": 0.0}
+    camera = fake.render["camera"]
+    assert (camera.kind, camera.width, camera.height, camera.centre_azimuth_deg) == ("panorama", 512, 256, 180.0)
+    assert fake.render["wavelengths"][[0, 1, -1]].tolist() == [380, 385, 780]
+    expected = {"solver": "path", "samples": None, "noise": None, "seed": 0, "max_order": None, "threads": None}
+    assert {key: fake.render[key] for key in expected} == expected
+    assert fake.render["resume"] is None
+    assert fake.image.saved == {"sky.png": {"exposure": 12.5, "tone": "filmic", "space": "srgb", "bits": 8}}
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Sun at elevation 30.00°" in captured.err
+    assert "noise 1 %" in captured.err
+
+
+def test_everything_given(fake, capsys):
+    words = "sky mars --sun-elevation -6 --sun-azimuth 250 --altitude 400km --view fisheye-equisolid --size 30x20"
+    words += " --wavelengths 450,550nm,0.65um --noise 2% --seed 7 --threads 2 --order-limit 3 --exposure -1.5"
+    words += " --tone linear --space rec2020 --bits 16 -o a.png -o b.exr -o c.fits -o d.nc --quiet"
+    assert main(words.split()) == 0
+    assert fake.scene == {"sun_elevation_deg": -6.0, "sun_azimuth_deg": 250.0, "altitude": 400e3}
+    asked = fake.render
+    assert (asked["camera"].projection, asked["camera"].width, asked["camera"].height) == ("equisolid", 30, 20)
+    assert asked["wavelengths"].tolist() == [450, 550, 650]
+    assert [asked[key] for key in ("noise", "samples", "seed", "threads", "max_order")] == [0.02, None, 7, 2, 3]
+    png = {"exposure": -1.5, "tone": "linear", "space": "rec2020", "bits": 16}
+    assert fake.image.saved == {"a.png": png, "b.exr": {}, "c.fits": {}, "d.nc": {}}
+    assert capsys.readouterr() == ("", "")
+
+
+def test_place_and_time_set_the_sun(fake):
+    assert main(["sky", "--place", "-33.9,151.2", "--time", "2026-12-21T02:00Z", "-o", "sky.png", "-q"]) == 0
+    # Sydney, two hours after its clock noon: high in the north-west
+    assert 70 < fake.scene["sun_elevation_deg"] < 85
+    assert 0.983 < fake.scene["sun_distance_au"] < 0.985
+    assert fake.render["camera"].centre_azimuth_deg == pytest.approx(fake.scene["sun_azimuth_deg"])
+
+
+def test_json_is_one_object_on_stdout(fake, capsys):
+    assert main(["sky", "--json", "--sun-elevation", "10", "--samples", "4", "-o", "sky.exr"]) == 0
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
+    assert captured.err == ""
+    assert summary["sun"] == {"elevation_deg": 10.0, "azimuth_deg": 180.0, "distance_au": 1.5}
+    assert summary["noise"] == 0.01
+    assert summary["outputs"] == ["sky.exr"]
+    assert (summary["solver"], summary["model"], summary["complete"]) == ("path", "earth", True)
+    assert (summary["exposure_ev"], summary["skyscatter"]) == (12.5, skyscatter.__version__)
+    assert summary["seconds"] >= 0
+
+
+def test_interruption_keeps_what_is_finished(fake, capsys, tmp_path):
+    fake.stop = True
+    assert main(["sky", "earth", "-o", "my sky.png", "--resume=old.npz"]) == 2  # there is no such checkpoint
+    capsys.readouterr()
+    (tmp_path / "old.npz").write_text("state")
+    assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.npz"]) == 130
+    assert fake.render["resume"] == Path("old.npz")
+    assert (tmp_path / "my sky.png").exists()
+    assert (tmp_path / "my sky.png.partial.npz").read_text() == "state"
+    command = "skyscatter sky earth -o 'my sky.png' --resume 'my sky.png.partial.npz'"
+    assert command in capsys.readouterr().err
+
+
+def test_interruption_without_outputs_keeps_a_checkpoint(fake, capsys, tmp_path):
+    fake.stop = True
+    assert main(["sky", "--json"]) == 130
+    assert (tmp_path / "skyscatter.partial.npz").exists()
+    assert json.loads(capsys.readouterr().out)["complete"] is False
+
+
+def test_keyboard_interrupt_elsewhere_is_130(fake, capsys, monkeypatch):
+    def stop(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(skyscatter, "load_model", stop, raising=False)
+    assert main(["sky", "-o", "sky.png"]) == 130
+    assert capsys.readouterr().err == "skyscatter: interrupted\n"
+
+
+def test_an_unexpected_error_is_1(fake, capsys, monkeypatch):
+    def broken(name):
+        raise RuntimeError("two\nlines")
+
+    monkeypatch.setattr(skyscatter, "load_model", broken, raising=False)
+    assert main(["sky", "-o", "sky.png"]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("skyscatter: internal error: RuntimeError: two lines")
+    assert err.count("\n") == 1
+    monkeypatch.setenv("SKYSCATTER_TRACEBACK", "1")
+    with pytest.raises(RuntimeError):
+        main(["sky", "-o", "sky.png"])
+
+
+def test_an_unknown_noise_is_null(fake, capsys):
+    fake.image.standard_error = None
+    assert main(["sky", "--json", "--solver", "single"]) == 0
+    assert json.loads(capsys.readouterr().out)["noise"] is None
+
+
+def test_resume_is_taken_out_of_the_command():
+    assert sky_module.without_resume(["sky", "--resume", "a", "-o", "b"]) == ["sky", "-o", "b"]
+    assert sky_module.without_resume(["sky", "--resume=a", "-o", "b"]) == ["sky", "-o", "b"]
+
+
+def test_wavelength_ranges_include_both_ends():
+    np.testing.assert_allclose(parse_wavelengths("380:780:5"), np.arange(380, 781, 5))
+    # 0.1 is not exact in binary, yet the last node belongs to the range; tolerance is rounding
+    np.testing.assert_allclose(parse_wavelengths("500:501:0.1"), np.linspace(500, 501, 11), rtol=1e-15)
+    assert parse_wavelengths("380:389:5").tolist() == [380, 385]
+    assert parse_wavelengths("550").tolist() == [550]
+
+
+def test_noise_in_percent_or_as_a_fraction():
+    assert parse_noise("1%") == parse_noise("0.01") == 0.01
+    assert parse_noise(None) is None
+
+
+def test_size_defaults_to_the_view():
+    assert parse_size(None, "panorama-upper") == (512, 128)
+    assert parse_size(None, "perspective:0,0,50") == (384, 256)
+    assert parse_size("3X2", "fisheye") == (3, 2)
+
+
+def loaded_by(arguments):
+    """Exit status and heavy modules loaded by a command, in a process of its own."""
+    code = (
+        "import sys\n"
+        "from skyscatter.cli.main import main\n"
+        f"status = main({arguments!r})\n"
+        f"print('LOADED', [name for name in {HEAVY!r} if name in sys.modules], status)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status"),
+    [
+        (["--help"], 0),
+        (["sky", "--help"], 0),
+        (["models", "--help"], 0),
+        (["--version"], 0),
+        (["info"], 0),
+        ([], 2),
+        (["sky", "--size", "big", "-o", "x.png"], 2),
+        (["sky", "--bogus"], 2),
+        (["sky", "-o", "x.gif"], 2),
+        (["sky", "-o", "x.png", "--tone", "neon"], 2),
+    ],
+)
+def test_help_and_argument_errors_load_nothing_heavy(arguments, status):
+    assert loaded_by(arguments) == f"LOADED [] {status}"
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = f"import sys, skyscatter; raise SystemExit(str([n for n in {HEAVY!r} if n in sys.modules] or ''))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == ""
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"skyscatter {skyscatter.__version__}\n"
+
+
+def test_info_lists_versions_and_the_cache(capsys, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/some/where")
+    assert main(["info"]) == 0
+    out = capsys.readouterr().out
+    assert np.__version__ in out
+    assert "/some/where" in out
+
+
+
+
+class Optics:
+    """Grey scattering, a little absorption, isotropic."""
+
+    def __init__(self, scattering):
+        self.scattering = scattering
+
+    def coefficients(self, wavelengths, column):
+        one = np.ones(len(wavelengths))
+        return Coefficients(self.scattering * one, 1e-6 * one, 0 * one)
+
+    def phase_function(self, wavelengths):
+        return SimpleNamespace(value=lambda cosine, wl: np.full((len(cosine), len(wl)), 1 / (4 * np.pi)))
+
+
+@pytest.fixture
+def small_model(monkeypatch):
+    """A model of a scatterer and a pure absorber, each 8 km deep."""
+    density = SimpleNamespace(density=lambda h: np.exp(-np.asarray(h) / 8e3), vertical_column=lambda h: 8e3)
+    components = [
+        SimpleNamespace(name="air", weight=1.0, density=density, optics=Optics(1e-5)),
+        SimpleNamespace(name="soot", weight=2.0, density=density, optics=Optics(0.0)),
+    ]
+    model = SimpleNamespace(
+        name="small",
+        description="two components",
+        sources=["a test"],
+        planet=SimpleNamespace(name="Earth", radius=6371e3),
+        top=1e5,
+        components=components,
+    )
+    monkeypatch.setattr(skyscatter, "load_model", lambda name: model, raising=False)
+    monkeypatch.setattr(skyscatter, "model_names", lambda: ["small"], raising=False)
+    return model
+
+
+def test_models_are_listed(small_model, capsys):
+    assert main(["models"]) == 0
+    assert capsys.readouterr().out == "small  two components\n"
+
+
+def test_a_model_is_shown_with_its_optical_depths_and_sources(small_model, capsys):
+    assert main(["models", "show", "small"]) == 0
+    out = capsys.readouterr().out
+    assert "0.088" in out  # (1e-5 + 1e-6) x 8000
+    assert "0.104" in out  # with twice the absorber's 1e-6 x 8000
+    assert "- a test" in out
+    assert "radius 6371 km" in out
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_a_model_is_drawn(small_model, tmp_path, suffix):
+    path = tmp_path / f"model.{suffix}"
+    assert main(["models", "show", "small", "--plot", str(path)]) == 0
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[suffix]
+    assert path.read_bytes().startswith(start)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_drawing_shows_densities_depths_and_phase_functions(small_model):
+    from skyscatter.plotting import model_figure
+
+    profiles, depths, phases = model_figure(small_model).axes
+    assert [line.get_label() for line in depths.get_lines()] == ["air", "soot", "all"]
+    assert len(profiles.get_lines()) == 2
+    (phase,) = phases.get_lines()  # the absorber scatters nothing
+    assert phase.get_label() == "air"
+    np.testing.assert_allclose(depths.get_lines()[2].get_ydata(), 0.104, rtol=1e-12)  # rounding
+
+
+def test_a_good_model_passes_the_check(small_model, capsys):
+    assert main(["models", "check", "small.toml"]) == 0
+    assert capsys.readouterr().out == "small.toml: good (2 components, 1 sources)\n"
+
+
+def test_a_model_with_negative_scattering_fails_the_check(small_model, capsys):
+    small_model.components[0].optics.scattering = -1e-5
+    assert "component air: scattering" in refused(capsys, ["models", "check", "small.toml"])
+
+
+def test_a_model_without_any_air_fails_the_check(small_model, capsys):
+    small_model.components[0].density.vertical_column = lambda h: 0.0
+    assert "vertical column" in refused(capsys, ["models", "check", "small.toml"])
