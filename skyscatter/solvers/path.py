@@ -11,9 +11,9 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Options, Rays
-from skyscatter.solvers.kernels.flight import flight_rays
+from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.path import BATCHES, path_rays
+from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.solvers.single import single_parts
 
 DEFAULT_SAMPLES = 32
@@ -52,15 +52,16 @@ def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
     seed, walks = np.int64(options.seed), walks_for(options)
     if options.sampling == "free-flight":
         flight_rays(
-            scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order, mean, error, by_order, used
-        )
+            scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
+            make_flight_scratch(*scene.optics.sigma_s.shape), mean, error, by_order, used,
+        )  # fmt: skip
         scattered = ground = np.zeros_like(mean)
         direct = single_parts(scene, rays, None)[2]
     else:
         scattered, ground, direct = single_parts(scene, rays, options.tolerance)
         path_rays(
             scene, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
-            options.noise or 0.0, max_order, mean, error, by_order, used,
+            options.noise or 0.0, max_order, make_scratch(*scene.optics.sigma_s.shape, walks), mean, error, by_order, used,
         )  # fmt: skip
     layers = {}
     if options.parts:

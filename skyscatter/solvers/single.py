@@ -11,7 +11,7 @@ import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.single import single_rays
+from skyscatter.solvers.kernels.single import make_scratch, single_rays
 
 #: Largest disagreement of the two quadrature rules on a piece of a ray; the result is about ten times better.
 DEFAULT_TOLERANCE = 1e-4
@@ -27,7 +27,7 @@ def single_parts(scene: SceneTable, rays: Rays, tolerance: float | None) -> tupl
     shape = (len(rays.origins), scene.optics.albedo.size)
     scattered, ground, direct = np.empty(shape), np.empty(shape), np.empty(shape)
     limit = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    single_rays(scene, rays.origins, rays.directions, limit, scattered, ground, direct)
+    single_rays(scene, rays.origins, rays.directions, limit, make_scratch(scene), scattered, ground, direct)
     return scattered, ground, direct
 
 

@@ -8,12 +8,13 @@ hero wavelength are kept as in `kernels.path`, and combined by the same balance 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, kernel
+from skyscatter.solvers.kernels.jit import kernel
 from skyscatter.solvers.kernels.lookup import columns_along, densities, start_columns, trace_line
-from skyscatter.solvers.kernels.optics import add_coefficients, phase_at, sample_cosine, transmittance, weigh_phase
+from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance, weigh_phase
 from skyscatter.solvers.kernels.path import (
     depart,
     lift_to_ground,
@@ -68,9 +69,10 @@ def add_sunlight(scene, r, at_ground, order, work, walk, total, by_order):
     if (at_ground and x_sun <= 0.0) or not light_at(scene, r, x_sun, work):
         return
     if not at_ground:
-        phase_at(optics, d[0] * s[0] + d[1] * s[1] + d[2] * s[2], work.phase)
-        weigh_phase(optics, work)
-        add_coefficients(optics, work)
+        phase_at(optics.phase, d[0] * s[0] + d[1] * s[1] + d[2] * s[2], work.phase)
+        weigh_phase(work.phase, optics.sigma_s, work.weighted)
+        mix_components(work.density, optics.sigma_s, work.scattering)
+        mix_components(work.density, work.weighted, work.towards)
     for i in range(total.size):
         towards = optics.albedo[i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
         light = walk.value[i] * towards * work.sun[i] * optics.sun_irradiance[node, i] / optics.sun_chance[node]
@@ -96,9 +98,10 @@ def turn_by_phase(scene, hero, work, walk):
             rest -= part
     cosine = sample_cosine(optics, chosen, hero, uniform(walk.state))
     turn(walk.direction, cosine, 2.0 * math.pi * uniform(walk.state))
-    phase_at(optics, cosine, work.phase)
-    weigh_phase(optics, work)
-    add_coefficients(optics, work)
+    phase_at(optics.phase, cosine, work.phase)
+    weigh_phase(work.phase, optics.sigma_s, work.weighted)
+    mix_components(work.density, optics.sigma_s, work.scattering)
+    mix_components(work.density, work.weighted, work.towards)
     for i in range(walk.value.size):
         # The value takes scattering times phase function; each hero's chance its own mean phase function.
         walk.value[i] *= work.towards[i]
@@ -194,20 +197,21 @@ def walk_freely(scene, max_order, work, walk, total, by_order):
                 walk.value[i] *= ROULETTE_BELOW / largest
 
 
-@entry
-def flight_rays(scene, origins, directions, ids, seed, samples, max_order, mean, error, by_order, used):
+@kernel
+def flight_rays(scene, origins, directions, ids, seed, samples, max_order, scratch, mean, error, by_order, used):
     """Light of all orders along many rays, with plain statistics over walks; arguments as for `path_rays`."""
-    wavelengths = scene.optics.albedo.size
-    work, walk = make_work(scene.optics.sigma_s.shape[0], wavelengths), make_walk(wavelengths)
-    total, square = np.zeros(wavelengths), np.zeros(wavelengths)
+    work, walk, total, square = scratch
+    wavelengths = total.size
     for ray in range(origins.shape[0]):
-        mean[ray, :] = 0.0
-        by_order[ray, :, :] = 0.0
-        square[:] = 0.0
+        for i in range(wavelengths):
+            mean[ray, i], square[i] = 0.0, 0.0
+            for k in range(by_order.shape[1]):
+                by_order[ray, k, i] = 0.0
         for n in range(samples):
             start_stream(walk.state, seed, ids[ray], n)
             depart(walk, origins[ray], directions[ray])
-            total[:] = 0.0
+            for i in range(wavelengths):
+                total[i] = 0.0
             walk_freely(scene, max_order, work, walk, total, by_order[ray])
             for i in range(wavelengths):
                 mean[ray, i] += total[i]
@@ -219,3 +223,8 @@ def flight_rays(scene, origins, directions, ids, seed, samples, max_order, mean,
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] /= samples
         used[ray] = samples
+
+
+def make_flight_scratch(components: int, wavelengths: int) -> tuple[Any, ...]:
+    """Scratch arrays of `flight_rays`; a thread needs its own."""
+    return make_work(components, wavelengths), make_walk(wavelengths), np.zeros(wavelengths), np.zeros(wavelengths)

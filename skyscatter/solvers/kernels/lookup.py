@@ -24,17 +24,15 @@ _POINTS, _WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggau
 
 
 class ColumnTable(NamedTuple):
-    """Reciprocal air mass of every field on a grid of altitude and zenith cosine."""
+    """Density, vertical column and reciprocal air mass of every field; few arrays, because each costs at every call."""
 
-    altitude: np.ndarray  #: (node,) rising [m]
-    guess: np.ndarray  #: (g,) int64, node below the altitude top * (index / g)^2
-    mu: np.ndarray  #: (angle,) rising from 0 to 1
+    cell: np.ndarray  #: (cell, 2 + 8 field): altitude of its foot [m], 1 / height [m-1], cubics of density and column
+    value: np.ndarray  #: (node, angle, field) reciprocal air mass; node n is the foot of cell n, the last one the top
+    angle: np.ndarray  #: (angle, 2): zenith cosine, 1 / difference to the next; rising from 0 to 1
+    guess: np.ndarray  #: (g,) int64, cell at the altitude top * (index / g)^2
     bend: float  #: a in the numbering of angles, x = mu (1 + a) / (mu + a)
-    value: np.ndarray  #: (node, angle, field)
-    cubic: np.ndarray  #: (cell, field, 8): density and vertical column as polynomials of the position in the cell
-    per_cell: np.ndarray  #: (cell,) reciprocal of the height of a cell [m-1]
-    per_angle: np.ndarray  #: (angle - 1,) reciprocal of the difference of neighbouring mu
     radius: float  #: of the planet [m]
+    top: float  #: altitude of the top [m]
 
 
 class Line(NamedTuple):
@@ -111,42 +109,46 @@ def sort_few(values, n):
 @inlined
 def altitude_cell(table, h):
     """Index of the altitude cell of h, and the position in it from 0 to 1."""
-    n = table.altitude.size
-    x = min(max(h, 0.0) / table.altitude[n - 1], 1.0)
+    x = min(max(h, 0.0) / table.top, 1.0)
     i = table.guess[int(math.sqrt(x) * (table.guess.size - 1))]
-    while i < n - 2 and table.altitude[i + 1] <= h:
+    while i < table.cell.shape[0] - 1 and table.cell[i + 1, 0] <= h:
         i += 1
-    return i, min(max((h - table.altitude[i]) * table.per_cell[i], 0.0), 1.0)
+    return i, min(max((h - table.cell[i, 0]) * table.cell[i, 1], 0.0), 1.0)
 
 
-@inlined
+@kernel
 def densities(table, h, out):
     """Density of every field at altitude h, into `out` (field,)."""
-    if h >= table.altitude[-1]:
-        out[:] = 0.0
+    if h >= table.top:
+        for f in range(out.size):
+            out[f] = 0.0
         return
     i, v = altitude_cell(table, h)
     for f in range(out.size):
-        c = table.cubic[i, f]
-        out[f] = c[0] + v * (c[1] + v * (c[2] + v * c[3]))
+        k = 2 + 8 * f
+        c = table.cell
+        out[f] = c[i, k] + v * (c[i, k + 1] + v * (c[i, k + 2] + v * c[i, k + 3]))
 
 
-@inlined
+@kernel
 def outward_columns(table, h, mu, out):
     """Columns [m] of all fields from altitude h to the top under a zenith cosine mu >= 0, into `out` (field,)."""
-    if h >= table.altitude[-1]:
-        out[:] = 0.0
+    if h >= table.top:
+        for f in range(out.size):
+            out[f] = 0.0
         return
     i, v = altitude_cell(table, h)
-    j = min(int(mu * (1.0 + table.bend) / (mu + table.bend) * (table.mu.size - 1)), table.mu.size - 2)
-    if table.mu[j] > mu:  # rounding of the cell number at a node
+    last = table.angle.shape[0] - 1
+    j = min(int(mu * (1.0 + table.bend) / (mu + table.bend) * last), last - 1)
+    if table.angle[j, 0] > mu:  # rounding of the cell number at a node
         j -= 1
-    w = (mu - table.mu[j]) * table.per_angle[j]
+    w = (mu - table.angle[j, 0]) * table.angle[j, 1]
     for f in range(out.size):
-        c = table.cubic[i, f]
-        vertical = c[4] + v * (c[5] + v * (c[6] + v * c[7]))
-        low = table.value[i, j, f] + w * (table.value[i, j + 1, f] - table.value[i, j, f])
-        high = table.value[i + 1, j, f] + w * (table.value[i + 1, j + 1, f] - table.value[i + 1, j, f])
+        k = 6 + 8 * f
+        c, b = table.cell, table.value
+        vertical = c[i, k] + v * (c[i, k + 1] + v * (c[i, k + 2] + v * c[i, k + 3]))
+        low = b[i, j, f] + w * (b[i, j + 1, f] - b[i, j, f])
+        high = b[i + 1, j, f] + w * (b[i + 1, j + 1, f] - b[i + 1, j, f])
         out[f] = vertical / (low + v * (high - low))
 
 
@@ -172,7 +174,7 @@ def trace_line(table, x, y, z, dx, dy, dz):
     cx, cy, cz = y * dz - z * dy, z * dx - x * dz, x * dy - y * dx
     p = math.sqrt(cx * cx + cy * cy + cz * cz)
     start = x * dx + y * dy + z * dz
-    outer = table.radius + table.altitude[-1]
+    outer = table.radius + table.top
     if p >= outer:
         return Line(p, start, start, start, False)
     t_top = math.sqrt((outer - p) * (outer + p))
@@ -242,4 +244,7 @@ def build_column_table(fields: FieldTable, angles: int = 160, bend: float = 0.08
     fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, value)
     levels = altitude[-1] * (np.arange(2048) / 2047) ** 2
     guess = np.clip(np.searchsorted(altitude, levels, side="right") - 1, 0, altitude.size - 2).astype(np.int64)
-    return ColumnTable(altitude, guess, mu, bend, value, cubic, 1 / np.diff(altitude), 1 / np.diff(mu), fields.radius)
+    feet = np.stack([altitude[:-1], 1 / np.diff(altitude)], axis=1)
+    cell = np.ascontiguousarray(np.hstack([feet, cubic.reshape(len(feet), -1)]))
+    angle = np.stack([mu, np.append(1 / np.diff(mu), 0.0)], axis=1)
+    return ColumnTable(cell, value, angle, guess, bend, fields.radius, float(altitude[-1]))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.jit import kernel
 from skyscatter.solvers.kernels.lookup import ColumnTable
 
 
@@ -39,17 +39,17 @@ class SceneTable(NamedTuple):
     breaks: np.ndarray  #: altitudes at which some density or its slope jumps [m]
 
 
-@inlined
-def phase_at(optics, cos_theta, out):
+@kernel
+def phase_at(phase, cos_theta, out):
     """Phase function [sr-1] of every component and wavelength at one scattering angle, into `out` (component, wl)."""
-    last = optics.phase.shape[1] - 1
+    last = phase.shape[1] - 1
     k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
     scale = 2.0 / (last * last)
     # Nodes fall from +1: mu_k - mu_(k+1) = 2 (2 k + 1) / n^2.
     w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
     for c in range(out.shape[0]):
         for i in range(out.shape[1]):
-            low, high = optics.phase[c, k, i], optics.phase[c, k + 1, i]
+            low, high = phase[c, k, i], phase[c, k + 1, i]
             out[c, i] = low + w * (high - low)
 
 
@@ -76,7 +76,7 @@ def sample_cosine(optics, c, i, u):
     return max(mu - width * min(x, 1.0), -1.0)
 
 
-@inlined
+@kernel
 def transmittance(columns, sigma_t, out):
     """exp(-sum of columns times extinction), into `out` (wavelength,)."""
     for i in range(out.size):
@@ -89,30 +89,23 @@ def transmittance(columns, sigma_t, out):
         out[i] = fast_exp(out[i])
 
 
-@inlined
-def weigh_phase(optics, work):
-    """Phase functions times scattering per unit density, ``work.phase`` into ``work.weighted``."""
-    for c in range(work.density.size):
-        for i in range(work.scattering.size):
-            work.weighted[c, i] = work.phase[c, i] * optics.sigma_s[c, i]
+@kernel
+def weigh_phase(phase, sigma_s, out):
+    """Phase functions times scattering per unit density, into `out` (component, wavelength)."""
+    for c in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[c, i] = phase[c, i] * sigma_s[c, i]
 
 
-@inlined
-def add_coefficients(optics, work):
-    """Mix the components at a point by their densities: scattering, scattering towards an angle, emission."""
-    for i in range(work.scattering.size):
-        work.scattering[i] = 0.0
-        work.towards[i] = 0.0
-    for c in range(work.density.size):
-        n = work.density[c]
-        for i in range(work.scattering.size):
-            work.scattering[i] += n * optics.sigma_s[c, i]
-            work.towards[i] += n * work.weighted[c, i]
-    if optics.emits:
-        for i in range(work.emitted.size):
-            work.emitted[i] = 0.0
-            for c in range(work.density.size):
-                work.emitted[i] += work.density[c] * optics.emission[c, i]
+@kernel
+def mix_components(density, per_density, out):
+    """Sum of a quantity per unit density over the components, into `out` (wavelength,)."""
+    for i in range(out.size):
+        out[i] = 0.0
+    for c in range(density.size):
+        n = density[c]
+        for i in range(out.size):
+            out[i] += n * per_density[c, i]
 
 
 @kernel

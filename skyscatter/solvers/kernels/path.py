@@ -19,11 +19,11 @@ F alone is the weighted throughput.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -34,7 +34,7 @@ from skyscatter.solvers.kernels.lookup import (
     trace_line,
 )
 from skyscatter.solvers.kernels.optics import (
-    add_coefficients,
+    mix_components,
     phase_at,
     sample_cosine,
     transmittance,
@@ -79,8 +79,7 @@ class Walk(NamedTuple):
     state: np.ndarray  #: (1,) uint64 random stream
 
 
-@entry
-def make_leg(strata, wavelengths):
+def make_leg(strata: int, wavelengths: int) -> Leg:
     """An empty leg."""
     return Leg(
         np.zeros(strata + 1), np.zeros(strata), np.zeros((strata + 1, wavelengths)),
@@ -88,8 +87,7 @@ def make_leg(strata, wavelengths):
     )  # fmt: skip
 
 
-@entry
-def make_walk(wavelengths):
+def make_walk(wavelengths: int) -> Walk:
     """An empty walk."""
     return Walk(
         np.zeros(3), np.zeros(3), np.zeros(wavelengths), np.zeros(wavelengths), np.zeros(wavelengths),
@@ -178,8 +176,8 @@ def march(scene, line, node, u, leg, work, walk):
     x, d = walk.position, walk.direction
     a = d[0] * s[0] + d[1] * s[1] + d[2] * s[2]
     q = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
-    phase_at(optics, a, work.phase)
-    weigh_phase(optics, work)
+    phase_at(optics.phase, a, work.phase)
+    weigh_phase(work.phase, optics.sigma_s, work.weighted)
     walk.gain[:] = 0.0
     walk.escape[:] = 0.0
     leg.total[:] = 0.0
@@ -193,7 +191,8 @@ def march(scene, line, node, u, leg, work, walk):
         densities(scene.columns, r - scene.columns.radius, work.density)
         if not light_at(scene, r, q + (t - line.start) * a, work):
             work.sun[:] = 0.0
-        add_coefficients(optics, work)
+        mix_components(work.density, optics.sigma_s, work.scattering)
+        mix_components(work.density, work.weighted, work.towards)
         for i in range(wavelengths):
             reach = width * work.through[i]
             leg.weight[k, i] = reach * work.scattering[i]
@@ -201,6 +200,7 @@ def march(scene, line, node, u, leg, work, walk):
             walk.gain[i] += reach * work.towards[i] * work.sun[i]
             leg.total[i] += leg.chance[k, i]
         if optics.emits:
+            mix_components(work.density, optics.emission, work.emitted)
             for i in range(wavelengths):
                 walk.escape[i] += width * work.through[i] * work.emitted[i]
     for i in range(wavelengths):
@@ -299,7 +299,7 @@ def guide_weights(scene, h, work):
     above, all_of_it = 0.0, 0.0
     for c in range(work.spare.size):
         above += work.spare[c] * optics.sigma_t[c, middle]
-        all_of_it += scene.columns.cubic[0, c, 4] * optics.sigma_t[c, middle]
+        all_of_it += scene.columns.cell[0, 6 + 8 * c] * optics.sigma_t[c, middle]
     up = 1.0 - math.exp(-2.0 * above)
     down = 1.0 - math.exp(-2.0 * max(all_of_it - above, 0.0)) + optics.albedo[middle]
     total = max(up + down, 1e-12)
@@ -360,9 +360,10 @@ def scatter(scene, r, hero, u, v, work, walk):
         sample_guide(walk, up, 2.0 * u - 1.0, v)
     guide = 0.5 * guide_density(walk, up, down)
     d = walk.direction
-    phase_at(optics, min(max(x * d[0] + y * d[1] + z * d[2], -1.0), 1.0), work.phase)
-    weigh_phase(optics, work)
-    add_coefficients(optics, work)
+    phase_at(optics.phase, min(max(x * d[0] + y * d[1] + z * d[2], -1.0), 1.0), work.phase)
+    weigh_phase(work.phase, optics.sigma_s, work.weighted)
+    mix_components(work.density, optics.sigma_s, work.scattering)
+    mix_components(work.density, work.weighted, work.towards)
     for i in range(walk.value.size):
         phase = work.towards[i] / max(work.scattering[i], 1e-300)
         walk.value[i] *= phase
@@ -419,7 +420,8 @@ def first_vertex(scene, line, camera, work, walk):
     r = columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
     transmittance(work.along, scene.optics.sigma_t, work.through)
     densities(scene.columns, r - scene.columns.radius, work.density)
-    add_coefficients(scene.optics, work)
+    mix_components(work.density, scene.optics.sigma_s, work.scattering)
+    mix_components(work.density, work.weighted, work.towards)
     for i in range(walk.value.size):
         walk.value[i] = work.through[i] * work.scattering[i]
         walk.chance[i] = camera.chance[k, i] / width
@@ -535,53 +537,9 @@ def _noise(error, mean, base):
 
 
 @kernel
-def _one_ray(
-    scene, o, d, number, base, seed, samples, noise, max_order, scratch, mean, error, by_order
+def path_rays(
+    scene, origins, directions, ids, base, seed, samples, noise, max_order, scratch, mean, error, by_order, used
 ):  # fmt: skip
-    """Walks of one ray; returns how many were used.  Arguments as for `path_rays`."""
-    work, camera_work, camera, leg, walk, sums, shift = scratch
-    for i in range(mean.size):
-        mean[i] = 0.0
-        error[i] = 0.0
-        for k in range(by_order.shape[0]):
-            by_order[k, i] = 0.0
-    line = trace_line(scene.columns, o[0], o[1], o[2], d[0], d[1], d[2])
-    if line.leave <= line.enter:
-        return 0
-    r = math.sqrt(line.p * line.p + line.enter * line.enter)
-    cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), camera.edge)
-    depart(walk, o, d)
-    march(scene, line, 0, 0.5, camera, camera_work, walk)
-    finish_chances(camera)
-    batches = sums.shape[0]
-    for b in range(batches):
-        start_stream(walk.state, seed, number, -1 - b)
-        for k in range(EVEN_DIMENSIONS):
-            shift[b, k] = uniform(walk.state)
-        for i in range(mean.size):
-            sums[b, i] = 0.0
-    done, goal = 0, samples // batches if noise <= 0.0 else 1
-    while True:
-        for b in range(batches):
-            for n in range(done, goal):
-                start_stream(walk.state, seed, number, b + n * BATCHES)
-                even_point(shift[b], n, walk.even)
-                depart(walk, o, d)
-                if first_vertex(scene, line, camera, camera_work, walk):
-                    wander(scene, max_order, leg, work, walk, sums[b], by_order)
-        done = goal
-        _statistics(sums, batches, done, mean, error)
-        if done >= samples // batches or _noise(error, mean, base) <= noise:
-            break
-        goal = min(2 * done, samples // batches)
-    for k in range(by_order.shape[0]):
-        for i in range(mean.size):
-            by_order[k, i] /= done * batches
-    return done * batches
-
-
-@entry
-def path_rays(scene, origins, directions, ids, base, seed, samples, noise, max_order, mean, error, by_order, used):
     """Light of the second and higher orders along many rays (and of the first, of emission and light from outside).
 
     Parameters
@@ -599,24 +557,71 @@ def path_rays(scene, origins, directions, ids, base, seed, samples, noise, max_o
         Stop when the relative standard error is below this; 0 to use all samples.
     max_order : int
         Highest order of scattering.
+    scratch : tuple
+        Made by `make_scratch` for this scene and number of samples.
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
         Mean by number of scatterings and reflections, as far as there is room; order 1 excludes sunlight.
     used : (ray,) int64, output
     """
-    wavelengths = scene.optics.albedo.size
+    work, camera_work, camera, leg, walk, sums, shift = scratch
+    batches = sums.shape[0]
+    first_goal = samples // batches if noise <= 0.0 else 1
+    for ray in range(origins.shape[0]):
+        o, d = origins[ray], directions[ray]
+        used[ray] = 0
+        for i in range(mean.shape[1]):
+            mean[ray, i] = 0.0
+            error[ray, i] = 0.0
+            for k in range(by_order.shape[1]):
+                by_order[ray, k, i] = 0.0
+        line = trace_line(scene.columns, o[0], o[1], o[2], d[0], d[1], d[2])
+        if line.leave <= line.enter:
+            continue
+
+        # The camera's ray is marched once for all its walks, through the middles of its strata.
+        r = math.sqrt(line.p * line.p + line.enter * line.enter)
+        cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), camera.edge)
+        depart(walk, o, d)
+        march(scene, line, np.int64(0), 0.5, camera, camera_work, walk)
+        finish_chances(camera)
+        for b in range(batches):
+            start_stream(walk.state, seed, ids[ray], -1 - b)
+            for k in range(EVEN_DIMENSIONS):
+                shift[b, k] = uniform(walk.state)
+            for i in range(mean.shape[1]):
+                sums[b, i] = 0.0
+
+        # Rounds of walks, each doubling their number, until the noise is low enough.
+        done, goal = 0, first_goal
+        while True:
+            for b in range(batches):
+                for n in range(done, goal):
+                    start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
+                    even_point(shift[b], n, walk.even)
+                    depart(walk, o, d)
+                    if first_vertex(scene, line, camera, camera_work, walk):
+                        wander(scene, max_order, leg, work, walk, sums[b], by_order[ray])
+            done = goal
+            _statistics(sums, batches, done, mean[ray], error[ray])
+            if done >= samples // batches or _noise(error[ray], mean[ray], base[ray]) <= noise:
+                break
+            goal = min(2 * done, samples // batches)
+        used[ray] = done * batches
+        for k in range(by_order.shape[1]):
+            for i in range(mean.shape[1]):
+                by_order[ray, k, i] /= used[ray]
+
+
+def make_scratch(components: int, wavelengths: int, samples: int) -> tuple[Any, ...]:
+    """Scratch arrays of `path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
-    scratch = (
-        make_work(scene.optics.sigma_s.shape[0], wavelengths),
-        make_work(scene.optics.sigma_s.shape[0], wavelengths),
+    return (
+        make_work(components, wavelengths),
+        make_work(components, wavelengths),
         make_leg(CAMERA_STRATA, wavelengths),
         make_leg(LEG_STRATA, wavelengths),
         make_walk(wavelengths),
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS)),
     )
-    for ray in range(origins.shape[0]):
-        used[ray] = _one_ray(
-            scene, origins[ray], directions[ray], ids[ray], base[ray], seed, samples, noise, max_order, scratch,
-            mean[ray], error[ray], by_order[ray],
-        )  # fmt: skip

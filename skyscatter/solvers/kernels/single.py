@@ -9,10 +9,11 @@ Gauss-Kronrod pair of 3 and 7 points, halved until the pair agrees at all wavele
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, kernel
+from skyscatter.solvers.kernels.jit import kernel
 from skyscatter.solvers.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -22,8 +23,9 @@ from skyscatter.solvers.kernels.lookup import (
     trace_line,
 )
 from skyscatter.solvers.kernels.optics import (
-    add_coefficients,
+    SceneTable,
     disk_radiance,
+    mix_components,
     phase_at,
     transmittance,
     weigh_phase,
@@ -79,10 +81,12 @@ def _source(scene, line, t, origin_sun, along_sun, x_sun, work):
         x_sun[m] = origin_sun[m] + (t - line.start) * along_sun[m]
     nodes = 1 if x_sun[0] > HIGH_SUN * r else x_sun.size
     sunlight(scene, r, x_sun, nodes, work, work.source)
-    add_coefficients(optics, work)
+    mix_components(work.density, optics.sigma_s, work.scattering)
+    mix_components(work.density, work.weighted, work.towards)
     for i in range(work.source.size):
         work.source[i] *= work.through[i] * work.towards[i]
     if optics.emits:
+        mix_components(work.density, optics.emission, work.emitted)
         for i in range(work.source.size):
             work.source[i] += work.through[i] * work.emitted[i]
 
@@ -210,43 +214,7 @@ def ground_light(scene, x_sun, work, out):
 
 
 @kernel
-def _one_ray(scene, o, d, tolerance, scratch, scattered, ground, direct):
-    """One ray; arguments as for `single_rays`."""
-    optics = scene.optics
-    work, origin_sun, along_sun, x_sun, first, limit, cuts, stack = scratch
-    line = trace_line(scene.columns, o[0], o[1], o[2], d[0], d[1], d[2])
-    for m in range(x_sun.size):
-        s = optics.sun_direction[m]
-        origin_sun[m] = o[0] * s[0] + o[1] * s[1] + o[2] * s[2]
-        along_sun[m] = d[0] * s[0] + d[1] * s[1] + d[2] * s[2]
-    for c in range(work.along.size):
-        work.along[c] = 0.0
-    for i in range(scattered.size):
-        scattered[i], ground[i], direct[i] = 0.0, 0.0, 0.0
-    if line.leave > line.enter:
-        start_columns(scene.columns, line, work.from_start, work.across)
-        axis = optics.disk_axis
-        phase_at(optics, d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2], work.phase)
-        weigh_phase(optics, work)
-        _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, scattered)
-        columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
-    transmittance(work.along, optics.sigma_t, work.through)
-    if line.hits_ground:
-        for m in range(x_sun.size):
-            x_sun[m] = origin_sun[m] + (line.leave - line.start) * along_sun[m]
-        ground_light(scene, x_sun, work, ground)
-        for i in range(ground.size):
-            ground[i] *= work.through[i]
-        return
-    if disk_radiance(optics, d[0], d[1], d[2], work.sun):
-        for i in range(direct.size):
-            direct[i] = work.sun[i] * work.through[i]
-    for i in range(direct.size):
-        direct[i] += optics.background[i] * work.through[i]
-
-
-@entry
-def single_rays(scene, origins, directions, tolerance, scattered, ground, direct):
+def single_rays(scene, origins, directions, tolerance, scratch, scattered, ground, direct):
     """Single scattering of many rays.
 
     Parameters
@@ -256,18 +224,53 @@ def single_rays(scene, origins, directions, tolerance, scattered, ground, direct
         From the planet's centre [m]; unit vectors.
     tolerance : float
         Largest difference of the two rules on a piece, relative to the ray's radiance.
+    scratch : tuple
+        Made by `make_scratch` for this scene.
     scattered, ground, direct : (ray, wavelength), output
         Radiance scattered once by (and emitted from) the medium; reflected once by the ground; straight from the Sun
         or the background [W m-2 sr-1 nm-1].
     """
+    optics = scene.optics
+    work, origin_sun, along_sun, x_sun, first, limit, cuts, stack = scratch
+    for ray in range(origins.shape[0]):
+        o, d = origins[ray], directions[ray]
+        line = trace_line(scene.columns, o[0], o[1], o[2], d[0], d[1], d[2])
+        for m in range(x_sun.size):
+            s = optics.sun_direction[m]
+            origin_sun[m] = o[0] * s[0] + o[1] * s[1] + o[2] * s[2]
+            along_sun[m] = d[0] * s[0] + d[1] * s[1] + d[2] * s[2]
+        for c in range(work.along.size):
+            work.along[c] = 0.0
+        for i in range(scattered.shape[1]):
+            scattered[ray, i], ground[ray, i], direct[ray, i] = 0.0, 0.0, 0.0
+        if line.leave > line.enter:
+            start_columns(scene.columns, line, work.from_start, work.across)
+            axis = optics.disk_axis
+            phase_at(optics.phase, d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2], work.phase)
+            weigh_phase(work.phase, optics.sigma_s, work.weighted)
+            _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, scattered[ray])
+            columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
+        transmittance(work.along, optics.sigma_t, work.through)
+        if line.hits_ground:
+            for m in range(x_sun.size):
+                x_sun[m] = origin_sun[m] + (line.leave - line.start) * along_sun[m]
+            ground_light(scene, x_sun, work, ground[ray])
+            for i in range(scattered.shape[1]):
+                ground[ray, i] *= work.through[i]
+            continue
+        if disk_radiance(optics, d[0], d[1], d[2], work.sun):
+            for i in range(scattered.shape[1]):
+                direct[ray, i] = work.sun[i] * work.through[i]
+        for i in range(scattered.shape[1]):
+            direct[ray, i] += optics.background[i] * work.through[i]
+
+
+def make_scratch(scene: SceneTable) -> tuple[Any, ...]:
+    """Scratch arrays of `single_rays`; a thread needs its own."""
     components, wavelengths = scene.optics.sigma_s.shape
     suns = scene.optics.sun_direction.shape[0]
     cuts = np.zeros(8 + 2 * scene.breaks.size + 2 * suns)
-    scratch = (
+    return (
         make_work(components, wavelengths), np.zeros(suns), np.zeros(suns), np.zeros(suns),
         np.zeros((cuts.size, 2, wavelengths)), np.zeros(wavelengths), cuts, np.zeros((STACK, 2)),
     )  # fmt: skip
-    for ray in range(origins.shape[0]):
-        _one_ray(
-            scene, origins[ray], directions[ray], tolerance, scratch, scattered[ray], ground[ray], direct[ray]
-        )  # fmt: skip

@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry
-
 
 class Work(NamedTuple):
     """What a kernel writes down between two steps."""
@@ -30,8 +28,7 @@ class Work(NamedTuple):
     coarse: np.ndarray  #: (wavelength,)
 
 
-@entry
-def make_work(components, wavelengths):
+def make_work(components: int, wavelengths: int) -> Work:
     """Scratch arrays for a scene of that size."""
     return Work(
         np.zeros(components), np.zeros(components), np.zeros(components), np.zeros(components),
