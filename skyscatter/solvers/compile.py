@@ -88,6 +88,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     directions, weights, square = disk_points(axis, radius)
     share = weights[:, None] * _limb(scene, np.sqrt(1 - square), wavelengths)
     share /= share.sum(axis=0)
+    background = evaluate(scene.background, wavelengths)
     rings = np.linspace(0.0, 1.0, DISK_RINGS)
     solid_angle = np.pi * np.sin(radius) ** 2
     mean_radiance = irradiance / solid_angle if radius > 0 else np.zeros_like(irradiance)
@@ -105,7 +106,8 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         disk_radiance=mean_radiance * _limb(scene, np.sqrt(1 - rings), wavelengths),
         albedo=scene.ground.reflectance(wavelengths),
         emits=bool(np.any(emission)),
-        background=evaluate(scene.background, wavelengths),
+        glows=bool(np.any(emission) or np.any(background)),
+        background=background,
     )
     return SceneTable(columns, optics, fields.breaks)
 

@@ -57,7 +57,7 @@ def _expm1_over(x):
     return math.expm1(x) / x if abs(x) > 1e-12 else 1.0 + 0.5 * x
 
 
-@kernel
+@entry
 def density(fields, f, h):
     """Density of field f at altitude h [m]; dimensionless."""
     if h >= fields.top[f]:
@@ -83,7 +83,7 @@ def density(fields, f, h):
     return n0 * math.exp(w * math.log(n1 / n0))
 
 
-@kernel
+@entry
 def vertical_column(fields, f, h):
     """Column of field f from altitude h straight up to its top [m]; closed form for every kind."""
     top = fields.top[f]
@@ -110,7 +110,7 @@ def vertical_column(fields, f, h):
     return fields.node_column[i + 1] + (h1 - h) * n1 * _expm1_over(math.log(n / n1))
 
 
-@kernel
+@entry
 def chapman_outward(x, mu):
     r"""Column of an exponential shell from a point outward to infinity, in units of density times scale height.
 
@@ -217,7 +217,7 @@ def _outward_column(fields, f, p, h0, t0, t1):
     return scale * (low - math.exp(-h1 / scale) * chapman_outward(r1 / scale, t1 / r1))
 
 
-@kernel
+@entry
 def exact_column(fields, f, r, mu, length):
     """Column of field f along a straight segment, to about 1e-9 [m].
 

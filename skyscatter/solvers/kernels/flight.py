@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import kernel
+from skyscatter.solvers.kernels.jit import entry, kernel
 from skyscatter.solvers.kernels.lookup import columns_along, densities, start_columns, trace_line
 from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance, weigh_phase
 from skyscatter.solvers.kernels.path import (
@@ -197,7 +197,7 @@ def walk_freely(scene, max_order, work, walk, total, by_order):
                 walk.value[i] *= ROULETTE_BELOW / largest
 
 
-@kernel
+@entry
 def flight_rays(scene, origins, directions, ids, seed, samples, max_order, scratch, mean, error, by_order, used):
     """Light of all orders along many rays, with plain statistics over walks; arguments as for `path_rays`."""
     work, walk, total, square = scratch

@@ -36,9 +36,10 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile an inner loop; ``.py_func`` keeps the plain Python twin.
 
     It must not make arrays: Numba's reference counts are switched off, because counting the arrays of a `SceneTable`
-    at every call costs more than the arithmetic.
+    at every call costs more than the arithmetic.  Python cannot call it: the wrappers that would unpack a scene's
+    tables take as long to compile as the function.
     """
-    return _compile(function, _nrt=False)
+    return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -46,9 +47,9 @@ def inlined(function: Callable[..., Any]) -> Any:
 
     A table passed to a function that is not inlined is copied, number by number, at every call.
     """
-    return _compile(function, _nrt=False, forceinline=True)
+    return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 
 
 def entry(function: Callable[..., Any]) -> Any:
-    """Compile a kernel that Python calls and that makes its own scratch arrays."""
-    return _compile(function)
+    """Compile a kernel that Python may call; it too must not make arrays."""
+    return _compile(function, _nrt=False, no_cfunc_wrapper=True)

@@ -46,14 +46,13 @@ class Line(NamedTuple):
 
 
 @entry
-def fill_reciprocal_air_mass(radius, altitude, cubic, mu, value):
-    """Fill ``value[node, angle, field]`` with V / K.
+def fill_reciprocal_air_mass(radius, altitude, cubic, mu, column, value):
+    """Fill ``value[node, angle, field]`` with V / K; `column` (field,) is scratch.
 
     K is summed outward cell by cell, all fields at once, by 4 Gauss points in the distance along the line: within a
     cell the density is a cubic, and as a function of that distance it is smooth even for a horizontal line.
     """
     fields = cubic.shape[1]
-    column = np.zeros(fields)
     for i in range(altitude.size):
         # The top has no column; the ratio a little below it is the one to continue with.
         h_start = altitude[i] if i < altitude.size - 1 else altitude[i] - 1e-3 * (altitude[i] - altitude[i - 1])
@@ -63,7 +62,8 @@ def fill_reciprocal_air_mass(radius, altitude, cubic, mu, value):
             r = radius + h_start
             p, t = r * math.sqrt((1.0 - mu[j]) * (1.0 + mu[j])), r * mu[j]
             low = h_start
-            column[:] = 0.0
+            for f in range(fields):
+                column[f] = 0.0
             for c in range(first, altitude.size - 1):
                 r_next = radius + altitude[c + 1]
                 t_next = math.sqrt(max((r_next - p) * (r_next + p), t * t))
@@ -116,7 +116,7 @@ def altitude_cell(table, h):
     return i, min(max((h - table.cell[i, 0]) * table.cell[i, 1], 0.0), 1.0)
 
 
-@kernel
+@entry
 def densities(table, h, out):
     """Density of every field at altitude h, into `out` (field,)."""
     if h >= table.top:
@@ -130,7 +130,7 @@ def densities(table, h, out):
         out[f] = c[i, k] + v * (c[i, k + 1] + v * (c[i, k + 2] + v * c[i, k + 3]))
 
 
-@kernel
+@entry
 def outward_columns(table, h, mu, out):
     """Columns [m] of all fields from altitude h to the top under a zenith cosine mu >= 0, into `out` (field,)."""
     if h >= table.top:
@@ -241,7 +241,7 @@ def build_column_table(fields: FieldTable, angles: int = 160, bend: float = 0.08
     to_cubic = np.linalg.inv(np.vander(np.arange(4) / 3, increasing=True))
     cubic = (samples @ to_cubic.T).reshape(altitude.size - 1, fields.kind.size, 8)
     value = np.empty((altitude.size, mu.size, fields.kind.size))
-    fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, value)
+    fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, np.zeros(fields.kind.size), value)
     levels = altitude[-1] * (np.arange(2048) / 2047) ** 2
     guess = np.clip(np.searchsorted(altitude, levels, side="right") - 1, 0, altitude.size - 2).astype(np.int64)
     feet = np.stack([altitude[:-1], 1 / np.diff(altitude)], axis=1)

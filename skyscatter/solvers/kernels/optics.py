@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.jit import kernel
+from skyscatter.solvers.kernels.jit import entry, kernel
 from skyscatter.solvers.kernels.lookup import ColumnTable
 
 
@@ -28,6 +28,7 @@ class OpticsTable(NamedTuple):
     disk_radiance: np.ndarray  #: (ring, wavelength) radiance over the squared fractional radius [W m-2 sr-1 nm-1]
     albedo: np.ndarray  #: (wavelength,) of the Lambertian ground
     emits: bool  #: whether any component shines by itself
+    glows: bool  #: whether there is light that is not the Sun's: emission or background
     background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
 
 
@@ -39,7 +40,7 @@ class SceneTable(NamedTuple):
     breaks: np.ndarray  #: altitudes at which some density or its slope jumps [m]
 
 
-@kernel
+@entry
 def phase_at(phase, cos_theta, out):
     """Phase function [sr-1] of every component and wavelength at one scattering angle, into `out` (component, wl)."""
     last = phase.shape[1] - 1
@@ -53,7 +54,7 @@ def phase_at(phase, cos_theta, out):
             out[c, i] = low + w * (high - low)
 
 
-@kernel
+@entry
 def sample_cosine(optics, c, i, u):
     """Cosine of the scattering angle drawn from the phase function of component c at wavelength i."""
     cdf = optics.phase_cdf[c, i]
@@ -76,7 +77,7 @@ def sample_cosine(optics, c, i, u):
     return max(mu - width * min(x, 1.0), -1.0)
 
 
-@kernel
+@entry
 def transmittance(columns, sigma_t, out):
     """exp(-sum of columns times extinction), into `out` (wavelength,)."""
     for i in range(out.size):

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 from skyscatter.solvers.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -49,6 +49,8 @@ LEG_STRATA, CAMERA_STRATA = 8, 24
 DARK_SHARE = 0.25
 #: Independent batches from whose spread the standard error is computed.
 BATCHES = 16
+#: What a walk finds at the end of a leg.
+NOTHING, AIR, GROUND = 0, 1, 2
 #: Floor of the guide's zenith cosine: it draws by 1 / (cosine + floor), as the air mass grows towards the horizon.
 GUIDE_FLOOR = 0.15
 GUIDE_LOG = math.log((1.0 + GUIDE_FLOOR) / GUIDE_FLOOR)
@@ -330,17 +332,19 @@ def guide_density(walk, up, down):
 
 
 @kernel
-def scatter(scene, r, hero, u, v, work, walk):
-    """New direction of the walk after scattering at radius r.
+def scatter(scene, hero, u, v, work, walk):
+    """New direction of the walk after scattering where it is.
 
     Half of the directions come from the phase function of the hero, half from a guide that knows that a sky is
     brightest near the horizon.  The value takes the mean phase function of the mixture (it already holds the
     scattering coefficient); the chance of each hero is half its own phase function and half the guide.
     """
     optics = scene.optics
-    up, down = guide_weights(scene, r - scene.columns.radius, work)
+    a, b, c = walk.position[0], walk.position[1], walk.position[2]
+    h = math.sqrt(a * a + b * b + c * c) - scene.columns.radius
+    up, down = guide_weights(scene, h, work)
     x, y, z = walk.direction[0], walk.direction[1], walk.direction[2]
-    densities(scene.columns, r - scene.columns.radius, work.density)
+    densities(scene.columns, h, work.density)
     if u < 0.5:
         u *= 2.0
         total = 0.0
@@ -402,53 +406,43 @@ def lift_to_ground(scene, walk):
 
 
 @kernel
-def first_vertex(scene, line, camera, work, walk):
-    """Choose where the camera's ray is scattered or reflected and send the walk on; False when there is nothing."""
-    hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
+def choose_first(scene, line, camera, hero, work, walk):
+    """Move to the point where the camera's ray is scattered or reflected; returns what is there."""
     k, share = draw_candidate(camera, hero, walk.even[1])
     if k < 0:
-        return False
+        return NOTHING
     if k == camera.point.size:
         move(walk, line.leave - line.start)
-        lift_to_ground(scene, walk)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = camera.weight[k, i], camera.chance[k, i]
-        reflect(walk, walk.even[2], walk.even[3])
-        return rebalance(walk)
+        return GROUND
     width = camera.edge[k + 1] - camera.edge[k]
     t = camera.edge[k] + share * width
     r = columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
     transmittance(work.along, scene.optics.sigma_t, work.through)
     densities(scene.columns, r - scene.columns.radius, work.density)
     mix_components(work.density, scene.optics.sigma_s, work.scattering)
-    mix_components(work.density, work.weighted, work.towards)
     for i in range(walk.value.size):
         walk.value[i] = work.through[i] * work.scattering[i]
         walk.chance[i] = camera.chance[k, i] / width
     move(walk, t - line.start)
-    scatter(scene, r, hero, walk.even[2], walk.even[3], work, walk)
-    return rebalance(walk)
+    return AIR
 
 
 @kernel
-def next_vertex(scene, line, leg, hero, u, work, walk):
-    """Choose the end of a marched leg and turn there; False when the walk ends."""
+def choose_next(line, leg, hero, u, walk):
+    """Move to one of the candidates of a marched leg; returns what is there."""
     k, _ = draw_candidate(leg, hero, u)
     if k < 0:
-        return False
+        return NOTHING
     for i in range(walk.value.size):
         walk.value[i] *= leg.weight[k, i]
         walk.chance[i] *= leg.chance[k, i]
-    u, v = uniform(walk.state), uniform(walk.state)
     if k == leg.point.size:
         move(walk, line.leave - line.start)
-        lift_to_ground(scene, walk)
-        reflect(walk, u, v)
-    else:
-        t = leg.point[k]
-        move(walk, t - line.start)
-        scatter(scene, math.sqrt(line.p * line.p + t * t), hero, u, v, work, walk)
-    return rebalance(walk)
+        return GROUND
+    move(walk, leg.point[k] - line.start)
+    return AIR
 
 
 @kernel
@@ -480,35 +474,42 @@ def tally(walk, order, max_order, total, by_order):
 
 
 @kernel
-def wander(scene, max_order, leg, work, walk, total, by_order):
-    """Follow a walk from its first vertex to its end and add up its light."""
+def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, by_order):
+    """Follow a walk from the camera to its end and add up its light."""
     reference = 0.0
-    for i in range(walk.value.size):
-        reference = max(reference, walk.value[i])
+    last = max_order if scene.optics.glows else max_order - 1
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
-    for order in range(1, max_order + 1):
-        x, d = walk.position, walk.direction
-        line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
-        if line.leave <= line.enter:
-            if not line.hits_ground:
-                for i in range(total.size):
-                    total[i] += walk.value[i] * scene.optics.background[i]
-                    if order <= by_order.shape[0]:
-                        by_order[order - 1, i] += walk.value[i] * scene.optics.background[i]
+    found = choose_first(scene, line, camera, hero, camera_work, walk)
+    x, d = walk.position, walk.direction
+    for order in range(1, last + 1):
+        # Turn at the vertex.
+        if found == NOTHING:
             return
+        first = order == 1
+        u = walk.even[2] if first else uniform(walk.state)
+        v = walk.even[3] if first else uniform(walk.state)
+        if found == GROUND:
+            lift_to_ground(scene, walk)
+            reflect(walk, u, v)
+        else:
+            scatter(scene, hero, u, v, work, walk)
+        if not rebalance(walk):
+            return
+        if first:
+            for i in range(walk.value.size):
+                reference = max(reference, walk.value[i])
+        elif order >= FIRST_ROULETTE and not survives(walk, reference):
+            return
+
+        # March to the next.
+        line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
         r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
         cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), leg.edge)
-        node = pick_sun(scene.optics, walk.even[4] if order == 1 else uniform(walk.state))
-        march(scene, line, node, walk.even[5] if order == 1 else uniform(walk.state), leg, work, walk)
+        node = pick_sun(scene.optics, walk.even[4] if first else uniform(walk.state))
+        march(scene, line, node, walk.even[5] if first else uniform(walk.state), leg, work, walk)
         tally(walk, order, max_order, total, by_order)
-        if order == max_order:
-            return
         finish_chances(leg)
-        u = walk.even[6] if order == 1 else uniform(walk.state)
-        if not next_vertex(scene, line, leg, hero, u, work, walk):
-            return
-        if order + 1 >= FIRST_ROULETTE and not survives(walk, reference):
-            return
+        found = choose_next(line, leg, hero, walk.even[6] if first else uniform(walk.state), walk)
 
 
 @kernel
@@ -536,7 +537,7 @@ def _noise(error, mean, base):
     return noise / max(n, 1)
 
 
-@kernel
+@entry
 def path_rays(
     scene, origins, directions, ids, base, seed, samples, noise, max_order, scratch, mean, error, by_order, used
 ):  # fmt: skip
@@ -600,8 +601,9 @@ def path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(shift[b], n, walk.even)
                     depart(walk, o, d)
-                    if first_vertex(scene, line, camera, camera_work, walk):
-                        wander(scene, max_order, leg, work, walk, sums[b], by_order[ray])
+                    wander(
+                        scene, line, camera, max_order, leg, work, camera_work, walk, sums[b], by_order[ray]
+                    )  # fmt: skip
             done = goal
             _statistics(sums, batches, done, mean[ray], error[ray])
             if done >= samples // batches or _noise(error[ray], mean[ray], base[ray]) <= noise:

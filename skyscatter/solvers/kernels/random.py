@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 
 #: Dimensions of a walk that are spread evenly within a batch.
 EVEN_DIMENSIONS = 7
@@ -37,7 +37,7 @@ def mix(z):
     return z ^ (z >> np.uint64(31))
 
 
-@kernel
+@entry
 def start_stream(state, seed, ray, walk):
     """Set ``state[0]`` to the start of the stream of one walk."""
     z = mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
@@ -45,7 +45,7 @@ def start_stream(state, seed, ray, walk):
     state[0] = mix(z ^ (np.uint64(walk) + np.uint64(0x8CB92BA72F3D8DD7)))
 
 
-@inlined
+@entry
 def uniform(state):
     """The next number in [0, 1)."""
     state[0] = state[0] + np.uint64(0x9E3779B97F4A7C15)

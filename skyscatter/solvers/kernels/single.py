@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import kernel
+from skyscatter.solvers.kernels.jit import entry, kernel
 from skyscatter.solvers.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -44,7 +44,7 @@ KRONROD_W = np.array(
 GAUSS_W = np.array([0.0, 5 / 9, 0.0, 8 / 9, 0.0, 5 / 9, 0.0])
 
 #: Pieces on the stack at most; deeper halving is not followed.
-STACK = 64
+STACK = 256
 #: Cosine of the Sun's zenith angle above which its disk acts as its middle (error below 1e-4 of the local source).
 HIGH_SUN = 0.3
 
@@ -146,55 +146,67 @@ def _cut_points(scene, line, origin_sun, along_sun, cuts):
 
 
 @kernel
-def _halve(scene, line, a, b, origin_sun, along_sun, x_sun, work, limit, stack, out):
-    """Add the integral over [a, b] to `out`, halving pieces until the pair of rules agrees within `limit` (wl,)."""
-    middle = 0.5 * (a + b)
-    stack[0, 0], stack[0, 1], stack[1, 0], stack[1, 1] = middle, b, a, middle
-    waiting = 2
-    shortest = 1e-9 * (line.leave - line.enter)
-    while waiting > 0:
-        waiting -= 1
-        a, b = stack[waiting, 0], stack[waiting, 1]
-        _integrate(scene, line, a, b, origin_sun, along_sun, x_sun, work)
-        if _agree(work, limit) or waiting + 2 > STACK or b - a < shortest:
-            for i in range(out.size):
-                out[i] += work.fine[i]
-        else:
-            middle = 0.5 * (a + b)
-            stack[waiting, 0], stack[waiting, 1] = middle, b
-            stack[waiting + 1, 0], stack[waiting + 1, 1] = a, middle
-            waiting += 2
-
-
-@kernel
-def _agree(work, limit):
+def _agree(fine, coarse, limit):
     """Whether the pair of rules agrees within `limit` at every wavelength."""
     worst = 0.0
     for i in range(limit.size):
-        worst = max(worst, abs(work.fine[i] - work.coarse[i]) - limit[i])
+        worst = max(worst, abs(fine[i] - coarse[i]) - limit[i])
     return worst <= 0.0
 
 
 @kernel
 def _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, out):
-    """Singly scattered and emitted radiance along the line, into `out` (wavelength,)."""
+    """Singly scattered and emitted radiance along the line, into `out` (wavelength,).
+
+    A first pass over whole pieces gives the scale against which their errors count; the pieces that fail are then
+    halved until the pair of rules agrees.
+    """
     pieces = _cut_points(scene, line, origin_sun, along_sun, cuts) - 1
-    # A first pass over whole pieces gives the scale against which their errors count.
-    limit[:] = 0.0
-    for k in range(pieces):
-        _integrate(scene, line, cuts[k], cuts[k + 1], origin_sun, along_sun, x_sun, work)
-        for i in range(out.size):
-            first[k, 0, i], first[k, 1, i] = work.fine[i], work.coarse[i]
-            limit[i] += tolerance * work.fine[i]
-    out[:] = 0.0
-    for k in range(pieces):
-        for i in range(out.size):
-            work.fine[i], work.coarse[i] = first[k, 0, i], first[k, 1, i]
-        if _agree(work, limit):
+    shortest = 1e-9 * (line.leave - line.enter)
+    for i in range(out.size):
+        out[i], limit[i] = 0.0, 0.0
+    k, waiting = 0, 0
+    while k < pieces or waiting > 0:
+        if k < pieces:
+            a, b = cuts[k], cuts[k + 1]
+        else:
+            waiting -= 1
+            a, b = stack[waiting, 0], stack[waiting, 1]
+        _integrate(scene, line, a, b, origin_sun, along_sun, x_sun, work)
+        if k < pieces:
+            for i in range(out.size):
+                first[k, 0, i], first[k, 1, i] = work.fine[i], work.coarse[i]
+                limit[i] += tolerance * work.fine[i]
+            k += 1
+            if k == pieces:
+                waiting = _judge_first(pieces, first, limit, cuts, stack, out)
+        elif _agree(work.fine, work.coarse, limit) or waiting + 2 > stack.shape[0] or b - a < shortest:
             for i in range(out.size):
                 out[i] += work.fine[i]
         else:
-            _halve(scene, line, cuts[k], cuts[k + 1], origin_sun, along_sun, x_sun, work, limit, stack, out)
+            waiting = _push_halves(a, b, stack, waiting)
+
+
+@kernel
+def _push_halves(a, b, stack, waiting):
+    """Put both halves of a piece on the stack; returns its new height."""
+    middle = 0.5 * (a + b)
+    stack[waiting, 0], stack[waiting, 1] = middle, b
+    stack[waiting + 1, 0], stack[waiting + 1, 1] = a, middle
+    return waiting + 2
+
+
+@kernel
+def _judge_first(pieces, first, limit, cuts, stack, out):
+    """Add the pieces on which the rules agree to `out`, and halve the others; returns the height of the stack."""
+    waiting = 0
+    for k in range(pieces):
+        if _agree(first[k, 0], first[k, 1], limit):
+            for i in range(out.size):
+                out[i] += first[k, 0, i]
+        else:
+            waiting = _push_halves(cuts[k], cuts[k + 1], stack, waiting)
+    return waiting
 
 
 @kernel
@@ -213,7 +225,7 @@ def ground_light(scene, x_sun, work, out):
             out[i] += work.sun[i] * mu_s * optics.sun_irradiance[m, i] * optics.albedo[i] / math.pi
 
 
-@kernel
+@entry
 def single_rays(scene, origins, directions, tolerance, scratch, scattered, ground, direct):
     """Single scattering of many rays.
 
