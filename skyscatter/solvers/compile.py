@@ -98,6 +98,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         emission=emission,
         phase=phase,
         phase_cdf=cdf,
+        mean_cosine=_mean_cosines(phase[:, :, wavelengths.size // 2]),
         sun_direction=np.ascontiguousarray(directions),
         sun_irradiance=share * irradiance,
         sun_chance=weights,
@@ -110,6 +111,13 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         background=background,
     )
     return SceneTable(columns, optics, fields.breaks)
+
+
+def _mean_cosines(phase: Array) -> Array:
+    """Mean cosine of tabulated phase functions (component, angle)."""
+    mu = 1 - 2 * (np.arange(PHASE_CELLS + 1) / PHASE_CELLS) ** 2
+    mean: Array = -2 * np.pi * np.trapezoid(phase * mu, mu, axis=1)
+    return mean
 
 
 def _limb(scene: Scene, mu: Array, wavelengths: Array) -> Array:

@@ -20,6 +20,7 @@ class OpticsTable(NamedTuple):
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     phase: np.ndarray  #: (component, angle, wavelength) [sr-1], at cos_theta = 1 - 2 (k / n)^2
     phase_cdf: np.ndarray  #: (component, wavelength, angle) probability of an angle nearer to forward
+    mean_cosine: np.ndarray  #: (component,) of the phase function at the middle wavelength
     sun_direction: np.ndarray  #: (node, 3) directions to points on the solar disk
     sun_irradiance: np.ndarray  #: (node, wavelength) share of the irradiance at the top [W m-2 nm-1]
     sun_chance: np.ndarray  #: (node,) share of each of them in the draw of a point on the disk

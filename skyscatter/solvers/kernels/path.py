@@ -54,6 +54,10 @@ NOTHING, AIR, GROUND = 0, 1, 2
 #: Floor of the guide's zenith cosine: it draws by 1 / (cosine + floor), as the air mass grows towards the horizon.
 GUIDE_FLOOR = 0.15
 GUIDE_LOG = math.log((1.0 + GUIDE_FLOOR) / GUIDE_FLOOR)
+#: Share of the directions drawn by an isotropic phase function; the guide draws the rest.
+LEAST_PHASE_SHARE = 0.1
+#: Cosine of the Sun's zenith angle below which no direction is drawn around it.
+LOWEST_SUN = -0.05
 #: Russian roulette begins at this vertex.
 FIRST_ROULETTE = 3
 
@@ -308,6 +312,46 @@ def guide_weights(scene, h, work):
     return up / total * 0.9 + 0.05, down / total * 0.9 + 0.05
 
 
+@inlined
+def mixture_cosine(optics, work):
+    """Mean cosine of the mixture at a point, at the middle wavelength, between 0 and 0.9."""
+    middle = optics.albedo.size // 2
+    forward, total = 0.0, 0.0
+    for c in range(work.density.size):
+        scattering = work.density[c] * optics.sigma_s[c, middle]
+        total += scattering
+        forward += scattering * optics.mean_cosine[c]
+    return min(max(forward / max(total, 1e-300), 0.0), 0.9)
+
+
+@inlined
+def mean_phase(optics, cosine, work, out):
+    """Phase function of the mixture at a point [sr-1], into `out` (wavelength,)."""
+    phase_at(optics.phase, min(max(cosine, -1.0), 1.0), work.phase)
+    weigh_phase(work.phase, optics.sigma_s, work.weighted)
+    mix_components(work.density, work.weighted, out)
+    for i in range(out.size):
+        out[i] /= max(work.scattering[i], 1e-300)
+
+
+@kernel
+def turn_by_phase(optics, hero, u, v, work, direction):
+    """Turn a direction by the phase function of a component by which the hero is scattered at this point."""
+    total = 0.0
+    for c in range(work.density.size):
+        total += work.density[c] * optics.sigma_s[c, hero]
+    rest, chosen = u * total, 0
+    for c in range(work.density.size):
+        part = work.density[c] * optics.sigma_s[c, hero]
+        if part > 0.0:
+            chosen = c
+            if rest < part:
+                u = rest / part
+                break
+            rest -= part
+    turn(direction, sample_cosine(optics, chosen, hero, min(u, 1.0)), 2.0 * math.pi * v)
+
+
 @kernel
 def sample_guide(walk, up, u, v):
     """A direction by the guide: above or below, then the zenith cosine m by 1 / (m + GUIDE_FLOOR)."""
@@ -333,45 +377,41 @@ def guide_density(walk, up, down):
 
 @kernel
 def scatter(scene, hero, u, v, work, walk):
-    """New direction of the walk after scattering where it is.
+    """New direction of the walk after scattering where it is, drawn in one of three ways.
 
-    Half of the directions come from the phase function of the hero, half from a guide that knows that a sky is
-    brightest near the horizon.  The value takes the mean phase function of the mixture (it already holds the
-    scattering coefficient); the chance of each hero is half its own phase function and half the guide.
+    - by the phase function around the old direction;
+    - by the phase function around the Sun, for that is where the light scattered once more comes from;
+    - by a guide that knows that a sky is brightest near the horizon.
+
+    Forward-peaked mixtures (by the mean cosine at the middle wavelength) rely on the first two, air on the third.
+    The value takes the phase function of the mixture (it already holds the scattering coefficient), the chance of each
+    hero the sum of the three densities: the choice of the way is integrated out.
     """
-    optics = scene.optics
-    a, b, c = walk.position[0], walk.position[1], walk.position[2]
-    h = math.sqrt(a * a + b * b + c * c) - scene.columns.radius
-    up, down = guide_weights(scene, h, work)
-    x, y, z = walk.direction[0], walk.direction[1], walk.direction[2]
+    optics, x, d, s = scene.optics, walk.position, walk.direction, scene.optics.disk_axis
+    r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    h = r - scene.columns.radius
     densities(scene.columns, h, work.density)
-    if u < 0.5:
-        u *= 2.0
-        total = 0.0
-        for c in range(work.density.size):
-            total += work.density[c] * optics.sigma_s[c, hero]
-        rest, chosen = u * total, 0
-        for c in range(work.density.size):
-            part = work.density[c] * optics.sigma_s[c, hero]
-            if part > 0.0:
-                chosen = c
-                if rest < part:
-                    u = rest / part
-                    break
-                rest -= part
-        turn(walk.direction, sample_cosine(optics, chosen, hero, min(u, 1.0)), 2.0 * math.pi * v)
-    else:
-        sample_guide(walk, up, 2.0 * u - 1.0, v)
-    guide = 0.5 * guide_density(walk, up, down)
-    d = walk.direction
-    phase_at(optics.phase, min(max(x * d[0] + y * d[1] + z * d[2], -1.0), 1.0), work.phase)
-    weigh_phase(work.phase, optics.sigma_s, work.weighted)
     mix_components(work.density, optics.sigma_s, work.scattering)
-    mix_components(work.density, work.weighted, work.towards)
+    up, down = guide_weights(scene, h, work)
+    g = mixture_cosine(optics, work)
+    by_phase = LEAST_PHASE_SHARE + 0.8 * g
+    by_sun = 0.15 * g if x[0] * s[0] + x[1] * s[1] + x[2] * s[2] > LOWEST_SUN * r else 0.0
+    old_x, old_y, old_z = d[0], d[1], d[2]
+    if u < by_phase:
+        turn_by_phase(optics, hero, u / by_phase, v, work, d)
+    elif u < by_phase + by_sun:
+        d[0], d[1], d[2] = s[0], s[1], s[2]
+        turn_by_phase(optics, hero, (u - by_phase) / by_sun, v, work, d)
+    else:
+        sample_guide(walk, up, (u - by_phase - by_sun) / (1.0 - by_phase - by_sun), v)
+    guide = (1.0 - by_phase - by_sun) * guide_density(walk, up, down)
+    mean_phase(optics, old_x * d[0] + old_y * d[1] + old_z * d[2], work, work.towards)
+    if by_sun > 0.0:
+        mean_phase(optics, s[0] * d[0] + s[1] * d[1] + s[2] * d[2], work, work.source)
     for i in range(walk.value.size):
-        phase = work.towards[i] / max(work.scattering[i], 1e-300)
-        walk.value[i] *= phase
-        walk.chance[i] *= 0.5 * phase + guide
+        around_sun = by_sun * work.source[i] if by_sun > 0.0 else 0.0
+        walk.value[i] *= work.towards[i]
+        walk.chance[i] *= by_phase * work.towards[i] + around_sun + guide
 
 
 @kernel
@@ -589,7 +629,7 @@ def path_rays(
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):
-                shift[b, k] = uniform(walk.state)
+                shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
             for i in range(mean.shape[1]):
                 sums[b, i] = 0.0
 
@@ -625,5 +665,5 @@ def make_scratch(components: int, wavelengths: int, samples: int) -> tuple[Any, 
         make_leg(LEG_STRATA, wavelengths),
         make_walk(wavelengths),
         np.zeros((batches, wavelengths)),
-        np.zeros((batches, EVEN_DIMENSIONS)),
+        np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )

@@ -1,9 +1,10 @@
 """Random numbers that depend on nothing but the seed, the ray and the walk.
 
 Each walk owns a stream: a 64-bit state that is advanced and mixed (SplitMix64: Steele, Lea & Flood 2014, OOPSLA).  So
-the same seed gives the same numbers whatever the tiles and threads.  The first dimensions of a walk come from an
-additive recurrence with the generalised golden ratio, shifted at random for every batch of walks: points that fill the
-unit cube more evenly than chance would.
+the same seed gives the same numbers whatever the tiles and threads.  The first dimensions of a walk come from a Sobol
+sequence (direction numbers of Joe & Kuo 2008, SIAM J. Sci. Comput. 30, 2635), scrambled in every batch of walks by a
+hash that permutes like Owen's nested scrambling (Laine & Karras 2011, Computer Graphics Forum 30, 1265; constants of
+Vegdahl 2021): points that fill the unit cube evenly, and independent from batch to batch.
 """
 
 from __future__ import annotations
@@ -14,18 +15,32 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 
 #: Dimensions of a walk that are spread evenly within a batch.
 EVEN_DIMENSIONS = 7
+#: Degree, coefficients and first direction numbers of the primitive polynomials of dimensions 2 to 7.
+_JOE_KUO = (
+    (1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)), (3, 2, (1, 1, 1)), (4, 1, (1, 1, 3, 3)), (4, 4, (1, 3, 5, 13)),
+)  # fmt: skip
+_BITS = 32
 
 
-def _golden_steps(dimensions: int) -> np.ndarray:
-    """Steps 1/phi, 1/phi^2, ... of the recurrence, phi the root of x^(d + 1) = x + 1 greater than 1."""
-    phi = 2.0
-    for _ in range(60):
-        phi = (1.0 + phi) ** (1.0 / (dimensions + 1))
-    return (1.0 / phi) ** np.arange(1, dimensions + 1)
+def sobol_directions() -> np.ndarray:
+    """Direction numbers of the Sobol sequence, shape (dimension, bit), as 32-bit fractions."""
+    table = np.zeros((EVEN_DIMENSIONS, _BITS), np.uint32)
+    table[0] = [1 << (31 - k) for k in range(_BITS)]
+    for d, (degree, coefficients, first) in enumerate(_JOE_KUO, start=1):
+        v = [m << (31 - k) for k, m in enumerate(first)]
+        for k in range(degree, _BITS):
+            x = v[k - degree] ^ (v[k - degree] >> degree)
+            for j in range(1, degree):
+                if (coefficients >> (degree - 1 - j)) & 1:
+                    x ^= v[k - j]
+            v.append(x)
+        table[d] = v
+    return table
 
 
-STEPS = _golden_steps(EVEN_DIMENSIONS)
+DIRECTIONS = sobol_directions()
 _TO_UNIT = 1.0 / 9007199254740992.0  # 2^-53
+_TO_UNIT_32 = 1.0 / 4294967296.0  # 2^-32
 
 
 @inlined
@@ -53,8 +68,41 @@ def uniform(state):
 
 
 @kernel
+def reverse_bits(x):
+    """The 32 bits of x in reverse order."""
+    x = ((x >> np.uint32(1)) & np.uint32(0x55555555)) | ((x & np.uint32(0x55555555)) << np.uint32(1))
+    x = ((x >> np.uint32(2)) & np.uint32(0x33333333)) | ((x & np.uint32(0x33333333)) << np.uint32(2))
+    x = ((x >> np.uint32(4)) & np.uint32(0x0F0F0F0F)) | ((x & np.uint32(0x0F0F0F0F)) << np.uint32(4))
+    x = ((x >> np.uint32(8)) & np.uint32(0x00FF00FF)) | ((x & np.uint32(0x00FF00FF)) << np.uint32(8))
+    return np.uint32(x >> np.uint32(16)) | np.uint32(x << np.uint32(16))
+
+
+@kernel
+def scramble(x, seed):
+    """Owen's scrambling of a 32-bit fraction: every bit is flipped by a hash of the seed and of the bits above it."""
+    x = reverse_bits(x)
+    x = np.uint32(x ^ np.uint32(x * np.uint32(0x3D20ADEA)))
+    x = np.uint32(x + seed)
+    x = np.uint32(x * np.uint32((seed >> np.uint32(16)) | np.uint32(1)))
+    x = np.uint32(x ^ np.uint32(x * np.uint32(0x05526C56)))
+    x = np.uint32(x ^ np.uint32(x * np.uint32(0x53A22864)))
+    return reverse_bits(x)
+
+
+@entry
+def sobol(n, d):
+    """Point n of dimension d of the Sobol sequence as a 32-bit fraction."""
+    x, k = np.uint32(0), 0
+    while n > 0:
+        if n & 1:
+            x ^= DIRECTIONS[d, k]
+        n >>= 1
+        k += 1
+    return x
+
+
+@kernel
 def even_point(shift, n, out):
-    """Point n of the evenly spread sequence with a random shift (dimension,), into `out`."""
+    """Point n of the sequence scrambled by the seeds `shift` (dimension,) uint32, into `out`."""
     for d in range(out.size):
-        x = shift[d] + (n + 1.0) * STEPS[d]
-        out[d] = x - np.floor(x)
+        out[d] = scramble(sobol(n, d), shift[d]) * _TO_UNIT_32

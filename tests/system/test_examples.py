@@ -1,0 +1,43 @@
+"""Every script in examples/ runs from an empty directory, checks its own number and leaves the files it names."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+WRITES = {
+    "air_mass.py": (),
+    "first_sky.py": ("first_sky.png",),
+    "own_planet.py": ("my-planet.toml", "my-planet.png"),
+    "twilight_ozone.py": ("twilight_ozone.png",),
+    "zenith_and_horizon.py": ("zenith_and_horizon.png",),
+}
+
+
+def test_every_example_is_tested_and_listed() -> None:
+    scripts = {path.name for path in EXAMPLES.glob("*.py")}
+    assert scripts == set(WRITES)
+    text = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert [name for name in sorted(scripts) if f"`{name}`" not in text] == []
+
+
+@pytest.mark.parametrize("name", sorted(WRITES))
+def test_example_runs_and_its_number_is_right(name: str, tmp_path: Path) -> None:
+    source = EXAMPLES / name
+    # The package under test, wherever it comes from; 32 pixels keep each script to a few seconds.
+    path = os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    environment = {**os.environ, "SKYSCATTER_EXAMPLE_SIZE": "32", "PYTHONPATH": path}
+    done = subprocess.run(
+        [sys.executable, str(source)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(WRITES[name])
+    for written in WRITES[name]:
+        assert (tmp_path / written).stat().st_size > 100, written
+    assert len(source.read_text(encoding="utf-8").splitlines()) <= 60
