@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-
 from skyscatter.errors import DomainError
 from skyscatter.record import Record
 from skyscatter.units import Metres

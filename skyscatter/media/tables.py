@@ -23,7 +23,7 @@ def pack_fields(density_fields: Sequence[DensityField], radius: float) -> FieldT
         parameters=parameters,
         top=np.array([row.top for row in rows], float),
         start=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
-        count=counts,
+        size=counts,
         node_altitude=altitudes,
         node_density=np.array([n for row in rows for n in row.densities], float),
         node_column=np.zeros(altitudes.size),
@@ -31,7 +31,7 @@ def pack_fields(density_fields: Sequence[DensityField], radius: float) -> FieldT
         radius=float(radius),
     )
     for f, row in enumerate(rows):
-        table.node_column[table.start[f] : table.start[f] + table.count[f]] = _columns_above_nodes(row)
+        table.node_column[table.start[f] : table.start[f] + table.size[f]] = _columns_above_nodes(row)
     return table
 
 

@@ -1,4 +1,4 @@
-"""The one question every solver answers: what is the spectral radiance along these rays, and how uncertain is it?"""
+"""The one question every solver answers: the spectral radiance along rays, and how uncertain it is."""
 
 from __future__ import annotations
 

@@ -86,12 +86,12 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     radius = float(np.arcsin(star.radius / distance))
     axis = scene.sun.direction
     directions, weights, square = disk_points(axis, radius)
-    share = weights[:, None] * _limb(scene, np.sqrt(1 - square), wavelengths)
-    share /= share.sum(axis=0)
+    share: Array = weights[:, None] * _limb(scene, np.sqrt(1 - square), wavelengths)
+    share = share / np.sum(share, axis=0)
     background = evaluate(scene.background, wavelengths)
     rings = np.linspace(0.0, 1.0, DISK_RINGS)
     solid_angle = np.pi * np.sin(radius) ** 2
-    mean_radiance = irradiance / solid_angle if radius > 0 else np.zeros_like(irradiance)
+    mean_radiance: Array = irradiance / solid_angle if radius > 0 else np.zeros(wavelengths.size)
     optics = OpticsTable(
         sigma_s=sigma_s,
         sigma_t=sigma_t,

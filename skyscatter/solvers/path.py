@@ -44,7 +44,7 @@ def walks_for(options: Options) -> int:
 
 def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders; see `skyscatter.radiance`."""
-    n, wavelengths = len(rays.origins), scene.optics.albedo.size
+    n, (components, wavelengths) = len(rays.origins), scene.optics.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     used = np.empty(n, np.int64)
@@ -53,7 +53,7 @@ def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
     if options.sampling == "free-flight":
         flight_rays(
             scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
-            make_flight_scratch(*scene.optics.sigma_s.shape), mean, error, by_order, used,
+            make_flight_scratch(components, wavelengths), mean, error, by_order, used,
         )  # fmt: skip
         scattered = ground = np.zeros_like(mean)
         direct = single_parts(scene, rays, None)[2]
@@ -61,7 +61,7 @@ def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
         scattered, ground, direct = single_parts(scene, rays, options.tolerance)
         path_rays(
             scene, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
-            options.noise or 0.0, max_order, make_scratch(*scene.optics.sigma_s.shape, walks), mean, error, by_order, used,
+            options.noise or 0.0, max_order, make_scratch(components, wavelengths, walks), mean, error, by_order, used,
         )  # fmt: skip
     layers = {}
     if options.parts:

@@ -54,7 +54,7 @@ class RenderState:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the state to an .npz file, whole or not at all."""
-        layers = {f"layer_{name}": values for name, values in self.layers.items()}
+        layers: dict[str, Any] = {f"layer_{name}": values for name, values in self.layers.items()}
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             np.savez(
                 file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
@@ -239,7 +239,7 @@ def radiance(
     solver : {"path", "single"}
         All orders of scattering by Monte Carlo, or the first by quadrature.
     samples : int, optional
-        Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 32 if neither this nor `noise` is given.
+        Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 32 if this and `noise` are not given.
     noise : float, optional
         Go on until the standard error, relative to the radiance without the direct Sun and averaged over the
         wavelengths, is below this for every ray (``path``).  The number of walks doubles until then.

@@ -24,13 +24,13 @@ _CHAPMAN_X, _CHAPMAN_W = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.l
 
 
 class FieldTable(NamedTuple):
-    """Density fields as data.  Field f owns nodes ``start[f] : start[f] + count[f]``."""
+    """Density fields as data.  Field f owns nodes ``start[f] : start[f] + size[f]``."""
 
     kind: np.ndarray  #: (field,) int64, one of the constants above
     parameters: np.ndarray  #: (field, 4): the meaning depends on the kind
     top: np.ndarray  #: (field,) altitude above which there is nothing [m]
     start: np.ndarray  #: (field,) int64
-    count: np.ndarray  #: (field,) int64
+    size: np.ndarray  #: (field,) int64
     node_altitude: np.ndarray  #: (node,) [m]
     node_density: np.ndarray  #: (node,)
     node_column: np.ndarray  #: (node,) vertical column above the node [m]
@@ -74,7 +74,7 @@ def density(fields, f, h):
     if h < fields.node_altitude[start]:
         # Rounding may put a point on the ground a hair below it.
         return fields.node_density[start] if fields.node_altitude[start] <= 0.0 else 0.0
-    i = find_interval(fields.node_altitude, start, fields.count[f], h)
+    i = find_interval(fields.node_altitude, start, fields.size[f], h)
     h0, h1 = fields.node_altitude[i], fields.node_altitude[i + 1]
     n0, n1 = fields.node_density[i], fields.node_density[i + 1]
     w = (h - h0) / (h1 - h0)
@@ -102,7 +102,7 @@ def vertical_column(fields, f, h):
     if h <= fields.node_altitude[start]:
         below = (fields.node_altitude[start] - h) * density(fields, f, h)
         return fields.node_column[start] + below
-    i = find_interval(fields.node_altitude, start, fields.count[f], h)
+    i = find_interval(fields.node_altitude, start, fields.size[f], h)
     h1, n1 = fields.node_altitude[i + 1], fields.node_density[i + 1]
     n = density(fields, f, h)
     if kind == LINEAR:
@@ -180,7 +180,7 @@ def _panel_height(fields, f):
 def _smooth_until(fields, f, h):
     """Altitude up to which a field that is smooth at h can be followed by 16 Gauss points."""
     high = fields.top[f]
-    start, count = fields.start[f], fields.count[f]
+    start, count = fields.start[f], fields.size[f]
     if count > 0:
         if h < fields.node_altitude[start]:
             high = fields.node_altitude[start]

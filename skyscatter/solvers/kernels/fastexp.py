@@ -21,10 +21,10 @@ ROUND = 6755399441055744.0
 
 
 @intrinsic
-def _scale_by_power_of_two(typingctx, value, rounded):  # type: ignore[no-untyped-def]
+def _scale_by_power_of_two(typingctx, value, rounded):
     """``value * 2**n`` where `rounded` is ``n + ROUND``: n sits in its low bits and is moved to the exponent."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         int64 = ir.IntType(64)
         bits = builder.bitcast(args[0], int64)
         shift = builder.shl(builder.bitcast(args[1], int64), ir.Constant(int64, 52))
@@ -34,7 +34,7 @@ def _scale_by_power_of_two(typingctx, value, rounded):  # type: ignore[no-untype
 
 
 @njit(inline="always")
-def fast_exp(x):  # type: ignore[no-untyped-def]
+def fast_exp(x):
     """exp(x) for x <= 700, branch-free."""
     x = max(x, -700.0)
     rounded = x * LOG2_E + ROUND

@@ -84,7 +84,7 @@ def fill_reciprocal_air_mass(radius, altitude, cubic, mu, column, value):
 
 @entry
 def fill_samples(fields, altitude, samples):
-    """Density and vertical column at both ends and two points inside every cell, into ``samples[cell, field, 2, 4]``."""
+    """Density and vertical column at four points of every cell, into ``samples[cell, field, 2, 4]``."""
     for i in range(altitude.size - 1):
         height = altitude[i + 1] - altitude[i]
         for f in range(fields.kind.size):
@@ -154,7 +154,7 @@ def outward_columns(table, h, mu, out):
 
 @inlined
 def columns_to_light(table, r, mu, work, out):
-    """Columns [m] from radius r towards a distant light under the zenith cosine mu; False if the planet is in the way."""
+    """Columns [m] from radius r towards a distant light at zenith cosine mu; False if the planet is in the way."""
     low = r * math.sqrt((1.0 - mu) * (1.0 + mu))
     if mu < 0.0 and low <= table.radius:
         return False

@@ -617,7 +617,8 @@ def path_rays(
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] = 0.0
         line = trace_line(scene.columns, o[0], o[1], o[2], d[0], d[1], d[2])
-        if line.leave <= line.enter:
+        # A ray that starts on the ground and looks down has no length, but light to reflect.
+        if line.leave <= line.enter and not line.hits_ground:
             continue
 
         # The camera's ray is marched once for all its walks, through the middles of its strata.

@@ -260,7 +260,9 @@ def single_rays(scene, origins, directions, tolerance, scratch, scattered, groun
             axis = optics.disk_axis
             phase_at(optics.phase, d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2], work.phase)
             weigh_phase(work.phase, optics.sigma_s, work.weighted)
-            _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, scattered[ray])
+            _scattered(
+                scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, scattered[ray]
+            )
             columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
         transmittance(work.along, optics.sigma_t, work.through)
         if line.hits_ground:
