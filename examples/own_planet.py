@@ -46,7 +46,7 @@ camera = skyscatter.Perspective(width=width, height=width * 5 // 8, azimuth_deg=
 skyscatter.render(scene, camera, np.arange(380, 781, 10), samples=64).save("my-planet.png")
 
 ground = scene.observer.position
-tau = skyscatter.optical_depth(scene, ground, ground + [0, 0, again.top], [550.0])[0]
+tau = skyscatter.optical_depth(scene, ground, ground + np.array([0, 0, again.top]), [550.0])[0]
 print(f"my-planet.toml, my-planet.png: vertical optical depth at 550 nm {tau:.4f}")
 
 # By hand: coefficient times scale height, and the haze. The shell ends where 1e-7 of the air is left.

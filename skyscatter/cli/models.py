@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,8 +19,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+SOURCE_WIDTH = 100
 SHOWN_WAVELENGTHS = np.array([450.0, 550.0, 650.0])
-CHECKED_WAVELENGTHS = np.linspace(300.0, 1000.0, 15)
+#: The light that eyes see, which is what pictures are made of by default; beyond, tables may end and Mie theory costs.
+CHECKED_WAVELENGTHS = np.linspace(380.0, 780.0, 9)
 
 
 @app.callback(invoke_without_command=True)
@@ -105,5 +108,7 @@ def describe_model(model: Any) -> str:
         kinds = f"{component.name} ({type(component.density).__name__}, {type(component.optics).__name__})"
         lines.append(f"  {kinds:<42}" + "".join(f"{value:11.4g}" for value in depth))
     lines.append(f"  {'all':<42}" + "".join(f"{value:11.4g}" for value in total))
-    lines += ["", "sources"] + [f"  - {source}" for source in model.sources]
+    lines += ["", "sources"]
+    for source in model.sources:
+        lines += textwrap.wrap(source, SOURCE_WIDTH, initial_indent="  - ", subsequent_indent="    ")
     return "\n".join(lines)

@@ -30,9 +30,8 @@ class Rays:
 
     def part(self, rays: slice) -> Rays:
         """Some of the rays."""
-        return Rays(
-            np.ascontiguousarray(self.origins[rays]), np.ascontiguousarray(self.directions[rays]), self.numbers[rays]
-        )
+        # Copies: kernels are compiled for plain arrays, and a broadcast one would be another type.
+        return Rays(*(np.array(a[rays]) for a in (self.origins, self.directions, self.numbers)))
 
 
 @dataclass(frozen=True)

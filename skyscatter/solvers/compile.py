@@ -116,7 +116,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
 def _mean_cosines(phase: Array) -> Array:
     """Mean cosine of tabulated phase functions (component, angle)."""
     mu = 1 - 2 * (np.arange(PHASE_CELLS + 1) / PHASE_CELLS) ** 2
-    mean: Array = -2 * np.pi * np.trapezoid(phase * mu, mu, axis=1)
+    mean = np.asarray(-2 * np.pi * np.trapezoid(phase * mu, mu, axis=1))
     return mean
 
 

@@ -23,7 +23,7 @@ from skyscatter.media.fields import (
 
 class TestExponential(DensityFieldBase):
     field_class = Exponential
-    table_error = 3e-4  # grazing rays within a cell of the top of the shell that ends at 2 scale heights
+    table_error = 5e-4  # grazing rays within a cell of the top of the shell that ends at 2 scale heights
     examples = (Exponential(scale_height=8e3), Exponential(scale_height="1.2 km"), Exponential(scale_height=5e3, top=9e3))
     refused = (
         ({"scale_height": -1.0}, "scale_height = -1.0"),
@@ -43,7 +43,7 @@ class TestExponential(DensityFieldBase):
 class TestUniform(DensityFieldBase):
     field_class = Uniform
     # Grazing rays just under the upper edge: their column goes as the root of the distance to it.
-    table_error = 1.5e-3
+    table_error = 2.5e-3
     examples = (Uniform(top=2e3), Uniform(base="5 km", top="9 km"))
     refused = (({"top": 0.0}, "top = 0.0"), ({"base": 5.0, "top": 4.0}, "base = 5.0"), ({"base": -1.0, "top": 4.0}, "-1.0"))
 
@@ -93,7 +93,8 @@ class TestChapmanLayer(DensityFieldBase):
 
 class TestTabulated(DensityFieldBase):
     field_class = Tabulated
-    table_error = 5e-4  # as `Uniform`, with a density that ends at a quarter of its maximum
+    density_error = 4e-5  # the cell next to a node may hold its kink
+    table_error = 1e-3  # as `Uniform`, with a density that ends at a quarter of its maximum
     examples = (
         Tabulated(altitudes=(0, 2e3, 10e3, 40e3), densities=(1.0, 0.8, 0.3, 0.001)),
         Tabulated(altitudes=(5e3, 8e3, 20e3), densities=(0.0, 2.0, 0.5), interpolation="linear"),
@@ -125,6 +126,7 @@ class TestTabulated(DensityFieldBase):
 
 class TestUsStandard1976(DensityFieldBase):
     field_class = UsStandard1976
+    density_error = 1e-4  # some of its kinks between 500 m nodes fall inside cells
     examples = (UsStandard1976(),)
     refused = ()
 

@@ -70,7 +70,7 @@ def test_columns_along_a_line(tables: tuple, altitude: float) -> None:
             expected = exact(fields, r, line.enter / r if r > 0 else 1.0, share * (line.leave - line.enter))
             # Twice the error of an outward column (see `bases`), and a difference of two.
             assert np.all(np.abs(got - expected) <= 3e-4 * np.maximum(expected, scale)), (zenith, share)
-        assert np.all(np.diff(out, axis=0) >= 0), "columns only grow along a line"
+        assert np.all(np.diff(out, axis=0) >= -3e-4 * scale), "columns only grow along a line, but for that error"
 
 
 def test_line_geometry(tables: tuple) -> None:

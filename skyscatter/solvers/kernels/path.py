@@ -60,6 +60,8 @@ LEAST_PHASE_SHARE = 0.1
 LOWEST_SUN = -0.05
 #: Russian roulette begins at this vertex.
 FIRST_ROULETTE = 3
+#: Throughput, relative to that after the first vertex, below which it begins.
+ROULETTE_LEVEL = 0.3
 
 
 class Leg(NamedTuple):
@@ -491,7 +493,7 @@ def survives(walk, reference):
     largest = 0.0
     for i in range(walk.value.size):
         largest = max(largest, walk.value[i])
-    q = min(1.0, largest / reference)
+    q = min(1.0, largest / (ROULETTE_LEVEL * reference))
     if uniform(walk.state) >= q:
         return False
     for i in range(walk.value.size):
