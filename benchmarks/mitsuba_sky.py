@@ -186,8 +186,8 @@ def main() -> None:
     blocks = [
         f"Rayleigh air, vertical optical depth {COEFFICIENT * SCALE_HEIGHT:.3f} at 550 nm, albedo {ALBEDO}, Sun at "
         f"{given.sun_elevation:g} degrees, {width}x{height} pixels of the upper half of the sky, {WAVELENGTHS.size} "
-        f"wavelengths, {given.threads} threads. Long run of skyscatter: {given.reference} walks per pixel, {long:.0f} s, noise "
-        f"{100 * own:.3f} %.",
+        f"wavelengths, {given.threads} threads. Long run of skyscatter: {given.reference} walks per pixel, "
+        f"{long:.0f} s, noise {100 * own:.3f} %.",
         "Agreement, Mitsuba over skyscatter, with the standard error of the mean (from the spread over passes):",
         agreement(means, height, width),
         "Errors are root mean squares over pixels and wavelengths; the second is against the long run:",

@@ -117,8 +117,8 @@ def main() -> None:
         by_zenith.append([name, *(f"{100 * x:+.3f}" for x in ratio.reshape(10, -1).mean(axis=1))])
     blocks = [
         f"100 rays x {WAVELENGTHS.size} wavelengths, Sun zenith angle {given.sun_zenith:g} degrees, vertical optical "
-        f"depth {COEFFICIENT * SCALE_HEIGHT:.3f} at 550 nm, albedo {ALBEDO}, scalar, {given.threads} threads. Long run: "
-        f"{given.reference} walks per ray, {long:.0f} s, noise {100 * own:.3f} %; errors below half of it mean nothing.",
+        f"depth {COEFFICIENT * SCALE_HEIGHT:.3f} at 550 nm, albedo {ALBEDO}, scalar, {given.threads} threads. Long "
+        f"run: {given.reference} walks per ray, {long:.0f} s, noise {100 * own:.3f} %; below half of it nothing is told.",
         table(["solver", "seconds", "error [%]"], [*mine, *theirs]),
         table(
             ["to the error of", "its seconds", "skyscatter's seconds, scaled", "time over skyscatter's"],

@@ -64,5 +64,5 @@ def test_the_tables_of_mie_models_are_quickly_made(name: str) -> None:
     particles = [component.optics for component in skyscatter.load_model(name).components]
     modes = [mode for optics in particles if isinstance(optics, MieAerosol) for mode in optics.modes]
     largest = max(mode.sizes(380e-9)[0].max() for mode in modes)
-    # The cost grows with the square of the size parameter: 2 pi 10 um / 380 nm = 165 takes 2 to 4 s for a picture.
-    assert 2 * np.pi * largest / 380e-9 < 200
+    # The cost grows with the square of the size parameter; 268 (16 um) takes some 2 s for a picture, 500 would take 7.
+    assert 2 * np.pi * largest / 380e-9 < 300

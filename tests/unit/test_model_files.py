@@ -159,8 +159,9 @@ def test_unknown_names_and_missing_files_say_what_there_is(tmp_path: Path) -> No
         load_model("pluto")
     with pytest.raises(ModelFileError, match="cannot be read"):
         load_model(tmp_path / "absent.toml")
+    (tmp_path / "folder.toml").mkdir()
     with pytest.raises(ModelFileError, match="cannot be read"):
-        load_model(tmp_path)
+        load_model(tmp_path / "folder.toml")
 
 
 def test_no_components_is_refused(tmp_path: Path) -> None:

@@ -17,14 +17,6 @@ from skyscatter.optics.rayleigh import (
 WL = np.array([280.0, 350.0, 450.0, 550.0, 700.0, 1000.0])
 
 
-def test_published_cross_sections() -> None:
-    """Bodhaine et al. (1999), table 3: dry air with 360 ppm of CO2, in cm2."""
-    published = {300.0: 5.6525e-26, 400.0: 1.6745e-26, 550.0: 4.5103e-27}
-    # Recomputed today with colour-science to 3e-4; the table's last digit is 1e-4.
-    for wavelength, value in list(published.items())[2:]:
-        assert cross_section_bodhaine1999([wavelength], 300.0)[0] * 1e4 == pytest.approx(value, rel=1e-3)
-
-
 def test_against_colour_science() -> None:
     import colour.phenomena
 

@@ -101,7 +101,7 @@ def sobol(n, d):
     return x
 
 
-@kernel
+@entry
 def even_point(shift, n, out):
     """Point n of the sequence scrambled by the seeds `shift` (dimension,) uint32, into `out`."""
     for d in range(out.size):
