@@ -20,7 +20,7 @@ from skyscatter.optics.rayleigh import RayleighPowerLaw
 RADIUS, SCALE_HEIGHT, TOP, OBSERVER = 6371e3, 8e3, 80e3, 2.0  # [m]; the observer stands just above the ground
 COEFFICIENT, ALBEDO = 1.16e-5, 0.3  # scattering at 550 nm on the ground [m-1]; of the ground
 #: Settings of sasktran2 that are tried: its own, and finer ones.
-SETTINGS = {
+SETTINGS: dict[str, dict[str, int]] = {
     "as it comes": {},
     "5 Sun angles": {"num_sza": 5},
     "5 Sun angles, 302 directions": {
@@ -102,11 +102,12 @@ def main() -> None:
     def error(radiance: Any) -> float:
         return float(np.sqrt(max(rms(radiance / reference.radiance - 1) ** 2 - own**2, 0.0)))
 
-    mine = []
+    mine: list[list[Any]] = []
     for samples in sorted({int(word) for word in given.samples.split(",")}):
         time, answer = median_seconds(lambda n=samples: ours(n), given.repeats)
         mine.append([f"skyscatter path, {samples} walks", time, 100 * error(answer.radiance)])
-    theirs, by_zenith = [], []
+    theirs: list[list[Any]] = []
+    by_zenith: list[list[Any]] = []
     cos_sun = float(np.cos(np.radians(given.sun_zenith)))
     for name, settings in list(SETTINGS.items())[: given.settings]:
         time, radiance = median_seconds(
@@ -118,7 +119,7 @@ def main() -> None:
     blocks = [
         f"100 rays x {WAVELENGTHS.size} wavelengths, Sun zenith angle {given.sun_zenith:g} degrees, vertical optical "
         f"depth {COEFFICIENT * SCALE_HEIGHT:.3f} at 550 nm, albedo {ALBEDO}, scalar, {given.threads} threads. Long "
-        f"run: {given.reference} walks per ray, {long:.0f} s, noise {100 * own:.3f} %; below half of it nothing is told.",
+        f"run: {given.reference} walks per ray, {long:.0f} s, noise {100 * own:.3f} %, the half of which it can judge.",
         table(["solver", "seconds", "error [%]"], [*mine, *theirs]),
         table(
             ["to the error of", "its seconds", "skyscatter's seconds, scaled", "time over skyscatter's"],

@@ -52,7 +52,8 @@ def main() -> None:
     first, _ = seconds(lambda: skyscatter.radiance(scene, scene.observer.position, directions[:1], WAVELENGTHS))
     for wl in (one, WAVELENGTHS):
         run(wl, samples=4)
-    rates, costs = [], []
+    rates: list[list[Any]] = []
+    costs: list[list[Any]] = []
     for threads in sorted({int(word) for word in given.threads.split(",")}):
         time, answer = median_seconds(
             lambda n=threads: run(WAVELENGTHS, samples=given.samples, threads=n), given.repeats

@@ -143,7 +143,13 @@ def parse_model(content: dict[str, Any], source: object) -> Model:
 
 def first_problem(error: ValidationError) -> str:
     """The first complaint of a validation as one line: field, value, remedy."""
-    problem = error.errors(include_url=False)[0]
+    problems = error.errors(include_url=False)
+    problem = problems[0]
+    if problem["type"] != "value_error":
+        # Every branch of a union complains; the one that understood the value knows what is wrong with it.
+        parent = problem["loc"][:-1]
+        understood = [p for p in problems if p["type"] == "value_error" and p["loc"][:-1] == parent]
+        problem = understood[0] if understood else problem
     field = ".".join(str(part) for part in problem["loc"]) or "model"
     message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] == "missing":

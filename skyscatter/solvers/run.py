@@ -248,7 +248,7 @@ def radiance(
     max_order : int, optional
         Leave out light that was scattered or reflected more often than this (``path``).
     tolerance : float, optional
-        Largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; 1e-4 when not given.
+        Largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; 5e-5 when not given.
     sampling : {"march", "free-flight"}, optional
         How walks find their vertices; "free-flight" is the plain, slow way, kept for tests (``path``).
     parts : bool

@@ -13,8 +13,9 @@ from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.single import make_scratch, single_rays
 
-#: Largest disagreement of the two quadrature rules on a piece of a ray; the result is about ten times better.
-DEFAULT_TOLERANCE = 1e-4
+#: Largest disagreement of the two quadrature rules on a piece of a ray.  The result is as a rule ten times better, and
+#: within 1e-4 in the worst case of the tests, where several pieces err the same way.
+DEFAULT_TOLERANCE = 5e-5
 
 
 def check(options: Options) -> None:

@@ -40,14 +40,16 @@ def test_at_the_seams_of_range_reduction() -> None:
 
 
 def test_exact_at_nought_and_never_decreasing() -> None:
-    assert exp([0.0])[0] == 1.0 and exp([-0.0])[0] == 1.0
+    assert exp([0.0])[0] == 1.0
+    assert exp([-0.0])[0] == 1.0
     # Steps far larger than the error.
     assert np.all(np.diff(exp(np.arange(-700, 0, 1e-3))) > 0)
 
 
 def test_deep_shadow_is_dark_and_finite() -> None:
     values = exp([-700.0, -701.0, -1e4, -1e300, -np.inf])
-    assert np.all(values > 0) and np.all(values < 1e-303)
+    assert np.all(values > 0)
+    assert np.all(values < 1e-303)
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names of SIMD instructions of x86-64")

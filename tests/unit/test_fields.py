@@ -24,7 +24,11 @@ from skyscatter.media.fields import (
 class TestExponential(DensityFieldBase):
     field_class = Exponential
     table_error = 5e-4  # grazing rays within a cell of the top of the shell that ends at 2 scale heights
-    examples = (Exponential(scale_height=8e3), Exponential(scale_height="1.2 km"), Exponential(scale_height=5e3, top=9e3))
+    examples = (
+        Exponential(scale_height=8e3),
+        Exponential(scale_height="1.2 km"),
+        Exponential(scale_height=5e3, top=9e3),
+    )
     refused = (
         ({"scale_height": -1.0}, "scale_height = -1.0"),
         ({"scale_height": 0.0}, "scale_height = 0.0"),
@@ -45,7 +49,11 @@ class TestUniform(DensityFieldBase):
     # Grazing rays just under the upper edge: their column goes as the root of the distance to it.
     table_error = 2.5e-3
     examples = (Uniform(top=2e3), Uniform(base="5 km", top="9 km"))
-    refused = (({"top": 0.0}, "top = 0.0"), ({"base": 5.0, "top": 4.0}, "base = 5.0"), ({"base": -1.0, "top": 4.0}, "-1.0"))
+    refused = (
+        ({"top": 0.0}, "top = 0.0"),
+        ({"base": 5.0, "top": 4.0}, "base = 5.0"),
+        ({"base": -1.0, "top": 4.0}, "-1.0"),
+    )
 
     def expected(self, field: Any, h: float) -> float:
         return 1.0 if field.base <= h < field.top else 0.0
@@ -152,4 +160,5 @@ def test_unknown_kind_is_refused_with_the_known_ones() -> None:
     from pydantic import TypeAdapter
 
     message = complaint(lambda: TypeAdapter(AnyField).validate_python({"kind": "foam", "top": 3}))
-    assert "foam" in message and "exponential" in message
+    assert "foam" in message
+    assert "exponential" in message

@@ -15,7 +15,12 @@ from skyscatter.solvers.kernels import lookup
 from skyscatter.solvers.kernels.columns import exact_columns
 
 EARTH = 6371e3
-FIELDS = (UsStandard1976(), Exponential(scale_height=1.2e3), Gaussian(peak=22e3, width=5e3, top=60e3), Tent(base=10e3, peak=25e3, top=40e3))
+FIELDS = (
+    UsStandard1976(),
+    Exponential(scale_height=1.2e3),
+    Gaussian(peak=22e3, width=5e3, top=60e3),
+    Tent(base=10e3, peak=25e3, top=40e3),
+)
 
 
 @pytest.fixture(scope="module")
@@ -81,11 +86,15 @@ def test_line_geometry(tables: tuple) -> None:
     down = _line(table, np.array([0, 0, top + 1e6]), np.array([0.0, 0.0, -1.0]))
     assert (down.start, down.enter, down.leave, down.hits_ground) == (-top - 1e6, -top, -EARTH, True)
     miss = _line(table, np.array([0, 0, top + 1e6]), np.array([1.0, 0.0, 0.0]))
-    assert miss.enter == miss.leave and not miss.hits_ground
+    assert miss.enter == miss.leave
+    assert not miss.hits_ground
     away = _line(table, np.array([0, 0, top + 1e6]), np.array([0.0, 0.0, 1.0]))
-    assert away.enter >= away.leave and not away.hits_ground
+    assert away.enter >= away.leave
+    assert not away.hits_ground
     limb = _line(table, np.array([-1e7, 0, EARTH + 1e4]), np.array([1.0, 0.0, 0.0]))
-    assert limb.p == EARTH + 1e4 and limb.leave == -limb.enter and not limb.hits_ground
+    assert limb.p == EARTH + 1e4
+    assert limb.leave == -limb.enter
+    assert not limb.hits_ground
 
 
 def test_columns_to_light(tables: tuple) -> None:
@@ -115,7 +124,9 @@ def test_above_the_top_there_is_nothing(tables: tuple) -> None:
 def test_breaks_are_nodes_and_altitudes_rise(tables: tuple) -> None:
     fields, table = tables
     altitudes = lookup.table_altitudes(fields)
-    assert np.all(np.diff(altitudes) > 0) and altitudes[0] == 0 and altitudes[-1] == table.top
+    assert np.all(np.diff(altitudes) > 0)
+    assert altitudes[0] == 0
+    assert altitudes[-1] == table.top
     assert set(fields.breaks) <= set(altitudes), "a kink inside a cell would be smoothed away"
 
 

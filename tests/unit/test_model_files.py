@@ -52,7 +52,9 @@ def test_the_promised_models_are_shipped() -> None:
 def test_shipped_model_loads_and_cites_its_sources(name: str) -> None:
     model = load_model(name)
     assert model.name == name
-    assert model.description.endswith(".") and model.sources and all(len(s) > 20 for s in model.sources)
+    assert model.description.endswith(".")
+    assert model.sources
+    assert all(len(s) > 20 for s in model.sources)
     assert model.top == max(c.density.top_altitude for c in model.components) > 0
 
 
@@ -80,7 +82,8 @@ def test_shipped_model_has_the_stated_optical_depth(name: str) -> None:
     tau = optical_depth(
         Scene(medium=model.medium), [0, 0, radius], [0, 0, radius + model.top], [400.0, 550.0, 700.0], by_component=True
     )
-    assert np.all(np.isfinite(tau)) and tau.min() >= 0
+    assert np.all(np.isfinite(tau))
+    assert tau.min() >= 0
     expected, spread = DEPTHS[name]
     assert tau.sum(axis=0)[1] == pytest.approx(expected, abs=spread)
 
@@ -88,7 +91,8 @@ def test_shipped_model_has_the_stated_optical_depth(name: str) -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_model_makes_scenes(name: str) -> None:
     scene = load_model(name).scene(sun_elevation_deg=-4, sun_azimuth_deg=250, altitude="10 km")
-    assert scene.altitude == 1e4 and scene.sun.elevation_deg == -4
+    assert scene.altitude == 1e4
+    assert scene.sun.elevation_deg == -4
     assert np.all((scene.ground.reflectance([400.0, 700.0]) >= 0) & (scene.ground.reflectance([400.0, 700.0]) <= 1))
 
 
@@ -96,7 +100,8 @@ def test_a_model_of_ones_own(tmp_path: Path) -> None:
     path = tmp_path / "toy.toml"
     path.write_text(GOOD, encoding="utf-8")
     model = load_model(path)
-    assert model.planet.radius == 1e6 and model.components[1].density.altitudes == (0.0, 1000.0)
+    assert model.planet.radius == 1e6
+    assert model.components[1].density.altitudes == (0.0, 1000.0)
     assert model.description == 'A "quoted" planet with a back\\slash and a\nnew line.'
     assert parse_model(tomllib.loads(model.to_toml()), "text") == model
 
@@ -118,11 +123,19 @@ def test_a_model_built_in_python_is_the_model_of_the_file() -> None:
         ("temperature = 4000", 'temperature = "hot"', ["star.temperature", "hot"]),
         ("values = [0.1, 0.3]", "values = [0.1, 1.3]", ["ground", "albedo = 1.3", "between 0 and 1"]),
         ("values = [0.1, 0.3]", "values = [0.1]", ["ground.albedo", "same length"]),
-        ("coefficient = 1e-5", "coefficient = -1e-5", ["components.0.optics", "coefficient = -1e-05", "never negative"]),
+        (
+            "coefficient = 1e-5",
+            "coefficient = -1e-5",
+            ["components.0.optics", "coefficient = -1e-05", "never negative"],
+        ),
         ("coefficient = 1e-5", "coeficient = 1e-5", ["components.0.optics", "coefficient is missing"]),
         ("weight = 0.5", "weight = -0.5", ["components.1", "weight = -0.5"]),
         ("weight = 0.5", "wieght = 0.5", ["components.1", "wieght = 0.5", "no such field"]),
-        ("densities = [1.0, 0.5]", "densities = [1.0, -0.5]", ["components.1.density", "densities = -0.5", "never negative"]),
+        (
+            "densities = [1.0, 0.5]",
+            "densities = [1.0, -0.5]",
+            ["components.1.density", "densities = -0.5", "never negative"],
+        ),
         ('kind = "draine"', 'kind = "drain"', ["components.1.optics", "drain", "henyey-greenstein"]),
         ('kind = "exponential"', 'kind = "exp"', ["components.0.density", "exp", "exponential"]),
         ("g = 0.7", "g = 1.7", ["components.1.optics", "g = 1.7", "between -1 and 1"]),
@@ -138,7 +151,8 @@ def test_wrong_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str,
     with pytest.raises(ModelFileError) as caught:
         load_model(path)
     message = str(caught.value)
-    assert message.startswith(str(path)) and "\n" not in message
+    assert message.startswith(str(path))
+    assert "\n" not in message
     assert all(word in message for word in words), message
 
 
@@ -151,7 +165,8 @@ def test_broken_files(tmp_path: Path, content: bytes, words: list[str]) -> None:
     path.write_bytes(content)
     with pytest.raises(ModelFileError) as caught:
         load_model(path)
-    assert "\n" not in str(caught.value) and all(word in str(caught.value) for word in words)
+    assert "\n" not in str(caught.value)
+    assert all(word in str(caught.value) for word in words)
 
 
 def test_unknown_names_and_missing_files_say_what_there_is(tmp_path: Path) -> None:

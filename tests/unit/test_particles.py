@@ -36,13 +36,15 @@ def test_tables_over_wavelength() -> None:
     np.testing.assert_allclose(scattering / (scattering + absorption), [1.0, 0.75, 0.5], rtol=1e-14)
 
 
-@pytest.mark.parametrize("field", [Exponential(scale_height=2e3, top=30e3), Gaussian(peak=5e3, width=2e3), UsStandard1976()])
+@pytest.mark.parametrize(
+    "field", [Exponential(scale_height=2e3, top=30e3), Gaussian(peak=5e3, width=2e3), UsStandard1976()]
+)
 def test_optical_depth_is_what_was_asked_for(field) -> None:
     """Whatever the density field, its vertical optical depth is the stated one."""
     optics = Particles(optical_depth=0.3, angstrom_exponent=1.0, phase=Isotropic())
     medium = Medium(planet_radius=EARTH, components=(Component(name="haze", density=field, optics=optics),))
     ground = np.array([0, 0, EARTH])
-    tau = optical_depth(Scene(medium=medium), ground, ground + [0, 0, 2e5], WL)
+    tau = optical_depth(Scene(medium=medium), ground, np.add(ground, [0, 0, 2e5]), WL)
     np.testing.assert_allclose(tau, 0.3 * 550.0 / WL, rtol=1e-9)  # accuracy of columns
 
 
@@ -53,7 +55,10 @@ def test_optical_depth_is_what_was_asked_for(field) -> None:
         ({"optical_depth": 0.1, "extinction": 1e-5}, ["optical_depth = 0.1", "exactly one"]),
         ({"optical_depth": -0.1}, ["optical_depth = -0.1", "never negative"]),
         ({"extinction": -1e-5}, ["extinction = -1e-05", "never negative"]),
-        ({"optical_depth": 0.1, "single_scattering_albedo": 1.2}, ["single_scattering_albedo = 1.2", "between 0 and 1"]),
+        (
+            {"optical_depth": 0.1, "single_scattering_albedo": 1.2},
+            ["single_scattering_albedo = 1.2", "between 0 and 1"],
+        ),
         ({"optical_depth": 0.1, "single_scattering_albedo": -0.2}, ["single_scattering_albedo = -0.2"]),
         ({"optical_depth": 0.1, "size": 3}, ["size = 3", "no such field"]),
         ({"optical_depth": float("nan")}, ["optical_depth"]),

@@ -64,7 +64,9 @@ class TestRayleigh(PhaseFunctionBase):
         return 0.0
 
     def test_dipole_at_right_angles(self) -> None:
-        assert Rayleigh().value([0.0, 1.0], [500.0])[:, 0] == pytest.approx([3 / (16 * np.pi), 6 / (16 * np.pi)], rel=1e-15)
+        assert Rayleigh().value([0.0, 1.0], [500.0])[:, 0] == pytest.approx(
+            [3 / (16 * np.pi), 6 / (16 * np.pi)], rel=1e-15
+        )
 
 
 class TestHenyeyGreenstein(PhaseFunctionBase):
@@ -102,7 +104,9 @@ class TestCornetteShanks(PhaseFunctionBase):
 
 class TestDraine(PhaseFunctionBase):
     phase_class = Draine
-    examples = tuple(Draine(g=g, alpha=a) for g, a in ((0.6, 0.5), (0.3, 5.0), (-0.5, 0.2), (0.5, -0.9), (G_TABLE, 1.0)))
+    examples = tuple(
+        Draine(g=g, alpha=a) for g, a in ((0.6, 0.5), (0.3, 5.0), (-0.5, 0.2), (0.5, -0.9), (G_TABLE, 1.0))
+    )
     refused = (({"g": 2.0}, "g = 2.0"), ({"g": 0.1, "alpha": -1.5}, "alpha = -1.5"))
     # As above; besides, alpha = -0.9 nearly vanishes at both ends, where a relative error says little.
     table_error = 5e-4
@@ -244,4 +248,6 @@ def test_mean_cosine_is_forward_positive() -> None:
     """House convention: forward is +1."""
     phase = HenyeyGreenstein(g=0.5)
     assert phase.value([1.0], [500.0]) > phase.value([-1.0], [500.0])
-    assert math.isclose(phase.sample(np.random.default_rng(2).random(40_000), 500.0).mean(), 0.5, abs_tol=0.01)  # 4 sigma
+    assert math.isclose(
+        phase.sample(np.random.default_rng(2).random(40_000), 500.0).mean(), 0.5, abs_tol=0.01
+    )  # 4 sigma

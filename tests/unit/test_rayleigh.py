@@ -40,7 +40,8 @@ def test_power_law() -> None:
     model = RayleighPowerLaw(coefficient=1.2e-5, wavelength="0.55 um")
     scattering, absorption, emission = model.coefficients([275.0, 550.0, 1100.0], 1.0)
     np.testing.assert_allclose(scattering, [16 * 1.2e-5, 1.2e-5, 1.2e-5 / 16], rtol=1e-14)  # rounding
-    assert not absorption.any() and not emission.any()
+    assert not absorption.any()
+    assert not emission.any()
 
 
 def test_air_scatters_steeper_than_the_fourth_power() -> None:
@@ -76,7 +77,10 @@ def test_unsorted_and_repeated_wavelengths_are_fine_for_the_phase_function() -> 
         (lambda: RayleighAir(co2_ppm=-3.0), ["co2_ppm = -3.0", "parts per million"]),
         (lambda: RayleighAir().coefficients([150.0], 1.0), ["wavelength = 150.0", "230 to 1700 nm"]),
         (lambda: RayleighAir().coefficients([550.0, 2500.0], 1.0), ["wavelength = 2500.0", "230 to 1700 nm"]),
-        (lambda: RayleighPowerLaw(coefficient=1e-5, depolarisation=1.5).phase_function([550.0]), ["depolarisation = 1.5"]),
+        (
+            lambda: RayleighPowerLaw(coefficient=1e-5, depolarisation=1.5).phase_function([550.0]),
+            ["depolarisation = 1.5"],
+        ),
     ],
 )
 def test_refuses(build, words) -> None:

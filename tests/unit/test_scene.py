@@ -40,7 +40,10 @@ MEDIUM = Medium(planet_radius="6371 km", components=(AIR, OZONE))
         (lambda: Medium(planet_radius=1e6, components=()), ["components = 0", "at least one"]),
         (lambda: Medium(planet_radius=1e6, components=(AIR, AIR)), ["'air'", "rename one"]),
         (lambda: MEDIUM.component("gold"), ["component = 'gold'", "air, ozone"]),
-        (lambda: Component(name="a", density=AIR.density, optics=AIR.optics, weight=-2), ["weight = -2", "less than nothing"]),
+        (
+            lambda: Component(name="a", density=AIR.density, optics=AIR.optics, weight=-2),
+            ["weight = -2", "less than nothing"],
+        ),
         (lambda: SpectralTable(wavelengths=(500, 400), values=(1, 2)), ["increase"]),
         (lambda: SpectralTable(wavelengths=(500,), values=(1, 2)), ["same length"]),
         (lambda: Scene(medium=MEDIUM, altitude=True), ["altitude", "True"]),
@@ -71,7 +74,12 @@ def test_refuses(build, words) -> None:
     ],
 )
 def test_radiance_refuses(arguments, words) -> None:
-    given = {"origins": [0, 0, 6371e3], "directions": [0, 0, 1.0], "wavelengths": [500.0], "solver": "single"} | arguments
+    given = {
+        "origins": [0, 0, 6371e3],
+        "directions": [0, 0, 1.0],
+        "wavelengths": [500.0],
+        "solver": "single",
+    } | arguments
     message = complaint(lambda: radiance(Scene(medium=MEDIUM), **given))
     assert all(word in message for word in words), message
 
@@ -84,16 +92,23 @@ def test_records_are_frozen_and_shared_safely() -> None:
 
 
 def test_medium_knows_its_top_and_its_components() -> None:
-    assert MEDIUM.top == 3e5 and MEDIUM.planet_radius == 6371e3
+    assert MEDIUM.top == 3e5
+    assert MEDIUM.planet_radius == 6371e3
     assert MEDIUM.component("air") is AIR
     rest = MEDIUM.without("ozone")
-    assert [c.name for c in rest.components] == ["air"] and rest.top == 128e3
+    assert [c.name for c in rest.components] == ["air"]
+    assert rest.top == 128e3
     assert len(MEDIUM.components) == 2, "the medium itself is unchanged"
 
 
 def test_sun_direction_follows_the_frame() -> None:
     """x east, y north, z up; azimuth from north through east."""
-    for azimuth, elevation, direction in ((0, 0, (0, 1, 0)), (90, 0, (1, 0, 0)), (180, 0, (0, -1, 0)), (12, 90, (0, 0, 1))):
+    for azimuth, elevation, direction in (
+        (0, 0, (0, 1, 0)),
+        (90, 0, (1, 0, 0)),
+        (180, 0, (0, -1, 0)),
+        (12, 90, (0, 0, 1)),
+    ):
         np.testing.assert_allclose(Sun(azimuth_deg=azimuth, elevation_deg=elevation).direction, direction, atol=1e-15)
 
 

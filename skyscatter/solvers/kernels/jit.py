@@ -36,8 +36,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Compile an inner loop; ``.py_func`` keeps the plain Python twin.
 
     It must not make arrays: Numba's reference counts are switched off, because counting the arrays of a `SceneTable`
-    at every call costs more than the arithmetic.  Python cannot call it: the wrappers that would unpack a scene's
-    tables take as long to compile as the function.
+    at every call costs more than the arithmetic.  Python cannot call it, not even through another kernel's
+    ``.py_func``: the wrappers that would unpack a scene's tables take as long to compile as the function.
     """
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 

@@ -230,8 +230,12 @@ def table_altitudes(fields: FieldTable, count: int = 200, refinements: int = 9) 
     return np.unique(np.concatenate([inside[apart], fields.breaks[fields.breaks <= top]]))
 
 
-def build_column_table(fields: FieldTable, angles: int = 160, bend: float = 0.08) -> ColumnTable:
-    """Tabulate the reciprocal air mass; interpolated columns are good to about 1e-4 (tested against exact ones)."""
+def build_column_table(fields: FieldTable, angles: int = 200, bend: float = 0.04) -> ColumnTable:
+    """Tabulate fields over altitude and angle.
+
+    Columns of exponential shells, tents and tabulated air are good to 2e-5 of the greatest column through the field,
+    those of narrow or sharp-edged layers, grazing within a cell of their edge, to 2e-3 (tested against exact ones).
+    """
     altitude = table_altitudes(fields)
     x = np.arange(angles + 1) / angles
     mu = bend * x / (1 + bend - x)

@@ -1,0 +1,142 @@
+"""``path`` against ``single`` and against its own plain twin; honest error bars; the same bits for any threads."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from significance import assert_agrees, over_seeds
+
+import skyscatter
+from skyscatter.optics.particles import Particles
+
+WAVELENGTHS = np.array([400.0, 480.0, 560.0, 650.0, 760.0])
+#: Sun elevations: by day, at sunset, in civil twilight.
+SUNS = (30.0, 0.0, -4.0)
+#: Of lines of sight: near the horizon towards the Sun and beside it, half way up, near the zenith.
+SIGHTS = ((10.0, 3.0), (80.0, 5.0), (0.0, 35.0), (170.0, 60.0), (40.0, 85.0))
+
+
+@cache
+def model(hazy: bool) -> skyscatter.Model:
+    """The Earth, clear or with ten times its aerosol (optical depth 0.5)."""
+    earth = skyscatter.load_model("earth")
+    if not hazy:
+        return earth
+    components = tuple(
+        c.model_copy(update={"weight": 10.0}) if isinstance(c.optics, Particles) else c for c in earth.components
+    )
+    return earth.model_copy(update={"components": components})
+
+
+def look(sun: float, hazy: bool, wavelengths: Any = WAVELENGTHS, **options: Any) -> skyscatter.solvers.base.Answer:
+    """Radiance along `SIGHTS` from the ground."""
+    scene = model(hazy).scene(sun_elevation_deg=sun, sun_azimuth_deg=0.0)
+    azimuth, elevation = np.radians(np.array(SIGHTS)).T
+    sight = np.stack(
+        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
+    )
+    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, **options)
+
+
+@pytest.mark.parametrize("hazy", [False, True], ids=["clear", "hazy"])
+@pytest.mark.parametrize("sun", SUNS)
+def test_pure_sampling_at_order_one_agrees_with_the_ray_march(sun: float, hazy: bool) -> None:
+    single = look(sun, hazy, solver="single")
+    # In twilight a free flight from the dark ground hardly ever ends in sunlit air, and its sample error is as unknown as
+    # its mean; the walks that make the spread of 16 seeds meaningful are paid for there.
+    samples = 2000 if sun >= 0 else 20000
+    _, result = over_seeds(
+        lambda seed: look(sun, hazy, samples=samples, sampling="free-flight", max_order=1, seed=seed), 16
+    )
+    # `single` is good to its tolerance 1e-4 plus that of the column tables, about 1e-4.
+    mean, error = result["radiance"]
+    assert_agrees(mean, single.radiance, error, slack=3e-4)
+
+
+@pytest.mark.parametrize("hazy", [False, True], ids=["clear", "hazy"])
+@pytest.mark.parametrize("sun", SUNS)
+def test_marched_and_free_walks_agree_in_every_order(sun: float, hazy: bool) -> None:
+    samples = 2000 if sun >= 0 else 10000
+    _, marched = over_seeds(lambda seed: look(sun, hazy, samples=256, orders=3, seed=seed), 16)
+    _, free = over_seeds(
+        lambda seed: look(sun, hazy, samples=samples, orders=3, sampling="free-flight", seed=seed), 16
+    )
+    for name in ("radiance", "order1", "order2", "order3"):
+        error = np.hypot(marched[name][1], free[name][1])
+        # Both share the column tables; the first order of the march is a quadrature to 1e-4.
+        assert_agrees(marched[name][0], free[name][0], error, slack=2e-4)
+
+
+@pytest.mark.parametrize("sampling", ["march", "free-flight"])
+@pytest.mark.parametrize("sun", [30.0, -4.0])
+def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: str) -> None:
+    samples = 256 if sampling == "march" else 4000
+    _, together = over_seeds(lambda seed: look(sun, True, samples=samples, sampling=sampling, seed=seed), 16)
+    for i, wavelength in enumerate(WAVELENGTHS):
+        _, alone = over_seeds(
+            lambda seed, w=wavelength: look(sun, True, [w], samples=samples, sampling=sampling, seed=seed), 16
+        )
+        mean, error = together["radiance"][0][:, i], together["radiance"][1][:, i]
+        # The first order may differ by the tolerance of its steps, which are chosen for all wavelengths at once.
+        assert_agrees(mean, alone["radiance"][0][:, 0], np.hypot(error, alone["radiance"][1][:, 0]), slack=2e-4)
+
+
+@pytest.mark.parametrize("sampling", ["march", "free-flight"])
+@pytest.mark.parametrize("sun", SUNS)
+def test_stated_errors_are_the_spread_over_seeds(sun: float, sampling: str) -> None:
+    if sampling == "free-flight" and sun < 0:
+        pytest.skip("plain walks in twilight are ruled by rare events: their sample error is known to be too small")
+    seeds, samples = 60, 256 if sampling == "march" else 1000
+    answers = [look(sun, False, samples=samples, sampling=sampling, seed=seed) for seed in range(seeds)]
+    spread = np.var([a.radiance for a in answers], axis=0, ddof=1)
+    stated = np.mean([a.standard_error**2 for a in answers], axis=0)
+    # (n - 1) spread / variance is chi-square with n - 1 degrees of freedom for a right error bar and normal errors; the
+    # stated variance is itself the mean of 60 estimates with 15 degrees of freedom, 5 % uncertain.  Rays are independent,
+    # wavelengths are not: the ratio is judged for each ray and wavelength, with room for tails heavier than normal.
+    low, high = stats.chi2.ppf([1e-5, 1 - 1e-5], seeds - 1) / (seeds - 1)
+    ratio = spread / stated
+    assert ratio.min() > 0.9 * low
+    assert ratio.max() < 1.1 * high
+    # All rays and wavelengths together: 5 independent rays of 59 degrees of freedom, 4 standard errors of their mean.
+    assert np.mean(ratio) == pytest.approx(1.0, abs=4 * np.sqrt(2 / (5 * (seeds - 1))))
+
+
+def test_noise_option_is_kept_by_the_true_error() -> None:
+    goal = 0.01
+    answers = [look(30.0, False, noise=goal, seed=seed) for seed in range(30)]
+    mean = np.mean([a.radiance for a in answers], axis=0)
+    scatter = np.std([a.radiance for a in answers], axis=0, ddof=1) / mean
+    # Stopping at the first estimate below the goal favours lucky ones; 16 batches guess the error to 18 %.
+    assert scatter.mean(axis=-1).max() < 1.5 * goal
+    assert all(np.all((a.standard_error / a.radiance).mean(axis=-1) <= goal) for a in answers)
+
+
+def test_same_seed_same_bits_for_any_number_of_threads() -> None:
+    scene = model(False).scene(sun_elevation_deg=5.0)
+    camera = skyscatter.Panorama(width=32, height=16)  # 512 rays: four tiles
+    one, two = (
+        skyscatter.render(scene, camera, WAVELENGTHS[:2], samples=16, seed=7, threads=threads) for threads in (1, 2)
+    )
+    assert np.array_equal(one.radiance, two.radiance, equal_nan=True)
+    assert np.array_equal(one.standard_error, two.standard_error, equal_nan=True)
+    other = skyscatter.render(scene, camera, WAVELENGTHS[:2], samples=16, seed=8)
+    assert not np.array_equal(one.radiance, other.radiance, equal_nan=True)
+
+
+def test_same_ray_numbers_same_bits_however_rays_are_split() -> None:
+    from skyscatter.solvers.base import Options, Rays
+    from skyscatter.solvers.compile import compile_scene
+    from skyscatter.solvers.path import solve
+
+    scene = model(True).scene(sun_elevation_deg=5.0)
+    elevation = np.radians(np.linspace(2.0, 88.0, 6))
+    sight = np.stack([np.zeros(6), np.cos(elevation), np.sin(elevation)], axis=-1)
+    rays = Rays(np.repeat(scene.observer.position[None], 6, axis=0), sight, np.arange(6))
+    table, options = compile_scene(scene, WAVELENGTHS), Options(samples=32, seed=3)
+    whole = solve(table, rays, options).radiance
+    parts = [solve(table, rays.part(piece), options).radiance for piece in (slice(0, 1), slice(1, 4), slice(4, 6))]
+    assert np.array_equal(whole, np.concatenate(parts))
