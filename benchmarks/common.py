@@ -7,6 +7,7 @@ import datetime
 import os
 import platform
 import re
+import shlex
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -93,7 +94,7 @@ def rms(values: Any) -> float:
 def report(section: str, where: str, packages: str, blocks: Sequence[str], command: Sequence[str], write: bool) -> None:
     """Print the blocks; with `write`, put them between the markers of their section of RESULTS.md."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    words = " ".join(word for word in command if word != "--write")
+    words = shlex.join(word for word in command if word != "--write")
     body = "\n\n".join([f"{today}; {where}; {packages}.", f"Command: `python benchmarks/{words} --write`", *blocks])
     print(body)
     if not write:

@@ -69,7 +69,7 @@ class Ground(Record):
     Parameters
     ----------
     albedo : float or SpectralTable or str
-        Reflected share of the light, 0 to 1, or the name of a surface (``"grass"``, ``"snow"``, ...).
+        Reflected share of the light, 0 to 1, or the name of a surface (``"vegetation"``, ``"snow"``, ...).
     """
 
     albedo: Spectral | str = 0.0
