@@ -117,3 +117,29 @@ def legendre_phase(moments: ArrayLike, cells: int = 4000) -> TabulatedPhase:
     # A cut series may dip below nought by its last digits.
     rows = tuple((float(v),) for v in np.maximum(values, 0.0))
     return TabulatedPhase(cos_theta=tuple(cosine), wavelengths=(WAVELENGTH,), values=rows)
+
+
+def isotropic_fluxes(slab: Slab, cells: int = 600) -> tuple[float, float]:
+    """Diffuse fluxes up at the top and down at the bottom of an isotropically scattering slab over a black ground.
+
+    Independent of every sampling: the integral equation of the source function (Chandrasekhar 1950, chapter III),
+
+        S(tau) = omega / 2 int E1(|tau - t|) S(t) dt + omega F exp(-tau / mu0) / (4 pi),
+
+    with S constant in cells that close in on both faces; integrals of the exponential integrals are exact.
+    """
+    from scipy.special import expn
+
+    depth, omega = slab.optical_thickness, slab.single_scattering_albedo
+    edge = 0.5 * depth * (1 - np.cos(np.pi * np.arange(cells + 1) / cells))
+    middle = 0.5 * (edge[1:] + edge[:-1])
+
+    def kernel_integral(distance: Array) -> Array:
+        return np.asarray(np.sign(distance) * (1 - expn(2, np.abs(distance))))
+
+    matrix = kernel_integral(middle[:, None] - edge[:-1]) - kernel_integral(middle[:, None] - edge[1:])
+    beam = omega * slab.irradiance / (4 * np.pi) * np.exp(-middle / slab.beam_mu)
+    source = np.linalg.solve(np.eye(cells) - 0.5 * omega * matrix, beam)
+    up = 2 * np.pi * source @ (expn(3, edge[:-1]) - expn(3, edge[1:]))
+    down = 2 * np.pi * source @ (expn(3, depth - edge[1:]) - expn(3, depth - edge[:-1]))
+    return float(up), float(down)

@@ -18,8 +18,8 @@ PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 MAX_WAVELENGTHS = 10_000
 
 _DEFAULT_SIZE = {
-    "panorama": (512, 256),
-    "panorama-upper": (512, 128),
+    "panorama": (360, 180),
+    "panorama-upper": (360, 90),
     "fisheye": (256, 256),
     "fisheye-equisolid": (256, 256),
     "perspective": (384, 256),
@@ -30,7 +30,7 @@ _DEFAULT_SIZE = {
 def parse_size(text: str | None, view: str) -> tuple[int, int]:
     """``512x256`` as (width, height) [pixel]; without a text the size that suits the view."""
     if text is None:
-        return _DEFAULT_SIZE.get(view.partition(":")[0], (512, 256))
+        return _DEFAULT_SIZE.get(view.partition(":")[0], (360, 240))
     words = text.lower().replace("×", "x").split("x")
     if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
         raise DomainError("size", text, "give WIDTHxHEIGHT in pixels, for instance 512x256")

@@ -18,7 +18,7 @@ from skyscatter.cli import parse
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.units import metres
 
-DEFAULT_WAVELENGTHS = "380:780:5"
+DEFAULT_WAVELENGTHS = "380:780:10"
 DEFAULT_SUN_ELEVATION = 30.0
 DEFAULT_SUN_AZIMUTH = 180.0
 SOLVERS = ("path", "single")

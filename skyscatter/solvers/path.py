@@ -16,7 +16,9 @@ from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.solvers.single import single_parts
 
-DEFAULT_SAMPLES = 32
+DEFAULT_SAMPLES = 16
+#: Tolerance of the first order: its error, a tenth of this or less, is far below any noise that is worth waiting for.
+DEFAULT_TOLERANCE = 5e-4
 #: Where ``noise`` decides, no ray gets more walks than this.
 MOST_SAMPLES = 1 << 20
 #: Orders of scattering that are followed when nothing else is said: roulette ends all walks long before.
@@ -56,9 +58,9 @@ def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
             make_flight_scratch(components, wavelengths), mean, error, by_order, used,
         )  # fmt: skip
         scattered = ground = np.zeros_like(mean)
-        direct = single_parts(scene, rays, None)[2]
+        direct = single_parts(scene, rays, DEFAULT_TOLERANCE)[2]
     else:
-        scattered, ground, direct = single_parts(scene, rays, options.tolerance)
+        scattered, ground, direct = single_parts(scene, rays, options.tolerance or DEFAULT_TOLERANCE)
         path_rays(
             scene, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
             options.noise or 0.0, max_order, make_scratch(components, wavelengths, walks), mean, error, by_order, used,

@@ -144,7 +144,7 @@ def _sun_correction(scene: Scene, grid: Array, wl: Array) -> tuple[NDArray[np.bo
     # Only direct light is needed: a scene without scattering would do, but the kernel is quick enough here.
     everything = np.concatenate([flat, grid[near]])
     origins = np.broadcast_to(scene.observer.position, everything.shape)
-    rays = Rays(np.array(origins), everything, np.zeros(len(everything), np.int64))
+    rays = Rays(np.array(origins, order="C"), everything, np.zeros(len(everything), np.int64))
     direct = single_parts(table, rays, 0.1)[2]
     mean = direct[: len(flat)].reshape(int(near.sum()), -1, wl.size).mean(axis=1)
     return near, mean - direct[len(flat) :]

@@ -239,7 +239,7 @@ def radiance(
     solver : {"path", "single"}
         All orders of scattering by Monte Carlo, or the first by quadrature.
     samples : int, optional
-        Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 32 if this and `noise` are not given.
+        Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 16 if this and `noise` are not given.
     noise : float, optional
         Go on until the standard error, relative to the radiance without the direct Sun and averaged over the
         wavelengths, is below this for every ray (``path``).  The number of walks doubles until then.
@@ -248,7 +248,8 @@ def radiance(
     max_order : int, optional
         Leave out light that was scattered or reflected more often than this (``path``).
     tolerance : float, optional
-        Largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; 5e-5 when not given.
+        Largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; when not given,
+        5e-5 for ``single`` and 5e-4 for the first order in ``path``.  The error is as a rule a tenth of it.
     sampling : {"march", "free-flight"}, optional
         How walks find their vertices; "free-flight" is the plain, slow way, kept for tests (``path``).
     parts : bool

@@ -23,18 +23,17 @@ def check(options: Options) -> None:
     options.refuse("single", "samples", "noise", "max_order", "sampling", "orders")
 
 
-def single_parts(scene: SceneTable, rays: Rays, tolerance: float | None) -> tuple[Array, Array, Array]:
+def single_parts(scene: SceneTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
     """Radiance scattered once, reflected once by the ground, and direct; each (ray, wavelength)."""
     shape = (len(rays.origins), scene.optics.albedo.size)
     scattered, ground, direct = np.empty(shape), np.empty(shape), np.empty(shape)
-    limit = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    single_rays(scene, rays.origins, rays.directions, limit, make_scratch(scene), scattered, ground, direct)
+    single_rays(scene, rays.origins, rays.directions, tolerance, make_scratch(scene), scattered, ground, direct)
     return scattered, ground, direct
 
 
 def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
     """Radiance of single scattering; see `skyscatter.radiance`."""
-    scattered, ground, direct = single_parts(scene, rays, options.tolerance)
+    scattered, ground, direct = single_parts(scene, rays, options.tolerance or DEFAULT_TOLERANCE)
     layers = {"direct": direct, "scattered": scattered, "ground": ground} if options.parts else {}
     radiance = scattered + ground + direct
     return Answer(radiance, np.zeros_like(radiance), layers, np.zeros(len(radiance), np.int64))

@@ -22,8 +22,12 @@ SIGHTS = ((10.0, 3.0), (80.0, 5.0), (0.0, 35.0), (170.0, 60.0), (40.0, 85.0))
 
 @cache
 def model(hazy: bool) -> skyscatter.Model:
-    """The Earth, clear or with ten times its aerosol (optical depth 0.5)."""
-    earth = skyscatter.load_model("earth")
+    """The Earth under a flat spectrum, clear or with ten times its aerosol (optical depth 0.5).
+
+    The shipped solar spectrum is averaged over the steps of the wavelength grid, so that one wavelength alone would get
+    other light than the same one among others.
+    """
+    earth = skyscatter.load_model("earth").model_copy(update={"star": skyscatter.Star(spectrum=1.0)})
     if not hazy:
         return earth
     components = tuple(

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.columns import FieldTable, density, vertical_column
+from skyscatter.solvers.kernels.columns import CHAPMAN, GAUSSIAN, FieldTable, density, vertical_column
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 
 #: Gauss-Legendre rule of 4 points on [0, 1].
@@ -211,10 +211,16 @@ def columns_along(table, line, t, from_start, across, out):
     return r
 
 
-def table_altitudes(fields: FieldTable, count: int = 200, refinements: int = 9) -> np.ndarray:
-    """Altitude nodes: quadratic from the ground, and closing in geometrically on both sides of every break."""
+def table_altitudes(fields: FieldTable, count: int = 200) -> np.ndarray:
+    """Altitude nodes: quadratic from the ground, closing in on both sides of every break, and dense within layers."""
     top = float(fields.breaks[-1])
     nodes = set(top * (np.arange(count + 1) / count) ** 2)
+    for f in range(fields.kind.size):
+        if fields.kind[f] in (GAUSSIAN, CHAPMAN):
+            centre, width = fields.parameters[f, :2]
+            nodes |= set(centre + width * np.linspace(-4.0, 8.0, 61))
+    # Many breaks are those of a table, whose cells are small already.
+    refinements = int(np.clip(100 // fields.breaks.size, 1, 9))
     for b in fields.breaks:
         step = 4 * np.sqrt(b * top) / count
         for k in range(refinements):

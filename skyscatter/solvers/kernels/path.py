@@ -515,6 +515,12 @@ def tally(walk, order, max_order, total, by_order):
             by_order[order, i] += scattered
 
 
+@inlined
+def draw(walk, order, k):
+    """Number k of the five that a leg needs: evenly spread on the first two legs, from the stream on later ones."""
+    return walk.even[5 * order - 3 + k] if order <= 2 else uniform(walk.state)
+
+
 @kernel
 def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
@@ -527,9 +533,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         # Turn at the vertex.
         if found == NOTHING:
             return
-        first = order == 1
-        u = walk.even[2] if first else uniform(walk.state)
-        v = walk.even[3] if first else uniform(walk.state)
+        u, v = draw(walk, order, 0), draw(walk, order, 1)
         if found == GROUND:
             lift_to_ground(scene, walk)
             reflect(walk, u, v)
@@ -537,7 +541,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
             scatter(scene, hero, u, v, work, walk)
         if not rebalance(walk):
             return
-        if first:
+        if order == 1:
             for i in range(walk.value.size):
                 reference = max(reference, walk.value[i])
         elif order >= FIRST_ROULETTE and not survives(walk, reference):
@@ -547,11 +551,11 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
         r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
         cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), leg.edge)
-        node = pick_sun(scene.optics, walk.even[4] if first else uniform(walk.state))
-        march(scene, line, node, walk.even[5] if first else uniform(walk.state), leg, work, walk)
+        node = pick_sun(scene.optics, draw(walk, order, 2))
+        march(scene, line, node, draw(walk, order, 3), leg, work, walk)
         tally(walk, order, max_order, total, by_order)
         finish_chances(leg)
-        found = choose_next(line, leg, hero, walk.even[6] if first else uniform(walk.state), walk)
+        found = choose_next(line, leg, hero, draw(walk, order, 4), walk)
 
 
 @kernel

@@ -14,10 +14,12 @@ import numpy as np
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 
 #: Dimensions of a walk that are spread evenly within a batch.
-EVEN_DIMENSIONS = 7
-#: Degree, coefficients and first direction numbers of the primitive polynomials of dimensions 2 to 7.
+EVEN_DIMENSIONS = 12
+#: Degree, coefficients and first direction numbers of the primitive polynomials from the second dimension on.
 _JOE_KUO = (
     (1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)), (3, 2, (1, 1, 1)), (4, 1, (1, 1, 3, 3)), (4, 4, (1, 3, 5, 13)),
+    (5, 2, (1, 1, 5, 5, 17)), (5, 4, (1, 1, 5, 5, 5)), (5, 7, (1, 1, 7, 11, 19)), (5, 11, (1, 1, 5, 1, 1)),
+    (5, 13, (1, 1, 1, 3, 11)),
 )  # fmt: skip
 _BITS = 32
 
