@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 #: Thickness of every slab [m].
 THICKNESS = 1000.0
-#: Planet radius over slab thickness.  A ray of zenith cosine mu crosses a shell with an air mass that differs from 1 / mu
-#: by the share (thickness / radius) / (2 mu^2): 1e-4 at mu = 0.02, less than any bar in the tests for the flux-weighted mean.
+#: Planet radius over slab thickness.  Under a zenith cosine mu the air mass of a shell differs from 1 / mu by the share
+#: (thickness / radius) / (2 mu^2): 1e-4 at mu = 0.02, and much less where the fluxes come from.
 FLATNESS = 1e7
 #: Any wavelength: the slabs are grey.
 WAVELENGTH = 500.0

@@ -47,35 +47,33 @@ def look(sun: float, hazy: bool, wavelengths: Any = WAVELENGTHS, **options: Any)
 
 
 @pytest.mark.parametrize("hazy", [False, True], ids=["clear", "hazy"])
-@pytest.mark.parametrize("sun", SUNS)
+@pytest.mark.parametrize("sun", [30.0, 0.0, pytest.param(-4.0, marks=pytest.mark.slow)])
 def test_pure_sampling_at_order_one_agrees_with_the_ray_march(sun: float, hazy: bool) -> None:
     single = look(sun, hazy, solver="single")
-    # In twilight a free flight from the dark ground hardly ever ends in sunlit air, and its sample error is as unknown as
-    # its mean; the walks that make the spread of 16 seeds meaningful are paid for there.
+    # In twilight a free flight from the dark ground hardly ever ends in sunlit air, and its sample error is as unknown
+    # as its mean; the walks that make the spread of 16 seeds meaningful are paid for there.
     samples = 2000 if sun >= 0 else 20000
     _, result = over_seeds(
         lambda seed: look(sun, hazy, samples=samples, sampling="free-flight", max_order=1, seed=seed), 16
     )
-    # `single` is good to its tolerance 1e-4 plus that of the column tables, about 1e-4.
+    # `single` is good to its tolerance, 5e-5; both share the column tables.
     mean, error = result["radiance"]
-    assert_agrees(mean, single.radiance, error, slack=3e-4)
+    assert_agrees(mean, single.radiance, error, slack=1e-4)
 
 
 @pytest.mark.parametrize("hazy", [False, True], ids=["clear", "hazy"])
-@pytest.mark.parametrize("sun", SUNS)
+@pytest.mark.parametrize("sun", [30.0, 0.0, pytest.param(-4.0, marks=pytest.mark.slow)])
 def test_marched_and_free_walks_agree_in_every_order(sun: float, hazy: bool) -> None:
     samples = 2000 if sun >= 0 else 10000
     _, marched = over_seeds(lambda seed: look(sun, hazy, samples=256, orders=3, seed=seed), 16)
-    _, free = over_seeds(
-        lambda seed: look(sun, hazy, samples=samples, orders=3, sampling="free-flight", seed=seed), 16
-    )
+    _, free = over_seeds(lambda seed: look(sun, hazy, samples=samples, orders=3, sampling="free-flight", seed=seed), 16)
     for name in ("radiance", "order1", "order2", "order3"):
         error = np.hypot(marched[name][1], free[name][1])
-        # Both share the column tables; the first order of the march is a quadrature to 1e-4.
+        # Both share the column tables; the first order of the march is a quadrature to 1e-4 or better.
         assert_agrees(marched[name][0], free[name][0], error, slack=2e-4)
 
 
-@pytest.mark.parametrize("sampling", ["march", "free-flight"])
+@pytest.mark.parametrize("sampling", ["march", pytest.param("free-flight", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("sun", [30.0, -4.0])
 def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: str) -> None:
     samples = 256 if sampling == "march" else 4000
@@ -89,18 +87,18 @@ def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: s
         assert_agrees(mean, alone["radiance"][0][:, 0], np.hypot(error, alone["radiance"][1][:, 0]), slack=2e-4)
 
 
-@pytest.mark.parametrize("sampling", ["march", "free-flight"])
-@pytest.mark.parametrize("sun", SUNS)
+# Plain walks in twilight are left out: rare events rule them, and a sample that has met none states too small an error.
+@pytest.mark.parametrize(
+    ("sun", "sampling"), [(30.0, "march"), (0.0, "march"), (-4.0, "march"), (30.0, "free-flight"), (0.0, "free-flight")]
+)
 def test_stated_errors_are_the_spread_over_seeds(sun: float, sampling: str) -> None:
-    if sampling == "free-flight" and sun < 0:
-        pytest.skip("plain walks in twilight are ruled by rare events: their sample error is known to be too small")
     seeds, samples = 60, 256 if sampling == "march" else 1000
     answers = [look(sun, False, samples=samples, sampling=sampling, seed=seed) for seed in range(seeds)]
     spread = np.var([a.radiance for a in answers], axis=0, ddof=1)
     stated = np.mean([a.standard_error**2 for a in answers], axis=0)
     # (n - 1) spread / variance is chi-square with n - 1 degrees of freedom for a right error bar and normal errors; the
-    # stated variance is itself the mean of 60 estimates with 15 degrees of freedom, 5 % uncertain.  Rays are independent,
-    # wavelengths are not: the ratio is judged for each ray and wavelength, with room for tails heavier than normal.
+    # stated variance is itself the mean of 60 estimates with 15 degrees of freedom, 5 % uncertain.  Rays are
+    # independent, wavelengths are not: each is judged by itself, with room for tails heavier than normal.
     low, high = stats.chi2.ppf([1e-5, 1 - 1e-5], seeds - 1) / (seeds - 1)
     ratio = spread / stated
     assert ratio.min() > 0.9 * low

@@ -63,7 +63,8 @@ def published(name: str, reference: Path) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("optical_thickness", "albedo", "beam_mu"), [(0.03125, 0.2, 0.1), (0.03125, 0.99, 0.1), (0.5, 1.0, 0.6), (1, 0.9, 1.0)]
+    ("optical_thickness", "albedo", "beam_mu"),
+    [(0.03125, 0.2, 0.1), (0.03125, 0.99, 0.1), (0.5, 1.0, 0.6), (1, 0.9, 1.0)],
 )
 def test_fluxes_of_isotropic_slabs_against_the_integral_equation(
     optical_thickness: float, albedo: float, beam_mu: float
@@ -150,7 +151,7 @@ def test_van_de_hulst_table_12(reference: Path) -> None:
     """R = pi I / (mu0 F) of isotropic scattering with albedo 0.8 in a slab of thickness 2, at mu = 0.5."""
     rows = np.loadtxt(reference / "vandehulst_slab" / "isotropic_a0.8_b2_top.csv", delimiter=",", skiprows=1)
     for albedo, thickness, mu, mu0, expected in rows:
-        answer = Slab(thickness, albedo, Isotropic(), mu0, 1.0).radiance(0.0, mu, 1.0, samples=2**17)
+        answer = Slab(thickness, albedo, Isotropic(), mu0, 1.0).radiance(0.0, mu, 1.0, samples=2**16)
         value, error = (float(x[0]) * np.pi / mu0 for x in (answer.radiance, answer.standard_error))
         print(f"mu0 {mu0}: {value:.5f} +- {error:.5f}, table {expected}")
         assert error < 5e-3 * expected
