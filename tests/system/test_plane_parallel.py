@@ -88,7 +88,7 @@ def test_fluxes_of_isotropic_slabs_against_the_integral_equation(
         ("1c", 4096, 5e-4),
         ("2a", 2048, 5e-4),
         # The rest are noisy: forward peaks, and light that is scattered many times.  Precision: what a minute buys.
-        pytest.param("2c", 16384, 2e-2, marks=SLOW),
+        pytest.param("2c", 4096, 3e-2, marks=SLOW),
         pytest.param("3a", 16384, 5e-3, marks=SLOW),
         pytest.param("4a", 16384, 1e-2, marks=SLOW),
         pytest.param("4c", 1024, 1e-2, marks=SLOW),
@@ -115,7 +115,7 @@ def test_fluxes_of_discrete_ordinate_problems(name: str, samples: int, precision
 
 @pytest.mark.parametrize(
     ("name", "samples", "precision"),
-    [("1a", 4096, 2e-3), ("1c", 8192, 2e-3), ("2a", 8192, 2e-3), pytest.param("2c", 2**17, 2e-2, marks=SLOW)],
+    [("1a", 4096, 2e-3), ("1c", 8192, 2e-3), ("2a", 8192, 2e-3), pytest.param("2c", 2**15, 2e-2, marks=SLOW)],
 )
 def test_radiances_of_discrete_ordinate_problems(name: str, samples: int, precision: float, reference: Path) -> None:
     slab, table = problem(name, reference), published(name, reference)

@@ -58,6 +58,9 @@ GUIDE_LOG = math.log((1.0 + GUIDE_FLOOR) / GUIDE_FLOOR)
 LEAST_PHASE_SHARE = 0.1
 #: Cosine of the Sun's zenith angle below which no direction is drawn around it.
 LOWEST_SUN = -0.05
+#: Legs on which vertices and directions are chosen with an eye to where the light is.  Each such choice spreads the
+#: weight of the walk; the first ones carry most of the light and are worth it.
+GUIDED_LEGS = 2
 #: Russian roulette begins at this vertex.
 FIRST_ROULETTE = 3
 #: Throughput, relative to that after the first vertex, below which it begins.
@@ -172,11 +175,11 @@ def pick_sun(optics, u):
 
 
 @kernel
-def march(scene, line, node, u, leg, work, walk):
+def march(scene, line, node, u, guided, leg, work, walk):
     """March a leg: its light into ``walk.gain`` and ``walk.escape``, the candidates for the next vertex into `leg`.
 
     The points lie at the same fraction `u` of every stratum.  Sunlight comes from the one point `node` of the solar
-    disk, drawn by its share and so standing for the whole.
+    disk, drawn by its share and so standing for the whole.  On a `guided` leg sunlit candidates are preferred.
     """
     optics = scene.optics
     wavelengths = optics.albedo.size
@@ -189,6 +192,7 @@ def march(scene, line, node, u, leg, work, walk):
     walk.gain[:] = 0.0
     walk.escape[:] = 0.0
     leg.total[:] = 0.0
+    preference = 1.0 if guided else 0.0
     start_columns(scene.columns, line, work.from_start, work.across)
     for k in range(leg.point.size):
         width = leg.edge[k + 1] - leg.edge[k]
@@ -204,7 +208,7 @@ def march(scene, line, node, u, leg, work, walk):
         for i in range(wavelengths):
             reach = width * work.through[i]
             leg.weight[k, i] = reach * work.scattering[i]
-            leg.chance[k, i] = leg.weight[k, i] * (DARK_SHARE + work.sun[i])
+            leg.chance[k, i] = leg.weight[k, i] * (DARK_SHARE + preference * work.sun[i])
             walk.gain[i] += reach * work.towards[i] * work.sun[i]
             leg.total[i] += leg.chance[k, i]
         if optics.emits:
@@ -213,11 +217,11 @@ def march(scene, line, node, u, leg, work, walk):
                 walk.escape[i] += width * work.through[i] * work.emitted[i]
     for i in range(wavelengths):
         walk.gain[i] *= optics.sun_irradiance[node, i] / optics.sun_chance[node]
-    _march_end(scene, line, node, q + (line.leave - line.start) * a, leg, work, walk)
+    _march_end(scene, line, node, q + (line.leave - line.start) * a, preference, leg, work, walk)
 
 
 @kernel
-def _march_end(scene, line, node, x_sun, leg, work, walk):
+def _march_end(scene, line, node, x_sun, preference, leg, work, walk):
     """The end of a marched leg: reflected sunlight or light from outside, and the ground as a candidate."""
     optics = scene.optics
     last = leg.point.size
@@ -237,7 +241,7 @@ def _march_end(scene, line, node, x_sun, leg, work, walk):
         irradiance = work.sun[i] * mu_s * optics.sun_irradiance[node, i] / optics.sun_chance[node]
         walk.gain[i] += reach * irradiance / math.pi
         leg.weight[last, i] = reach
-        leg.chance[last, i] = reach * (DARK_SHARE + work.sun[i])
+        leg.chance[last, i] = reach * (DARK_SHARE + preference * work.sun[i])
         leg.total[i] += leg.chance[last, i]
 
 
@@ -378,14 +382,15 @@ def guide_density(walk, up, down):
 
 
 @kernel
-def scatter(scene, hero, u, v, work, walk):
+def scatter(scene, hero, u, v, guided, work, walk):
     """New direction of the walk after scattering where it is, drawn in one of three ways.
 
     - by the phase function around the old direction;
     - by the phase function around the Sun, for that is where the light scattered once more comes from;
     - by a guide that knows that a sky is brightest near the horizon.
 
-    Forward-peaked mixtures (by the mean cosine at the middle wavelength) rely on the first two, air on the third.
+    Forward-peaked mixtures (by the mean cosine at the middle wavelength) rely on the first two, air on the third; a walk
+    that is no longer `guided` on the first alone, so that its weight does not spread with every leg.
     The value takes the phase function of the mixture (it already holds the scattering coefficient), the chance of each
     hero the sum of the three densities: the choice of the way is integrated out.
     """
@@ -396,10 +401,10 @@ def scatter(scene, hero, u, v, work, walk):
     mix_components(work.density, optics.sigma_s, work.scattering)
     up, down = guide_weights(scene, h, work)
     g = mixture_cosine(optics, work)
-    by_phase = LEAST_PHASE_SHARE + 0.8 * g
-    by_sun = 0.15 * g if x[0] * s[0] + x[1] * s[1] + x[2] * s[2] > LOWEST_SUN * r else 0.0
+    by_phase = LEAST_PHASE_SHARE + 0.8 * g if guided else 1.0
+    by_sun = 0.15 * g if guided and x[0] * s[0] + x[1] * s[1] + x[2] * s[2] > LOWEST_SUN * r else 0.0
     old_x, old_y, old_z = d[0], d[1], d[2]
-    if u < by_phase:
+    if u < by_phase or not guided:
         turn_by_phase(optics, hero, u / by_phase, v, work, d)
     elif u < by_phase + by_sun:
         d[0], d[1], d[2] = s[0], s[1], s[2]
@@ -538,7 +543,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
             lift_to_ground(scene, walk)
             reflect(walk, u, v)
         else:
-            scatter(scene, hero, u, v, work, walk)
+            scatter(scene, hero, u, v, order <= GUIDED_LEGS, work, walk)
         if not rebalance(walk):
             return
         if order == 1:
@@ -552,7 +557,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
         cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), leg.edge)
         node = pick_sun(scene.optics, draw(walk, order, 2))
-        march(scene, line, node, draw(walk, order, 3), leg, work, walk)
+        march(scene, line, node, draw(walk, order, 3), order <= GUIDED_LEGS, leg, work, walk)
         tally(walk, order, max_order, total, by_order)
         finish_chances(leg)
         found = choose_next(line, leg, hero, draw(walk, order, 4), walk)
@@ -631,7 +636,7 @@ def path_rays(
         r = math.sqrt(line.p * line.p + line.enter * line.enter)
         cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), camera.edge)
         depart(walk, o, d)
-        march(scene, line, np.int64(0), 0.5, camera, camera_work, walk)
+        march(scene, line, np.int64(0), 0.5, True, camera, camera_work, walk)
         finish_chances(camera)
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
