@@ -17,6 +17,8 @@ from skyscatter.solvers.kernels.lookup import columns_along, densities, start_co
 from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance, weigh_phase
 from skyscatter.solvers.kernels.path import (
     depart,
+    depth_at,
+    fly,
     lift_to_ground,
     light_at,
     make_walk,
@@ -31,32 +33,6 @@ from skyscatter.solvers.kernels.work import make_work
 
 #: Below this largest throughput roulette begins.
 ROULETTE_BELOW = 0.1
-
-
-@kernel
-def depth_at(scene, line, t, hero, work):
-    """Optical depth at the hero wavelength from the entry of the line to t."""
-    columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
-    tau = 0.0
-    for c in range(work.along.size):
-        tau += work.along[c] * scene.optics.sigma_t[c, hero]
-    return tau
-
-
-@kernel
-def fly(scene, line, hero, tau, work):
-    """Distance t at which the optical depth reaches tau, or the end of the line: bisection down to rounding."""
-    start_columns(scene.columns, line, work.from_start, work.across)
-    if depth_at(scene, line, line.leave, hero, work) <= tau:
-        return line.leave
-    low, high = line.enter, line.leave
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if depth_at(scene, line, middle, hero, work) < tau:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
 
 
 @kernel
@@ -119,13 +95,16 @@ def add_background(scene, order, walk, total, by_order):
 
 
 @kernel
-def fly_leg(scene, order, hero, work, walk, total, by_order):
+def fly_leg(scene, order, max_order, hero, work, walk, total, by_order):
     """One free flight and the event at its end; False when the walk leaves the atmosphere."""
     optics, x, d = scene.optics, walk.position, walk.direction
     line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
     t = line.leave
     if line.leave > line.enter:
-        t = fly(scene, line, hero, -math.log(1.0 - uniform(walk.state)), work)
+        start_columns(scene.columns, line, work.from_start, work.across)
+        tau = -math.log(1.0 - uniform(walk.state))
+        if depth_at(scene, line, line.leave, hero, work) > tau:
+            t = fly(scene, line, hero, tau, work)
         columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
     else:
         for c in range(work.along.size):
@@ -150,6 +129,8 @@ def fly_leg(scene, order, hero, work, walk, total, by_order):
         if order > 1:
             add_background(scene, order - 1, walk, total, by_order)
         return False
+    if order > max_order:
+        return False
     move(walk, t - line.start)
     if at_end:
         lift_to_ground(scene, walk)
@@ -172,8 +153,9 @@ def add_emission(scene, order, work, walk, total, by_order):
         for c in range(work.density.size):
             light = walk.value[i] * work.density[c] * scene.optics.emission[c, i]
             total[i] += light
-            if 1 <= order - 1 <= by_order.shape[0]:
-                by_order[order - 2, i] += light
+            # What reaches the camera unscattered counts with the first order, as it does where `single` finds it.
+            if max(order - 1, 1) <= by_order.shape[0]:
+                by_order[max(order - 1, 1) - 1, i] += light
 
 
 @kernel
@@ -185,7 +167,7 @@ def walk_freely(scene, max_order, work, walk, total, by_order):
         walk.chance[i] = 1.0
     # The leg after the last scattering only looks for light from outside.
     for order in range(1, max_order + 2):
-        if not fly_leg(scene, order, hero, work, walk, total, by_order) or order > max_order:
+        if not fly_leg(scene, order, max_order, hero, work, walk, total, by_order):
             return
         largest = 0.0
         for i in range(total.size):

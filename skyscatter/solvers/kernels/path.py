@@ -1,19 +1,19 @@
 """All orders of scattering by backward random walks that carry the whole spectrum.
 
-A walk starts where the camera's ray is scattered and goes from vertex to vertex.  Every leg between two vertices is
-*marched*: the path is cut into a few strata, a random point is taken in each, and from the exact transmittance to that
-point follow two things at once,
+A walk starts where the camera's ray is scattered and goes from vertex to vertex.  Every leg is *marched*: the path is
+cut into a few strata, and from the exact transmittance to a point in each follows the light that reaches the walk along
+this leg after one more scattering of sunlight (next-event estimation at every point: an unbiased, stratified estimate
+of the integral), by emission, from the ground and from outside.
 
-- the light that reaches the walk along this leg after one more scattering of sunlight (next-event estimation at every
-  point: an unbiased, stratified estimate of the integral), by emission, from the ground and from outside;
-- the chance of each point to become the next vertex.
+The next vertex is drawn by free flight: the column along the leg is inverted, no collision is rejected, and a walk
+whose leg ends in space is made to collide before.  On the first legs half of the vertices are drawn from the march,
+uniformly within a stratum chosen by what it would hand on and by how sunlit it is; so sunlit air high above a dark
+observer is reached.  The density of a vertex is the sum of both, whichever drew it.
 
-So a point in sunlit air high above a dark observer is reached because the march passes it, and no walk depends on the
-luck of one free flight.  Given the points, choosing a vertex is a discrete draw with known chances, which differ from
-wavelength to wavelength.  One wavelength, the hero, drives the draws; the walk counts for all of them with the balance
-heuristic (Wilkie et al. 2014, Computer Graphics Forum 33, 123): value(lambda) / mean over heroes of their chances of
-this walk.  In the code F is the walk's value and P its chance under each hero, both divided by the mean chance, so that
-F alone is the weighted throughput.
+One wavelength, the hero, drives the draws; the walk counts for all of them with the balance heuristic (Wilkie et al.
+2014, Computer Graphics Forum 33, 123): value(lambda) / mean over heroes of their chances of this walk.  In the code F
+is the walk's value and P its chance under each hero, both divided by the mean chance, so that F alone is the weighted
+throughput.
 """
 
 from __future__ import annotations
@@ -58,6 +58,8 @@ GUIDE_LOG = math.log((1.0 + GUIDE_FLOOR) / GUIDE_FLOOR)
 LEAST_PHASE_SHARE = 0.1
 #: Cosine of the Sun's zenith angle below which no direction is drawn around it.
 LOWEST_SUN = -0.05
+#: Share of the vertices that are drawn from the march on those legs.
+MARCHED_SHARE = 0.5
 #: Legs on which vertices and directions are chosen with an eye to where the light is.  Each such choice spreads the
 #: weight of the walk; the first ones carry most of the light and are worth it.
 GUIDED_LEGS = 2
@@ -68,13 +70,14 @@ ROULETTE_LEVEL = 0.3
 
 
 class Leg(NamedTuple):
-    """A marched leg: points, and for each point and wavelength what it would hand on to a next vertex."""
+    """A marched leg."""
 
     edge: np.ndarray  #: (stratum + 1,) distances t of the strata [m]
-    point: np.ndarray  #: (stratum,) chosen distances t [m]
-    weight: np.ndarray  #: (stratum + 1, wavelength) width x transmittance x scattering; the last row is the ground
-    chance: np.ndarray  #: (stratum + 1, wavelength) chance of the draw under each hero
+    chance: np.ndarray  #: (stratum + 1, wavelength) chance of a stratum, and of the ground, under each hero
     total: np.ndarray  #: (wavelength,) sum of the chances before they are divided by it
+    through: np.ndarray  #: (wavelength,) transmittance of the whole leg
+    lost: np.ndarray  #: (wavelength,) what is scattered or absorbed on it, 1 - through without loss of digits
+    ground: np.ndarray  #: (wavelength,) chance that a free flight goes on to the ground
 
 
 class Walk(NamedTuple):
@@ -93,8 +96,8 @@ class Walk(NamedTuple):
 def make_leg(strata: int, wavelengths: int) -> Leg:
     """An empty leg."""
     return Leg(
-        np.zeros(strata + 1), np.zeros(strata), np.zeros((strata + 1, wavelengths)),
-        np.zeros((strata + 1, wavelengths)), np.zeros(wavelengths),
+        np.zeros(strata + 1), np.zeros((strata + 1, wavelengths)), np.zeros(wavelengths), np.zeros(wavelengths),
+        np.zeros(wavelengths), np.zeros(wavelengths),
     )  # fmt: skip
 
 
@@ -106,13 +109,63 @@ def make_walk(wavelengths: int) -> Walk:
     )  # fmt: skip
 
 
+@inlined
+def depth_at(scene, line, t, i, work):
+    """Optical depth at wavelength number i from the entry of the line to t."""
+    columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
+    tau = 0.0
+    for c in range(work.along.size):
+        tau += work.along[c] * scene.optics.sigma_t[c, i]
+    return tau
+
+
 @kernel
-def cut_strata(line, sigma, edge):
-    """Cut a line into strata: half of the cuts by geometry, half by extinction.
+def fly(scene, line, i, tau, work):
+    """Distance t at which the optical depth at wavelength number i reaches tau: Newton's steps within a bracket."""
+    low, high = line.enter, line.leave
+    t = low
+    for _ in range(60):
+        miss = depth_at(scene, line, t, i, work) - tau
+        if miss < 0.0:
+            low = t
+        else:
+            high = t
+        if abs(miss) < 1e-9 * (1.0 + tau) or high - low < 1e-12 * (line.leave - line.enter):
+            break
+        densities(scene.columns, math.sqrt(line.p * line.p + t * t) - scene.columns.radius, work.density)
+        sigma = 0.0
+        for c in range(work.density.size):
+            sigma += work.density[c] * scene.optics.sigma_t[c, i]
+        t = t - miss / sigma if sigma > 0.0 else high
+        if not low < t < high:
+            t = 0.5 * (low + high)
+    return t
+
+
+@kernel
+def prepare_leg(scene, line, leg, work):
+    """Transmittance of a leg, the chances of a free flight along it, and its strata."""
+    optics, middle = scene.optics, scene.optics.albedo.size // 2
+    start_columns(scene.columns, line, work.from_start, work.across)
+    columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
+    transmittance(work.along, optics.sigma_t, leg.through)
+    mix_components(work.along, optics.sigma_t, leg.lost)
+    depth = leg.lost[middle]
+    for i in range(leg.lost.size):
+        tau = leg.lost[i]
+        leg.lost[i] = 1.0 - leg.through[i] if tau > 1e-4 else tau * (1.0 - 0.5 * tau)
+        onward = leg.through[i] * optics.albedo[i] if line.hits_ground else 0.0
+        leg.ground[i] = onward / max(onward + leg.lost[i], 1e-300)
+    cut_strata(scene, line, depth, middle, leg.edge, work)
+
+
+@kernel
+def cut_strata(scene, line, depth, middle, edge, work):
+    """Cut a line into strata: half of the cuts by geometry, half by optical depth.
 
     Air is dense where the line is lowest, so distances from there grow as the power 2.5 of the stratum's number; and
-    light comes from within a mean free path 1 / sigma of the start.  Any cuts give an unbiased march; these make it
-    quiet.
+    light comes from within an optical depth of 1 from the start, `depth` being that of the line at the middle
+    wavelength.  Any cuts give an unbiased march; these make it quiet.
     """
     strata = edge.size - 1
     length = line.leave - line.enter
@@ -123,34 +176,21 @@ def cut_strata(line, sigma, edge):
     n_before = int(round(half * math.sqrt(before) / (math.sqrt(before) + math.sqrt(after)))) if before > 0.0 else 0
     n_after = half - n_before
     n = 0
-    for k in range(n_before):
-        edge[n] = low - before * ((k + 0.5) / (n_before + 0.5)) ** 2.5 if n_after == 0 else (
-            low - before * (k / n_before) ** 2.5
-        )
+    for k in range(1, n_before + 1):
+        edge[n] = low - before * (k / (n_before + 1.0)) ** 2.5
         n += 1
     for k in range(1, n_after + 1):
         edge[n] = low + after * (k / (n_after + 1.0)) ** 2.5
         n += 1
-    depth = min(sigma * length, 50.0)
     cuts = strata - 1 - n
+    lost = 1.0 - math.exp(-depth)
     for k in range(1, cuts + 1):
         x = k / (cuts + 1.0)
-        share = -math.log(1.0 - x * (1.0 - math.exp(-depth))) / depth if depth > 1e-3 else x
-        edge[n] = line.enter + length * share
+        # Thin lines are as good as evenly lit; thick ones are cut where the light has actually gone.
+        edge[n] = line.enter + length * x if depth < 0.5 else fly(scene, line, middle, -math.log(1.0 - x * lost), work)
         n += 1
     edge[n], edge[n + 1] = line.enter, line.leave
     sort_few(edge, n + 2)
-
-
-@kernel
-def mean_extinction(scene, h, work):
-    """Extinction coefficient [m-1] at altitude h, averaged over the wavelengths."""
-    densities(scene.columns, h, work.density)
-    total = 0.0
-    for c in range(work.density.size):
-        for i in range(scene.optics.sigma_t.shape[1]):
-            total += work.density[c] * scene.optics.sigma_t[c, i]
-    return total / scene.optics.sigma_t.shape[1]
 
 
 @inlined
@@ -176,10 +216,10 @@ def pick_sun(optics, u):
 
 @kernel
 def march(scene, line, node, u, guided, leg, work, walk):
-    """March a leg: its light into ``walk.gain`` and ``walk.escape``, the candidates for the next vertex into `leg`.
+    """March a prepared leg: its light into ``walk.gain`` and ``walk.escape``, if `guided` the chances of its strata.
 
     The points lie at the same fraction `u` of every stratum.  Sunlight comes from the one point `node` of the solar
-    disk, drawn by its share and so standing for the whole.  On a `guided` leg sunlit candidates are preferred.
+    disk, drawn by its share and so standing for the whole.
     """
     optics = scene.optics
     wavelengths = optics.albedo.size
@@ -189,68 +229,56 @@ def march(scene, line, node, u, guided, leg, work, walk):
     q = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
     phase_at(optics.phase, a, work.phase)
     weigh_phase(work.phase, optics.sigma_s, work.weighted)
-    walk.gain[:] = 0.0
-    walk.escape[:] = 0.0
-    leg.total[:] = 0.0
-    preference = 1.0 if guided else 0.0
-    start_columns(scene.columns, line, work.from_start, work.across)
-    for k in range(leg.point.size):
+    for i in range(wavelengths):
+        walk.gain[i], walk.escape[i], leg.total[i] = 0.0, 0.0, 0.0
+    for k in range(leg.edge.size - 1):
         width = leg.edge[k + 1] - leg.edge[k]
         t = leg.edge[k] + width * u
-        leg.point[k] = t
         r = columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
         transmittance(work.along, optics.sigma_t, work.through)
         densities(scene.columns, r - scene.columns.radius, work.density)
         if not light_at(scene, r, q + (t - line.start) * a, work):
-            work.sun[:] = 0.0
-        mix_components(work.density, optics.sigma_s, work.scattering)
+            for i in range(wavelengths):
+                work.sun[i] = 0.0
         mix_components(work.density, work.weighted, work.towards)
         for i in range(wavelengths):
-            reach = width * work.through[i]
-            leg.weight[k, i] = reach * work.scattering[i]
-            leg.chance[k, i] = leg.weight[k, i] * (DARK_SHARE + preference * work.sun[i])
-            walk.gain[i] += reach * work.towards[i] * work.sun[i]
-            leg.total[i] += leg.chance[k, i]
+            walk.gain[i] += width * work.through[i] * work.towards[i] * work.sun[i]
+        if guided:
+            mix_components(work.density, optics.sigma_s, work.scattering)
+            for i in range(wavelengths):
+                leg.chance[k, i] = width * work.through[i] * work.scattering[i] * (DARK_SHARE + work.sun[i])
+                leg.total[i] += leg.chance[k, i]
         if optics.emits:
             mix_components(work.density, optics.emission, work.emitted)
             for i in range(wavelengths):
                 walk.escape[i] += width * work.through[i] * work.emitted[i]
     for i in range(wavelengths):
         walk.gain[i] *= optics.sun_irradiance[node, i] / optics.sun_chance[node]
-    _march_end(scene, line, node, q + (line.leave - line.start) * a, preference, leg, work, walk)
+    _march_end(scene, line, node, q + (line.leave - line.start) * a, guided, leg, work, walk)
 
 
 @kernel
-def _march_end(scene, line, node, x_sun, preference, leg, work, walk):
-    """The end of a marched leg: reflected sunlight or light from outside, and the ground as a candidate."""
+def _march_end(scene, line, node, x_sun, guided, leg, work, walk):
+    """The end of a marched leg: reflected sunlight or light from outside, and the chances made to sum to 1."""
     optics = scene.optics
-    last = leg.point.size
-    columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
-    transmittance(work.along, optics.sigma_t, work.through)
+    last = leg.edge.size - 1
+    mu_s = x_sun / scene.columns.radius
     if not line.hits_ground:
         for i in range(optics.albedo.size):
-            walk.escape[i] += work.through[i] * optics.background[i]
-            leg.weight[last, i] = 0.0
-            leg.chance[last, i] = 0.0
-        return
-    mu_s = x_sun / scene.columns.radius
-    if mu_s <= 0.0 or not light_at(scene, scene.columns.radius, x_sun, work):
-        work.sun[:] = 0.0
+            walk.escape[i] += leg.through[i] * optics.background[i]
+    elif mu_s <= 0.0 or not light_at(scene, scene.columns.radius, x_sun, work):
+        for i in range(optics.albedo.size):
+            work.sun[i] = 0.0
     for i in range(optics.albedo.size):
-        reach = work.through[i] * optics.albedo[i]
+        reach = leg.through[i] * optics.albedo[i] if line.hits_ground else 0.0
         irradiance = work.sun[i] * mu_s * optics.sun_irradiance[node, i] / optics.sun_chance[node]
         walk.gain[i] += reach * irradiance / math.pi
-        leg.weight[last, i] = reach
-        leg.chance[last, i] = reach * (DARK_SHARE + preference * work.sun[i])
+        leg.chance[last, i] = reach * (DARK_SHARE + work.sun[i])
         leg.total[i] += leg.chance[last, i]
-
-
-@kernel
-def finish_chances(leg):
-    """Divide the chances by their sum."""
-    for k in range(leg.chance.shape[0]):
-        for i in range(leg.total.size):
-            leg.chance[k, i] = leg.chance[k, i] / leg.total[i] if leg.total[i] > 0.0 else 0.0
+    if guided:
+        for k in range(last + 1):
+            for i in range(leg.total.size):
+                leg.chance[k, i] = leg.chance[k, i] / leg.total[i] if leg.total[i] > 0.0 else 0.0
 
 
 @kernel
@@ -314,8 +342,9 @@ def guide_weights(scene, h, work):
         all_of_it += scene.columns.cell[0, 6 + 8 * c] * optics.sigma_t[c, middle]
     up = 1.0 - math.exp(-2.0 * above)
     down = 1.0 - math.exp(-2.0 * max(all_of_it - above, 0.0)) + optics.albedo[middle]
-    total = max(up + down, 1e-12)
-    return up / total * 0.9 + 0.05, down / total * 0.9 + 0.05
+    total = up + down
+    above_share = 0.05 + 0.9 * up / total if total > 0.0 else 0.5
+    return above_share, 1.0 - above_share
 
 
 @inlined
@@ -389,8 +418,8 @@ def scatter(scene, hero, u, v, guided, work, walk):
     - by the phase function around the Sun, for that is where the light scattered once more comes from;
     - by a guide that knows that a sky is brightest near the horizon.
 
-    Forward-peaked mixtures (by the mean cosine at the middle wavelength) rely on the first two, air on the third; a walk
-    that is no longer `guided` on the first alone, so that its weight does not spread with every leg.
+    Forward-peaked mixtures (by the mean cosine at the middle wavelength) rely on the first two, air on the third; a
+    walk that is no longer `guided` on the first alone, so that its weight does not spread with every leg.
     The value takes the phase function of the mixture (it already holds the scattering coefficient), the chance of each
     hero the sum of the three densities: the choice of the way is integrated out.
     """
@@ -453,42 +482,52 @@ def lift_to_ground(scene, walk):
 
 
 @kernel
-def choose_first(scene, line, camera, hero, work, walk):
-    """Move to the point where the camera's ray is scattered or reflected; returns what is there."""
-    k, share = draw_candidate(camera, hero, walk.even[1])
-    if k < 0:
-        return NOTHING
-    if k == camera.point.size:
-        move(walk, line.leave - line.start)
+def choose(scene, line, leg, hero, u, guided, work, walk):
+    """Draw the end of a leg and move there; value and chances take it.  Returns what is there."""
+    last = leg.edge.size - 1
+    marched = MARCHED_SHARE if guided and leg.total[hero] > 0.0 else 0.0
+    k = -1
+    if u < marched:
+        k, share = draw_candidate(leg, hero, u / marched)
+        if k < 0:
+            return NOTHING
+        t = leg.edge[k] + share * (leg.edge[k + 1] - leg.edge[k]) if k < last else line.leave
+    else:
+        u = (u - marched) / (1.0 - marched)
+        if u < leg.ground[hero]:
+            k = last
+            t = line.leave
+        elif leg.lost[hero] <= 0.0:
+            return NOTHING
+        else:
+            u = (u - leg.ground[hero]) / (1.0 - leg.ground[hero])
+            t = fly(scene, line, hero, -math.log1p(-u * leg.lost[hero]), work)
+
+    if k == last:
         for i in range(walk.value.size):
-            walk.value[i], walk.chance[i] = camera.weight[k, i], camera.chance[k, i]
+            from_march = MARCHED_SHARE * leg.chance[last, i] if guided and leg.total[i] > 0.0 else 0.0
+            flown = 1.0 - MARCHED_SHARE if guided and leg.total[i] > 0.0 else 1.0
+            walk.value[i] *= leg.through[i] * scene.optics.albedo[i]
+            walk.chance[i] *= from_march + flown * leg.ground[i]
+        move(walk, line.leave - line.start)
         return GROUND
-    width = camera.edge[k + 1] - camera.edge[k]
-    t = camera.edge[k] + share * width
+
     r = columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
     transmittance(work.along, scene.optics.sigma_t, work.through)
     densities(scene.columns, r - scene.columns.radius, work.density)
     mix_components(work.density, scene.optics.sigma_s, work.scattering)
+    mix_components(work.density, scene.optics.sigma_t, work.towards)
+    k = 0
+    while k < last - 1 and leg.edge[k + 1] <= t:
+        k += 1
+    per_width = 1.0 / max(leg.edge[k + 1] - leg.edge[k], 1e-300)
     for i in range(walk.value.size):
-        walk.value[i] = work.through[i] * work.scattering[i]
-        walk.chance[i] = camera.chance[k, i] / width
+        from_march = MARCHED_SHARE * leg.chance[k, i] * per_width if guided and leg.total[i] > 0.0 else 0.0
+        flown = 1.0 - MARCHED_SHARE if guided and leg.total[i] > 0.0 else 1.0
+        collision = work.through[i] * work.towards[i] / max(leg.lost[i], 1e-300)
+        walk.value[i] *= work.through[i] * work.scattering[i]
+        walk.chance[i] *= from_march + flown * (1.0 - leg.ground[i]) * collision
     move(walk, t - line.start)
-    return AIR
-
-
-@kernel
-def choose_next(line, leg, hero, u, walk):
-    """Move to one of the candidates of a marched leg; returns what is there."""
-    k, _ = draw_candidate(leg, hero, u)
-    if k < 0:
-        return NOTHING
-    for i in range(walk.value.size):
-        walk.value[i] *= leg.weight[k, i]
-        walk.chance[i] *= leg.chance[k, i]
-    if k == leg.point.size:
-        move(walk, line.leave - line.start)
-        return GROUND
-    move(walk, leg.point[k] - line.start)
     return AIR
 
 
@@ -498,6 +537,8 @@ def survives(walk, reference):
     largest = 0.0
     for i in range(walk.value.size):
         largest = max(largest, walk.value[i])
+    if largest <= 0.0:
+        return False
     q = min(1.0, largest / (ROULETTE_LEVEL * reference))
     if uniform(walk.state) >= q:
         return False
@@ -532,7 +573,9 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
     reference = 0.0
     last = max_order if scene.optics.glows else max_order - 1
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
-    found = choose_first(scene, line, camera, hero, camera_work, walk)
+    for i in range(walk.value.size):
+        walk.value[i], walk.chance[i] = 1.0, 1.0
+    found = choose(scene, line, camera, hero, walk.even[1], True, camera_work, walk)
     x, d = walk.position, walk.direction
     for order in range(1, last + 1):
         # Turn at the vertex.
@@ -549,18 +592,19 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         if order == 1:
             for i in range(walk.value.size):
                 reference = max(reference, walk.value[i])
+            if reference <= 0.0:
+                return
         elif order >= FIRST_ROULETTE and not survives(walk, reference):
             return
 
         # March to the next.
         line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
-        r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-        cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), leg.edge)
+        prepare_leg(scene, line, leg, work)
+        guided = order <= GUIDED_LEGS
         node = pick_sun(scene.optics, draw(walk, order, 2))
-        march(scene, line, node, draw(walk, order, 3), order <= GUIDED_LEGS, leg, work, walk)
+        march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk)
         tally(walk, order, max_order, total, by_order)
-        finish_chances(leg)
-        found = choose_next(line, leg, hero, draw(walk, order, 4), walk)
+        found = choose(scene, line, leg, hero, draw(walk, order, 4), guided, work, walk)
 
 
 @kernel
@@ -633,11 +677,9 @@ def path_rays(
             continue
 
         # The camera's ray is marched once for all its walks, through the middles of its strata.
-        r = math.sqrt(line.p * line.p + line.enter * line.enter)
-        cut_strata(line, mean_extinction(scene, r - scene.columns.radius, work), camera.edge)
+        prepare_leg(scene, line, camera, camera_work)
         depart(walk, o, d)
         march(scene, line, np.int64(0), 0.5, True, camera, camera_work, walk)
-        finish_chances(camera)
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):
