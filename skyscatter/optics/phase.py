@@ -1,6 +1,6 @@
 """Phase functions.
 
-Every closed form here is a member of one family, Draine (2003, ApJ 598, 1017, eq. 9),
+Every closed form here is a member of one family, Draine (2003), ApJ 598, 1017,
 
     p(mu) = (1 - g^2) / (4 pi N) * (1 + alpha mu^2) / (1 + g^2 - 2 g mu)^(3/2),   N = 1 + alpha (1 + 2 g^2) / 3,
 
@@ -27,7 +27,7 @@ _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(24)
 
 
 def draine_value(mu: ArrayLike, g: ArrayLike, alpha: ArrayLike) -> Array:
-    """Phase function [sr-1] of Draine (2003), eq. 9; the arguments broadcast."""
+    """Phase function [sr-1] of Draine (2003), ApJ 598, 1017; the arguments broadcast."""
     mu, g, alpha = np.asarray(mu, float), np.asarray(g, float), np.asarray(alpha, float)
     norm = 4 * np.pi * (1 + alpha * (1 + 2 * g * g) / 3)
     value: Array = (1 - g * g) / norm * (1 + alpha * mu * mu) / (1 + g * g - 2 * g * mu) ** 1.5
@@ -35,7 +35,7 @@ def draine_value(mu: ArrayLike, g: ArrayLike, alpha: ArrayLike) -> Array:
 
 
 def draine_mean_cosine(g: ArrayLike, alpha: ArrayLike) -> Array:
-    """Mean cosine of Draine (2003), eq. 10."""
+    """Mean cosine of Draine (2003), ApJ 598, 1017."""
     g, alpha = np.asarray(g, float), np.asarray(alpha, float)
     mean: Array = g * (1 + alpha * (3 + 2 * g * g) / 5) / (1 + alpha * (1 + 2 * g * g) / 3)
     return mean
@@ -165,7 +165,7 @@ class CornetteShanks(_DraineFamily):
 
 
 class Draine(_DraineFamily):
-    """Draine (2003), ApJ 598, 1017, eq. 9: between Henyey-Greenstein (alpha 0) and Cornette-Shanks (alpha 1)."""
+    """Draine (2003), ApJ 598, 1017: between Henyey-Greenstein (alpha 0) and Cornette-Shanks (alpha 1)."""
 
     kind: Literal["draine"] = "draine"
     g: Spectral

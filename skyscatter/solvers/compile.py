@@ -56,8 +56,8 @@ def medium_optics(medium: Medium, wavelengths: tuple[float, ...]) -> tuple[Array
 def disk_points(axis: Array, radius: float) -> tuple[Array, Array, Array]:
     """Points on a disk that integrate polynomials of degree 5 over it: the middle and a hexagon.
 
-    Stroud (1971), Approximate Calculation of Multiple Integrals, S2:5-1 turned to seven points: weights 1/4 and 1/8,
-    the hexagon at sqrt(2/3) of the radius.
+    Stroud (1971), Approximate Calculation of Multiple Integrals, rule S2:5-1 (Radon's seven points): weights 1/4 and
+    1/8, the hexagon at sqrt(2/3) of the radius.
 
     Returns
     -------

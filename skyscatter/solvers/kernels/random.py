@@ -3,7 +3,7 @@
 Each walk owns a stream: a 64-bit state that is advanced and mixed (SplitMix64: Steele, Lea & Flood 2014, OOPSLA).  So
 the same seed gives the same numbers whatever the tiles and threads.  The first dimensions of a walk come from a Sobol
 sequence (direction numbers of Joe & Kuo 2008, SIAM J. Sci. Comput. 30, 2635), scrambled in every batch of walks by a
-hash that permutes like Owen's nested scrambling (Laine & Karras 2011, Computer Graphics Forum 30, 1265; constants of
+hash that permutes like Owen's nested scrambling (Laine & Karras 2011, Computer Graphics Forum 30, 1197; constants of
 Vegdahl 2021): points that fill the unit cube evenly, and independent from batch to batch.
 """
 
