@@ -22,8 +22,10 @@ from skyscatter.solvers.base import Answer, Array, Options, Rays
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
 
-#: Rays in a tile: long enough to hide the cost of handing it out, short enough for Ctrl-C and progress.
+#: Rays in a tile at most: enough to hide the cost of handing it out, few enough for Ctrl-C and progress.
 TILE_RAYS = 128
+#: Tiles for each thread at least, as far as there are rays.
+TILES_PER_THREAD = 8
 SOLVERS = ("path", "single")
 
 
@@ -169,8 +171,12 @@ def solve_rays(
     options.check()
     module.check(options)
     table = compile_scene(scene, wavelengths)
+    workers = default_threads() if threads is None else threads
+    if workers < 1:
+        raise DomainError("threads", threads, "at least 1")
     n = len(rays.origins)
-    tiles = [slice(k, min(k + TILE_RAYS, n)) for k in range(0, n, TILE_RAYS)]
+    size = min(max(n // (TILES_PER_THREAD * workers), 1), TILE_RAYS)
+    tiles = [slice(k, min(k + size, n)) for k in range(0, n, size)]
     waiting = [tile for tile in tiles if not state.done[tile].all()]
     if not waiting:
         return True
@@ -179,9 +185,6 @@ def solve_rays(
     def work(tile: slice) -> tuple[slice, Answer] | None:
         return None if stop.is_set() else (tile, module.solve(table, rays.part(tile), options))
 
-    workers = default_threads() if threads is None else threads
-    if workers < 1:
-        raise DomainError("threads", threads, "at least 1")
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs: set[Future[tuple[slice, Answer] | None]] = {pool.submit(work, tile) for tile in waiting}
         try:
