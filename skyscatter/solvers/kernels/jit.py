@@ -50,6 +50,11 @@ def inlined(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 
 
+def merged(function: Callable[..., Any]) -> Any:
+    """Like `kernel`, for a function that is called from one place: its body is compiled there, and only there."""
+    return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")
+
+
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python may call; it too must not make arrays."""
     return _compile(function, _nrt=False, no_cfunc_wrapper=True)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -142,7 +142,7 @@ def fly(scene, line, i, tau, work):
     return t
 
 
-@kernel
+@merged
 def prepare_leg(scene, line, leg, work):
     """Transmittance of a leg, the chances of a free flight along it, and its strata."""
     optics, middle = scene.optics, scene.optics.albedo.size // 2
@@ -257,7 +257,7 @@ def march(scene, line, node, u, guided, leg, work, walk):
     _march_end(scene, line, node, q + (line.leave - line.start) * a, guided, leg, work, walk)
 
 
-@kernel
+@merged
 def _march_end(scene, line, node, x_sun, guided, leg, work, walk):
     """The end of a marched leg: reflected sunlight or light from outside, and the chances made to sum to 1."""
     optics = scene.optics
@@ -531,7 +531,7 @@ def choose(scene, line, leg, hero, u, guided, work, walk):
     return AIR
 
 
-@kernel
+@merged
 def survives(walk, reference):
     """Russian roulette against the throughput after the first vertex; survivors carry the weight of the fallen."""
     largest = 0.0
@@ -547,7 +547,7 @@ def survives(walk, reference):
     return True
 
 
-@kernel
+@merged
 def tally(walk, order, max_order, total, by_order):
     """Add the light of the current leg, which is the `order`-th of the walk, to the sums."""
     last = by_order.shape[0]
@@ -567,7 +567,7 @@ def draw(walk, order, k):
     return walk.even[5 * order - 3 + k] if order <= 2 else uniform(walk.state)
 
 
-@kernel
+@merged
 def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
     reference = 0.0
@@ -575,7 +575,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
     for i in range(walk.value.size):
         walk.value[i], walk.chance[i] = 1.0, 1.0
-    found = choose(scene, line, camera, hero, walk.even[1], True, camera_work, walk)
+    found = choose(scene, line, camera, hero, walk.even[1], GUIDED_LEGS > 0, camera_work, walk)
     x, d = walk.position, walk.direction
     for order in range(1, last + 1):
         # Turn at the vertex.
@@ -607,7 +607,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         found = choose(scene, line, leg, hero, draw(walk, order, 4), guided, work, walk)
 
 
-@kernel
+@merged
 def _statistics(sums, batches, walks_per_batch, mean, error):
     """Mean over batches and its standard error, each (wavelength,)."""
     for i in range(mean.size):
@@ -621,7 +621,7 @@ def _statistics(sums, batches, walks_per_batch, mean, error):
         error[i] = math.sqrt(square / (batches * (batches - 1.0))) / walks_per_batch if batches > 1 else math.inf
 
 
-@kernel
+@merged
 def _noise(error, mean, base):
     """Relative standard error, averaged over wavelengths where there is light."""
     noise, n = 0.0, 0
@@ -679,7 +679,7 @@ def path_rays(
         # The camera's ray is marched once for all its walks, through the middles of its strata.
         prepare_leg(scene, line, camera, camera_work)
         depart(walk, o, d)
-        march(scene, line, np.int64(0), 0.5, True, camera, camera_work, walk)
+        march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk)
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, kernel
+from skyscatter.solvers.kernels.jit import entry, kernel, merged
 from skyscatter.solvers.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -70,7 +70,7 @@ def sunlight(scene, r, x_sun, nodes, work, out):
                 out[i] += work.sun[i] * scene.optics.sun_irradiance[m, i]
 
 
-@kernel
+@merged
 def _source(scene, line, t, origin_sun, along_sun, x_sun, work):
     """T(t) J(t) into ``work.source``."""
     optics = scene.optics
@@ -91,7 +91,7 @@ def _source(scene, line, t, origin_sun, along_sun, x_sun, work):
             work.source[i] += work.through[i] * work.emitted[i]
 
 
-@kernel
+@merged
 def _integrate(scene, line, a, b, origin_sun, along_sun, x_sun, work):
     """Both rules of the pair over [a, b], into ``work.fine`` and ``work.coarse``."""
     work.fine[:] = 0.0
@@ -104,7 +104,7 @@ def _integrate(scene, line, a, b, origin_sun, along_sun, x_sun, work):
             work.coarse[i] += half * GAUSS_W[k] * work.source[i]
 
 
-@kernel
+@merged
 def _shadow_edges(radius, line, origin_sun, along_sun, p_square, cuts, n):
     """Add the distances t at which the line enters or leaves the planet's shadow to `cuts`; returns their number."""
     for m in range(origin_sun.size):
@@ -124,7 +124,7 @@ def _shadow_edges(radius, line, origin_sun, along_sun, p_square, cuts, n):
     return n
 
 
-@kernel
+@merged
 def _cut_points(scene, line, origin_sun, along_sun, cuts):
     """Where the integrand may have a kink, rising, both ends included; returns their number."""
     radius = scene.columns.radius
@@ -154,7 +154,7 @@ def _agree(fine, coarse, limit):
     return worst <= 0.0
 
 
-@kernel
+@merged
 def _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, out):
     """Singly scattered and emitted radiance along the line, into `out` (wavelength,).
 
@@ -196,7 +196,7 @@ def _push_halves(a, b, stack, waiting):
     return waiting + 2
 
 
-@kernel
+@merged
 def _judge_first(pieces, first, limit, cuts, stack, out):
     """Add the pieces on which the rules agree to `out`, and halve the others; returns the height of the stack."""
     waiting = 0
