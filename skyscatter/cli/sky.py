@@ -165,9 +165,7 @@ def sky(
         return 130
 
 
-def _sun_choice(
-    place: str | None, time: str | None, elevation: str | None, azimuth: str | None
-) -> tuple[float, float]:
+def _sun_choice(place: str | None, time: str | None, elevation: str | None, azimuth: str | None) -> tuple[float, float]:
     if (place is None) != (time is None):
         given, missing = ("place", "time") if time is None else ("time", "place")
         raise DomainError(given, place or time, f"needs --{missing} as well")

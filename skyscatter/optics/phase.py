@@ -224,9 +224,7 @@ class DoubleHenyeyGreenstein(PhaseFunction):
         forward, backward = self._lobes()
         in_forward = u < f
         stretched = np.where(in_forward, u / max(f, 1e-300), (u - f) / max(1 - f, 1e-300))
-        return np.where(
-            in_forward, forward.sample(stretched, wavelength_nm), backward.sample(stretched, wavelength_nm)
-        )
+        return np.where(in_forward, forward.sample(stretched, wavelength_nm), backward.sample(stretched, wavelength_nm))
 
 
 class TabulatedPhase(PhaseFunction):

@@ -31,7 +31,8 @@ class Rays:
     def part(self, rays: slice) -> Rays:
         """Some of the rays."""
         # Copies: kernels are compiled for plain arrays, and a broadcast one would be another type.
-        return Rays(*(np.array(a[rays], order="C") for a in (self.origins, self.directions, self.numbers)))
+        origins, directions = (np.array(a[rays], order="C") for a in (self.origins, self.directions))
+        return Rays(origins, directions, self.numbers[rays])
 
 
 @dataclass(frozen=True)

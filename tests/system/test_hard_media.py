@@ -12,7 +12,6 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein, Isotropic
 from skyscatter.spectra.table import SpectralTable
 
-
 AIR = Exponential(scale_height="8 km")
 
 

@@ -379,8 +379,6 @@ def test_info_lists_versions_and_the_cache(capsys, monkeypatch):
     assert "/some/where" in out
 
 
-
-
 class Optics:
     """Grey scattering, a little absorption, isotropic."""
 

@@ -57,9 +57,7 @@ def test_wrong_arguments_are_named(scene, changes, words):
 
 def test_shapes_follow_the_rays(scene):
     directions = np.broadcast_to(UP, (2, 3, 3))
-    answer = skyscatter.radiance(
-        scene, scene.observer.position, directions, [450, 550], solver="single", parts=True
-    )
+    answer = skyscatter.radiance(scene, scene.observer.position, directions, [450, 550], solver="single", parts=True)
     assert answer.radiance.shape == answer.standard_error.shape == (2, 3, 2)
     assert set(answer.layers) == {"direct", "scattered", "ground"}
     assert np.all(answer.standard_error == 0)
