@@ -237,7 +237,7 @@ class DensityFieldBase:
             error = np.abs(out - exact)
             worst = error.argmax()
             assert error.max() < self.table_error * exact.max(), (field, error.max() / exact.max(), h[worst], mu[worst])
-            # Linear interpolation between 160 angles: no more than 4e-5 from the ground, where columns are greatest,
+            # Linear interpolation between 256 angles: no more than 4.5e-5 from the ground, where columns are greatest,
             # and a few 1e-6 as a rule.
             np.testing.assert_allclose(out[:500], exact[:500], rtol=5e-5)
             weighty = exact > 0.1 * float(field.vertical_column(0.0))

@@ -208,8 +208,8 @@ def test_defaults(fake, capsys):
     assert main(["sky", "-o", "sky.png"]) == 0
     assert fake.scene == {"sun_elevation_deg": 30.0, "sun_azimuth_deg": 180.0, "altitude": 0.0}
     camera = fake.render["camera"]
-    assert (camera.kind, camera.width, camera.height, camera.centre_azimuth_deg) == ("panorama", 512, 256, 180.0)
-    assert fake.render["wavelengths"][[0, 1, -1]].tolist() == [380, 385, 780]
+    assert (camera.kind, camera.width, camera.height, camera.centre_azimuth_deg) == ("panorama", 360, 180, 180.0)
+    assert fake.render["wavelengths"][[0, 1, -1]].tolist() == [380, 390, 780]
     expected = {"solver": "path", "samples": None, "noise": None, "seed": 0, "max_order": None, "threads": None}
     assert {key: fake.render[key] for key in expected} == expected
     assert fake.render["resume"] is None
@@ -324,7 +324,7 @@ def test_noise_in_percent_or_as_a_fraction():
 
 
 def test_size_defaults_to_the_view():
-    assert parse_size(None, "panorama-upper") == (512, 128)
+    assert parse_size(None, "panorama-upper") == (360, 90)
     assert parse_size(None, "perspective:0,0,50") == (384, 256)
     assert parse_size("3X2", "fisheye") == (3, 2)
 

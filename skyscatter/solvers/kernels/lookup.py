@@ -236,7 +236,7 @@ def table_altitudes(fields: FieldTable, count: int = 200) -> np.ndarray:
     return np.unique(np.concatenate([inside[apart], fields.breaks[fields.breaks <= top]]))
 
 
-def build_column_table(fields: FieldTable, angles: int = 200, bend: float = 0.04) -> ColumnTable:
+def build_column_table(fields: FieldTable, angles: int = 256, bend: float = 0.04) -> ColumnTable:
     """Tabulate fields over altitude and angle.
 
     Columns of exponential shells, tents and tabulated air are good to 2e-5 of the greatest column through the field,
