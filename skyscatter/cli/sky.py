@@ -220,7 +220,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
     if model.planet.name.lower() != "earth":
-        raise DomainError("place", request.model, "place and time mean Earth; give --sun-elevation here")
+        raise DomainError("model", request.model, "place and time mean Earth; give --sun-elevation here")
     from skyscatter.geometry.sun import sun_position
 
     sun = sun_position(*request.place, request.time, request.altitude)
@@ -267,7 +267,8 @@ def run(request: Request, arguments: list[str]) -> int:
     for path in request.outputs:
         png = {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
         image.save(path, **(png if path.suffix.lower() == ".png" else {}))
-    summary = summarise(request, model, scene, image, exposure, clock.monotonic() - started, interrupted is None)
+    finished = 1.0 if interrupted is None else float(interrupted.state.done.mean())
+    summary = summarise(request, model, scene, image, exposure, clock.monotonic() - started, finished)
     if request.json:
         typer.echo(json.dumps(summary, allow_nan=False))
     elif not request.quiet:
@@ -312,7 +313,7 @@ def median_noise(image: Any) -> float | None:
 
 
 def summarise(
-    request: Request, model: Any, scene: Any, image: Any, exposure: float, seconds: float, complete: bool
+    request: Request, model: Any, scene: Any, image: Any, exposure: float, seconds: float, finished: float
 ) -> dict[str, Any]:
     """What ``--json`` prints."""
     import skyscatter
@@ -335,7 +336,8 @@ def summarise(
         "noise": median_noise(image),
         "exposure_ev": float(exposure),
         "seconds": round(seconds, 3),
-        "complete": complete,
+        "complete": finished >= 1.0,
+        "finished": finished,
         "outputs": [str(path) for path in request.outputs],
     }
 
@@ -346,8 +348,9 @@ def describe(summary: dict[str, Any]) -> str:
 
     sun, noise = summary["sun"], summary["noise"]
     accuracy = "" if noise is None else f", median noise {100 * noise:.2g} %"
+    part = "" if summary["complete"] else f"interrupted with {100 * summary['finished']:.1f} % of the pixels finished; "
     return (
-        f"{summary['model']}: Sun at elevation {sun['elevation_deg']:.2f}°, azimuth {sun['azimuth_deg']:.2f}°; "
+        f"{part}{summary['model']}: Sun at elevation {sun['elevation_deg']:.2f}°, azimuth {sun['azimuth_deg']:.2f}°; "
         f"solver {summary['solver']}{accuracy}; EV {summary['exposure_ev']:.1f}; {format_seconds(summary['seconds'])}; "
         f"wrote {', '.join(summary['outputs']) or 'nothing'}"
     )

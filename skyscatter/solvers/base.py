@@ -75,7 +75,7 @@ class Options:
 
     def check(self) -> None:
         """Refuse values that no solver can use."""
-        _at_least("samples", self.samples, 1)
+        _at_least("samples", self.samples, 2)  # one walk has no standard error
         _at_least("max_order", self.max_order, 1)
         _at_least("orders", self.orders, 0)
         if self.noise is not None and not 0 < self.noise < 1:

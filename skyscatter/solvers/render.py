@@ -90,7 +90,13 @@ def _recipe(scene: Scene, camera: Any, wl: Array, solver: str, options: Options)
     """All that is needed to make the picture again."""
     from skyscatter import __version__
 
-    given = {name: value for name, value in vars(options).items() if value not in (None, False)}
+    given = {name: value for name, value in vars(options).items() if value not in (None, False)} | {
+        "seed": options.seed
+    }
+    if solver == "path" and options.noise is None:
+        from skyscatter.solvers.path import walks_for
+
+        given["samples"] = walks_for(options)
     return {
         "skyscatter": __version__,
         "scene": scene.model_dump(mode="json", exclude_none=True),

@@ -10,6 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,18 +70,19 @@ class RenderState:
         if not Path(path).is_file():
             raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
             found = json.loads(str(content["recipe"]))
             layers = {name.removeprefix("layer_"): v for name, v in content.items() if name.startswith("layer_")}
             state = cls(
                 found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers
             )
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
         for name in sorted(set(found) | set(recipe)):
             if found.get(name) != json.loads(json.dumps(recipe.get(name))):
-                raise DomainError("resume", str(path), f"was begun with another {name}; repeat the command as it was")
+                raise DomainError("resume", str(path), f"was begun with other {name}; repeat the command as it was")
+        state.recipe = recipe
         return state
 
 

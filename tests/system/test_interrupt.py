@@ -61,3 +61,10 @@ def test_a_file_that_is_no_checkpoint_is_refused(capsys, monkeypatch, tmp_path):
     (tmp_path / "text.npz").write_text("this is not a checkpoint")
     assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "text.npz"]) == 2
     assert "text.npz" in capsys.readouterr().err
+
+
+def test_a_truncated_checkpoint_is_refused(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "half.npz").write_bytes(b"PK\x03\x04" + bytes(2000))
+    assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "half.npz"]) == 2
+    assert "half.npz: not a checkpoint" in capsys.readouterr().err

@@ -36,6 +36,7 @@ UP = np.array([0.0, 0.0, 1.0])
         ({"origins": [0, 0, 6.0e6]}, "inside the planet"),
         ({"solver": "magic"}, "choose from path, single"),
         ({"samples": 0}, "samples"),
+        ({"samples": 1}, "samples"),
         ({"samples": 8, "noise": 0.1}, "not both"),
         ({"noise": 2.0}, "noise"),
         ({"max_order": 0}, "max_order"),
@@ -105,7 +106,7 @@ def test_a_state_of_another_render_is_refused(tmp_path):
     state.save(tmp_path / "a.npz")
     again = RenderState.load(tmp_path / "a.npz", {"solver": "path", "seed": 1})
     assert not again.done.any()
-    with pytest.raises(DomainError, match="another seed"):
+    with pytest.raises(DomainError, match="other seed"):
         RenderState.load(tmp_path / "a.npz", {"solver": "path", "seed": 2})
     with pytest.raises(SkyscatterError, match="no such checkpoint"):
         RenderState.load(tmp_path / "b.npz", {})
