@@ -26,8 +26,8 @@ from skyscatter.media.tables import pack_fields
 from skyscatter.model import first_problem
 from skyscatter.optics.base import PhaseFunction
 from skyscatter.optics.particles import Particles
-from skyscatter.optics.phase import AnyPhase
-from skyscatter.solvers.compile import compile_scene
+from skyscatter.optics.phase import AnyPhase, matrix_excess
+from skyscatter.solvers.compile import compile_scene, matrix_tables, medium_optics
 from skyscatter.solvers.kernels.columns import density as kernel_density
 from skyscatter.solvers.kernels.columns import exact_columns
 from skyscatter.solvers.kernels.columns import vertical_column as kernel_vertical_column
@@ -294,6 +294,8 @@ class PhaseFunctionBase:
     refused: ClassVar[tuple[tuple[dict[str, Any], str], ...]]
     #: Largest error of the kernels' table, relative to the phase function.
     table_error: ClassVar[float] = 2e-5
+    #: By how much printed digits may break the bounds of a scattering matrix, relative to a1; rounding by itself.
+    matrix_slack: ClassVar[float] = 1e-12
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -319,6 +321,45 @@ class PhaseFunctionBase:
         cuts = self.cuts(phase)
         pieces = itertools.pairwise(cuts)
         return 2 * np.pi * sum(quad(integrand, a, b, epsabs=1e-13, epsrel=1e-10)[0] for a, b in pieces)
+
+    def expected_matrix(self, phase: Any, mu: Array, wavelength: float) -> Array:
+        """Elements a2, a3, a4, b1, b2 as published; by the rule of phase functions that know no polarisation."""
+        a1 = self.expected(phase, mu, wavelength)
+        return np.array([a1 * (1 + mu**2) / 2, a1 * mu, a1 * mu, 0 * mu, 0 * mu])
+
+    def test_matrix_is_the_stated_one(self) -> None:
+        mu = np.linspace(-1, 1, 201)
+        for phase in self.examples:
+            elements = phase.matrix(mu, WAVELENGTHS)
+            assert elements.shape == (6, mu.size, len(WAVELENGTHS))
+            np.testing.assert_allclose(elements[0], phase.value(mu, WAVELENGTHS), rtol=1e-13)  # rounding
+            for i, wavelength in enumerate(WAVELENGTHS):
+                expected = self.expected_matrix(phase, mu, wavelength)
+                np.testing.assert_allclose(elements[1:, :, i], expected, rtol=1e-9, atol=1e-12 * elements[0].max())
+
+    def test_matrix_obeys_bounds_and_symmetry(self) -> None:
+        """No more polarised light than light; no direction singled out straight ahead and straight back."""
+        mu = np.linspace(-1, 1, 401)
+        for phase in self.examples:
+            elements = phase.matrix(mu, WAVELENGTHS)
+            assert matrix_excess(elements) < self.matrix_slack
+            a1, a2, a3, _, b1, b2 = np.moveaxis(elements, 1, 0)[[0, -1]].transpose(1, 0, 2)
+            small = 1e-12 * a1.max()
+            # Hovenier & van der Mee (1983), Astron. Astrophys. 128, 1: values straight back (0) and ahead (1).
+            for value in (b1, b2, a2[0] + a3[0], a2[1] - a3[1]):
+                np.testing.assert_allclose(value, 0, atol=small)
+
+    def test_matrix_tables_are_on_the_scale_of_the_phase_table(self) -> None:
+        mu = 1 - 2 * (np.arange(1025) / 1024) ** 2
+        for phase in self.examples:
+            medium = _scene(phase).medium
+            tables = matrix_tables(medium, WAVELENGTHS)
+            assert tables.shape == (1, 6, 1025, 3)
+            assert tables.flags.c_contiguous
+            assert np.array_equal(tables[:, 0], medium_optics(medium, WAVELENGTHS)[3])
+            expected = phase.matrix(mu, WAVELENGTHS)
+            # The scale is the integral of the table's chords: as near to 1 as the table is good.
+            np.testing.assert_allclose(tables[0], expected, rtol=max(self.table_error, 1e-3), atol=1e-12)
 
     def test_value_is_the_published_formula(self) -> None:
         mu = np.concatenate([np.linspace(-1, 1, 401), 1 - np.geomspace(1e-8, 0.1, 50)])

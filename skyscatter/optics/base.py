@@ -27,6 +27,22 @@ class PhaseFunction(Record):
         """Phase function [sr-1], shape (angle, wavelength)."""
         raise NotImplementedError
 
+    def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Elements a1, a2, a3, a4, b1, b2 of the scattering matrix [sr-1], shape (6, angle, wavelength).
+
+        With the Stokes vector (I, Q, U, V) referred to the scattering plane the matrix of a mirror-symmetric medium is
+
+            [[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]]
+
+        (van de Hulst 1957, Light Scattering by Small Particles, section 5.22), a1 being `value`.  A phase function that
+        knows nothing of polarisation makes none (b1 = b2 = 0), keeps it in forward scattering and treats it as symmetry
+        demands in backward scattering: a2 = a1 (1 + mu^2) / 2, a3 = a4 = a1 mu, which for the dipole's a1 is exact.
+        """
+        mu = np.atleast_1d(np.asarray(cos_theta, float))[:, None]
+        a1 = self.value(cos_theta, wavelengths_nm)
+        zero = np.zeros_like(a1)
+        return np.stack([a1, 0.5 * a1 * (1 + mu * mu), a1 * mu, a1 * mu, zero, zero])
+
     def mean_cosine(self, wavelengths_nm: ArrayLike) -> Array:
         """Asymmetry parameter, shape (wavelength,)."""
         raise NotImplementedError

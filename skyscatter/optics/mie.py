@@ -1,8 +1,8 @@
 """Spherical particles: log-normal size distributions through Mie theory (coefficients by miepython).
 
-Efficiencies, asymmetry and intensities follow from the Mie coefficients a_n, b_n by Bohren & Huffman 1983 (Absorption
-and Scattering of Light by Small Particles), equations 4.61, 4.62, 4.74 and the asymmetry formula of section 4.5.  The
-sums over sizes and angles are matrix products here, so that only the coefficients cost a call per sphere.
+Efficiencies, asymmetry and scattering matrix follow from the Mie coefficients a_n, b_n by Bohren & Huffman 1983
+(Absorption and Scattering of Light by Small Particles), equations 4.61, 4.62, 4.77 and the asymmetry formula of section
+4.5.  The sums over sizes and angles are matrix products here, so that only the coefficients cost a call per sphere.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class _NodeOptics(NamedTuple):
     extinction: float  # m2 per particle
     scattering: float  # m2 per particle
     asymmetry: float
-    phase: Array  # sr-1, shape (angle,)
+    matrix: Array  # sr-1, shape (4, angle): a1 = a2 (the phase function), a3 = a4, b1, b2
 
 
 class MieAerosol(OpticalModel):
@@ -202,19 +202,26 @@ class MieAerosol(OpticalModel):
 
         Every column integrates to 1 over the sphere when read as linear in the cosine.
         """
-        nodes, optics = self._nodes(np.atleast_1d(np.asarray(wavelengths_nm, dtype=float)))
-        return _cosines(self.modes), nodes, np.stack([o.phase for o in optics], axis=1)
+        cosines, nodes, elements = self._matrix_table(wavelengths_nm)
+        return cosines, nodes, elements[0]
 
     def phase_function(self, wavelengths_nm: ArrayLike) -> PhaseFunction:
-        """The scattering-weighted mean over sizes as a `TabulatedPhase` that covers the wavelengths."""
+        """The scattering-weighted mean over sizes as a `TabulatedPhase`, matrix included, for the wavelengths."""
         from skyscatter.optics.phase import TabulatedPhase
 
-        cosines, nodes, values = self.phase_table(wavelengths_nm)
+        cosines, nodes, elements = self._matrix_table(wavelengths_nm)
+        a1, a3, b1, b2 = (tuple(tuple(row) for row in element.tolist()) for element in elements)
         return TabulatedPhase(
             cos_theta=tuple(cosines.tolist()),
             wavelengths=tuple(nodes.tolist()),
-            values=tuple(tuple(row) for row in values.tolist()),
+            values=a1,
+            polarisation=(a1, a3, a3, b1, b2),  # spheres: a2 = a1, a4 = a3
         )
+
+    def _matrix_table(self, wavelengths_nm: ArrayLike) -> tuple[Array, Array, Array]:
+        """Cosines (angle,), node wavelengths [nm] (node,) and a1, a3, b1, b2 [sr-1] (4, angle, node)."""
+        nodes, optics = self._nodes(np.atleast_1d(np.asarray(wavelengths_nm, dtype=float)))
+        return _cosines(self.modes), nodes, np.stack([o.matrix for o in optics], axis=2)
 
     def _nodes(self, wl: Array) -> tuple[Array, list[_NodeOptics]]:
         """Wavelengths [nm] that are computed for a request, ascending, and their optics."""
@@ -252,10 +259,10 @@ def _node(modes: tuple[LogNormalMode, ...], wavelength_nm: float, index: complex
     forward = forward + (a * b.conj()).real @ ((2 * n + 1) / (n * (n + 1.0)))
     asymmetry = 2.0 * (to_area @ forward) / scattering
     cosines = _cosines(modes)
-    intensity = _intensity(a, b, cosines, number)
-    phase = intensity / (2 * np.pi * np.trapezoid(intensity, cosines))
-    phase.flags.writeable = False
-    return _NodeOptics(float(extinction), float(scattering), float(asymmetry), phase)
+    elements = _elements(a, b, cosines, number)
+    matrix = elements / (2 * np.pi * np.trapezoid(elements[0], cosines))
+    matrix.flags.writeable = False
+    return _NodeOptics(float(extinction), float(scattering), float(asymmetry), matrix)
 
 
 def _coefficients(index: complex, x: Array) -> tuple[Complex, Complex]:
@@ -269,12 +276,22 @@ def _coefficients(index: complex, x: Array) -> tuple[Complex, Complex]:
     return a, b
 
 
-def _intensity(a: Complex, b: Complex, cosines: Array, number: Array) -> Array:
-    """Unpolarised intensity (|S1|^2 + |S2|^2) / 2 summed over sizes, shape (angle,)."""
+def _elements(a: Complex, b: Complex, cosines: Array, number: Array) -> Array:
+    """Elements a1, a3, b1, b2 of the scattering matrix summed over sizes, shape (4, angle).
+
+    Bohren & Huffman, equation 4.77.  The coefficients are those of their time factor exp(-i omega t), for n + ik.
+    Their vectors (perpendicular, parallel, ray) are right-handed and V > 0 turns clockwise, seen against the light;
+    here (parallel, perpendicular, ray) are and V > 0 turns anticlockwise.  Both U and V change sign, b2 does not.
+    """
     pi, tau = _angular_functions(a.shape[1], cosines)
     plus, minus = (a + b) @ (pi + tau), (a - b) @ (pi - tau)  # S1 + S2 and S1 - S2
-    # |S1|^2 + |S2|^2 = (|S1 + S2|^2 + |S1 - S2|^2) / 2
-    return 0.25 * (number @ (np.abs(plus) ** 2 + np.abs(minus) ** 2))
+    square_plus, square_minus, product = np.abs(plus) ** 2, np.abs(minus) ** 2, plus * minus.conj()
+    return 0.25 * np.stack([
+        number @ (square_plus + square_minus),  # (|S1|^2 + |S2|^2) / 2
+        number @ (square_plus - square_minus),  # Re S1 S2*
+        -2 * (number @ product.real),  # (|S2|^2 - |S1|^2) / 2
+        2 * (number @ product.imag),  # Im S2 S1*
+    ])  # fmt: skip
 
 
 def _angular_functions(orders: int, cosines: Array) -> tuple[Array, Array]:

@@ -101,6 +101,13 @@ class Isotropic(_DraineFamily):
         zero = np.zeros(np.size(wavelengths_nm))
         return zero, zero
 
+    def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Scattering matrix (see `PhaseFunction.matrix`): all polarisation is lost, a1 alone differs from nought."""
+        a1 = self.value(cos_theta, wavelengths_nm)
+        elements = np.zeros((6, *a1.shape))
+        elements[0] = a1
+        return elements
+
 
 class Rayleigh(_DraineFamily):
     """Rayleigh scattering, p = 3 / (16 pi (1 + 2 gamma)) [1 + 3 gamma + (1 - gamma) mu^2], gamma = rho / (2 - rho).
@@ -127,6 +134,21 @@ class Rayleigh(_DraineFamily):
         rho = evaluate(self.depolarisation, wavelengths_nm)
         gamma = rho / (2 - rho)
         return np.zeros_like(gamma), (1 - gamma) / (1 + 3 * gamma)
+
+    def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Scattering matrix, see `PhaseFunction.matrix`: Hansen & Travis (1974), Space Sci. Rev. 16, 527, eq. 2.15.
+
+        A share Delta = (1 - rho) / (1 + rho / 2) is a dipole's, the rest isotropic and unpolarised.
+        """
+        rho = evaluate(self.depolarisation, wavelengths_nm)
+        delta, circular = (1 - rho) / (1 + 0.5 * rho), (1 - 2 * rho) / (1 + 0.5 * rho)
+        mu = np.atleast_1d(np.asarray(cos_theta, float))[:, None]
+        dipole = 3 / (16 * np.pi)
+        a2 = dipole * delta * (1 + mu * mu)
+        return np.stack([
+            self.value(cos_theta, wavelengths_nm), a2, 2 * dipole * delta * mu, 2 * dipole * circular * mu,
+            dipole * delta * (mu * mu - 1), np.zeros_like(a2),
+        ])  # fmt: skip
 
 
 class HenyeyGreenstein(_DraineFamily):
@@ -238,12 +260,15 @@ class TabulatedPhase(PhaseFunction):
         Vacuum wavelengths [nm], rising.
     values : tuple of tuple of float, shape (angle, wavelength)
         Proportional to the phase function; normalised on reading.
+    polarisation : five such tables, optional
+        Elements a2, a3, a4, b1, b2 of the scattering matrix on the scale of `values` (which are a1); see `matrix`.
     """
 
     kind: Literal["phase-table"] = "phase-table"
     cos_theta: tuple[float, ...]
     wavelengths: tuple[float, ...]
     values: tuple[tuple[float, ...], ...]
+    polarisation: tuple[tuple[tuple[float, ...], ...], ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> TabulatedPhase:
@@ -256,27 +281,43 @@ class TabulatedPhase(PhaseFunction):
             raise DomainError("values", f"{len(self.values)} rows", "one row an angle, one number a wavelength")
         if np.min(np.asarray(self.values)) < 0 or np.any(np.max(np.asarray(self.values), axis=0) <= 0):
             raise DomainError("values", float(np.min(np.asarray(self.values))), "a phase function is never negative")
+        if self.polarisation is not None:
+            self._check_polarisation(self.polarisation)
         return self
+
+    def _check_polarisation(self, tables: tuple[tuple[tuple[float, ...], ...], ...]) -> None:
+        shape = (len(self.cos_theta), len(self.wavelengths))
+        if len(tables) != 5 or any(len(t) != shape[0] or any(len(row) != shape[1] for row in t) for t in tables):
+            raise DomainError("polarisation", len(tables), "five tables a2, a3, a4, b1, b2, each shaped as values")
+        _check_matrix("polarisation", np.concatenate([np.asarray(self.values)[None], np.asarray(tables)]))
 
     def _table(self, wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
         """Nodes and normalised values at the asked wavelengths, shapes (angle,) and (angle, wavelength)."""
-        mu, values = np.asarray(self.cos_theta), normalise(np.asarray(self.cos_theta), np.asarray(self.values))
+        mu, values = np.asarray(self.cos_theta), np.asarray(self.values)
+        return mu, self._at_wavelengths(normalise(mu, values), wavelengths_nm)
+
+    def _at_wavelengths(self, values: Array, wavelengths_nm: ArrayLike) -> Array:
+        """Values (angle, node) at the asked wavelengths."""
         wl = np.clip(np.atleast_1d(np.asarray(wavelengths_nm, float)), self.wavelengths[0], self.wavelengths[-1])
         if len(self.wavelengths) == 1:
-            return mu, np.repeat(values, wl.size, axis=1)
+            return np.repeat(values, wl.size, axis=1)
         i = np.clip(np.searchsorted(self.wavelengths, wl) - 1, 0, len(self.wavelengths) - 2)
         nodes = np.asarray(self.wavelengths)
         w = (wl - nodes[i]) / (nodes[i + 1] - nodes[i])
-        return mu, values[:, i] * (1 - w) + values[:, i + 1] * w
+        return values[:, i] * (1 - w) + values[:, i + 1] * w
 
     def value(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
         """Phase function [sr-1], shape (angle, wavelength)."""
-        nodes, table = self._table(wavelengths_nm)
-        mu = np.atleast_1d(np.asarray(cos_theta, float))
-        i = np.clip(np.searchsorted(nodes, mu) - 1, 0, nodes.size - 2)
-        w = ((mu - nodes[i]) / (nodes[i + 1] - nodes[i]))[:, None]
-        value: Array = table[i] * (1 - w) + table[i + 1] * w
-        return value
+        return _at_angles(*self._table(wavelengths_nm), cos_theta)
+
+    def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Scattering matrix, linear between the nodes as `value` is; see `PhaseFunction.matrix`."""
+        if self.polarisation is None:
+            return super().matrix(cos_theta, wavelengths_nm)
+        mu, values = np.asarray(self.cos_theta), np.asarray(self.values)
+        scale = 1 / (2 * np.pi * np.trapezoid(values, mu, axis=0))
+        tables = [self._at_wavelengths(scale * np.asarray(t), wavelengths_nm) for t in (values, *self.polarisation)]
+        return np.stack([_at_angles(mu, table, cos_theta) for table in tables])
 
     def mean_cosine(self, wavelengths_nm: ArrayLike) -> Array:
         """Asymmetry parameter of the linear interpolant (exact), shape (wavelength,)."""
@@ -302,6 +343,126 @@ class TabulatedPhase(PhaseFunction):
         return cosines
 
 
+class GreekPhase(PhaseFunction):
+    """Scattering matrix as coefficients of generalised spherical functions, the same at all wavelengths.
+
+    After Siewert (2000), J. Quant. Spectrosc. Radiat. Transfer 64, 227, and de Rooij & van der Stap (1984), Astron.
+    Astrophys. 131, 237, with Wigner's functions d^l_mn of the scattering angle:
+
+        4 pi a1 = sum alpha1_l P_l,                 4 pi a4 = sum alpha4_l P_l,
+        4 pi (a2 + a3) = sum (alpha2_l + alpha3_l) d^l_22,    4 pi b1 = sum beta1_l d^l_02,
+        4 pi (a2 - a3) = sum (alpha2_l - alpha3_l) d^l_2,-2,  4 pi b2 = sum beta2_l d^l_02.
+
+    Authors differ in the signs of beta1 (as of d^l_02) and of beta2 (as of V); here the dipole is alpha1 = (1, 0, 1/2),
+    alpha2 = (0, 0, 3), alpha4 = (0, 3/2, 0), beta1 = (0, 0, -sqrt(6) / 2).
+
+    Parameters
+    ----------
+    alpha1, alpha2, alpha3, alpha4, beta1, beta2 : tuple of float, shape (l,)
+        From l = 0, all of the same length; the first of alpha1 is 1.
+    """
+
+    kind: Literal["greek"] = "greek"
+    alpha1: tuple[float, ...]
+    alpha2: tuple[float, ...]
+    alpha3: tuple[float, ...]
+    alpha4: tuple[float, ...]
+    beta1: tuple[float, ...]
+    beta2: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> GreekPhase:
+        if not self.alpha1 or abs(self.alpha1[0] - 1) > 1e-12:
+            raise DomainError("alpha1", self.alpha1[:1], "starts with 1, so that the phase function is normalised")
+        for name in ("alpha2", "alpha3", "alpha4", "beta1", "beta2"):
+            if len(getattr(self, name)) != len(self.alpha1):
+                raise DomainError(name, len(getattr(self, name)), f"as many coefficients as alpha1, {len(self.alpha1)}")
+        elements = self.matrix(np.cos(np.linspace(0, np.pi, 8 * len(self.alpha1) + 1)), [500.0])
+        if elements[0].min() < 0:
+            raise DomainError("alpha1", float(elements[0].min()), "a phase function is never negative")
+        _check_matrix("alpha2", elements)
+        return self
+
+    def value(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Phase function [sr-1], shape (angle, wavelength)."""
+        mu = np.atleast_1d(np.asarray(cos_theta, float))
+        series = np.polynomial.legendre.legval(mu, self.alpha1) / (4 * np.pi)
+        return np.repeat(series[:, None], np.size(wavelengths_nm), axis=1)
+
+    def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Scattering matrix; see `PhaseFunction.matrix`."""
+        mu = np.atleast_1d(np.asarray(cos_theta, float))
+        legendre = np.polynomial.legendre.legvander(mu, len(self.alpha1) - 1).T
+        d02, d22, d2m2 = (wigner_d2(mu, len(self.alpha1), k) for k in (0, 2, -2))
+        alpha2, alpha3 = np.asarray(self.alpha2), np.asarray(self.alpha3)
+        together, apart = (alpha2 + alpha3) @ d22, (alpha2 - alpha3) @ d2m2
+        elements = np.stack([
+            np.asarray(self.alpha1) @ legendre, 0.5 * (together + apart), 0.5 * (together - apart),
+            np.asarray(self.alpha4) @ legendre, np.asarray(self.beta1) @ d02, np.asarray(self.beta2) @ d02,
+        ])  # fmt: skip
+        return np.repeat(elements[:, :, None] / (4 * np.pi), np.size(wavelengths_nm), axis=2)
+
+    def mean_cosine(self, wavelengths_nm: ArrayLike) -> Array:
+        """Asymmetry parameter, shape (wavelength,)."""
+        return np.full(np.size(wavelengths_nm), self.alpha1[1] / 3 if len(self.alpha1) > 1 else 0.0)
+
+    def sample(self, u: ArrayLike, wavelength_nm: float) -> Array:
+        """Cosines drawn by `value`: the distribution function, a Legendre series too, inverted by bisection."""
+        cumulative = 0.5 * np.polynomial.legendre.legint(self.alpha1, lbnd=-1)
+        u = np.asarray(u, float)
+        low, high = np.full(u.shape, -1.0), np.full(u.shape, 1.0)
+        for _ in range(54):  # each step is one bit of the result
+            middle = 0.5 * (low + high)
+            below = np.polynomial.legendre.legval(middle, cumulative) < u
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return 0.5 * (low + high)
+
+
+def wigner_d2(mu: Array, count: int, n: int) -> Array:
+    """Wigner's functions d^l_2n (n = 0, 2 or -2) of the angle with cosine `mu`, l = 0 .. count - 1, shape (l, mu).
+
+    Recurrence over l at fixed indices (Varshalovich, Moskalev & Khersonskii 1988, Quantum Theory of Angular Momentum,
+    section 4.8) from d^2_20 = sqrt(6) / 4 (1 - mu^2) and d^2_2,+-2 = ((1 +- mu) / 2)^2.
+    """
+    d = np.zeros((max(count, 3), mu.size))
+    d[2] = np.sqrt(6) / 4 * (1 - mu * mu) if n == 0 else (0.5 * (1 + np.sign(n) * mu)) ** 2
+    for k in range(2, count - 1):
+        down, up = (np.sqrt((j * j - 4) * (j * j - n * n)) / j for j in (k, k + 1))
+        d[k + 1] = ((2 * k + 1) * (mu - 2 * n / (k * (k + 1))) * d[k] - down * d[k - 1]) / up
+    return d[:count]
+
+
+def _at_angles(nodes: Array, table: Array, cos_theta: ArrayLike) -> Array:
+    """A table (node, wavelength) read as linear in the cosine, shape (angle, wavelength)."""
+    mu = np.atleast_1d(np.asarray(cos_theta, float))
+    i = np.clip(np.searchsorted(nodes, mu) - 1, 0, nodes.size - 2)
+    w = ((mu - nodes[i]) / (nodes[i + 1] - nodes[i]))[:, None]
+    value: Array = table[i] * (1 - w) + table[i + 1] * w
+    return value
+
+
+def matrix_excess(elements: Array) -> float:
+    """By how much elements (6, ...) of a scattering matrix break the bounds that every one obeys, relative to a1.
+
+    Hovenier, van de Hulst & van der Mee (1986), Astron. Astrophys. 157, 301: a sum of pure scatterers fulfils
+    (a3 + a4)^2 + 4 b2^2 <= (a1 + a2)^2 - 4 b1^2, |a3 - a4| <= a1 - a2 and |a2 - b1|, |a2 + b1| no more than a1 -+ b1.
+    """
+    a1, a2, a3, a4, b1, b2 = elements
+    # Squares would take half the digits of a tolerance: roots are compared.
+    pair = np.hypot(np.hypot(a3 + a4, 2 * b2), 2 * b1) - (a1 + a2)
+    broken = [0.5 * pair, np.abs(a3 - a4) - (a1 - a2), np.abs(a2 - b1) - (a1 - b1), np.abs(a2 + b1) - (a1 + b1)]
+    return float(np.max(np.max(broken, axis=0) / np.maximum(a1, 1e-300)))
+
+
+def _check_matrix(name: str, elements: Array) -> None:
+    # Printed coefficients and interpolated tables break the bounds by their last digits.
+    excess = matrix_excess(np.where(elements[0] > 0, elements, 0.0))
+    if excess > 1e-3 or np.any((elements[0] <= 0) & np.any(elements != 0, axis=0)):
+        raise DomainError(
+            name, f"bounds broken by {excess:.2g}", "no particles scatter so: polarised light exceeds all light"
+        )
+
+
 def normalise(cos_theta: Array, values: Array) -> Array:
     """Scale `values` (angle, ...) so that their linear interpolant integrates to 1 over the sphere."""
     integral = 2 * np.pi * np.trapezoid(values, cos_theta, axis=0)
@@ -310,7 +471,14 @@ def normalise(cos_theta: Array, values: Array) -> Array:
 
 
 AnyPhase = Annotated[
-    Isotropic | Rayleigh | HenyeyGreenstein | DoubleHenyeyGreenstein | CornetteShanks | Draine | TabulatedPhase,
+    Isotropic
+    | Rayleigh
+    | HenyeyGreenstein
+    | DoubleHenyeyGreenstein
+    | CornetteShanks
+    | Draine
+    | TabulatedPhase
+    | GreekPhase,
     Field(discriminator="kind"),
 ]
 
@@ -319,11 +487,14 @@ __all__ = [
     "CornetteShanks",
     "DoubleHenyeyGreenstein",
     "Draine",
+    "GreekPhase",
     "HenyeyGreenstein",
     "Isotropic",
     "Rayleigh",
     "TabulatedPhase",
     "draine_mean_cosine",
     "draine_value",
+    "matrix_excess",
     "normalise",
+    "wigner_d2",
 ]

@@ -32,11 +32,15 @@ def field_tables(medium: Medium) -> tuple[FieldTable, ColumnTable]:
     return fields, build_column_table(fields)
 
 
+def phase_cosines() -> Array:
+    """Cosines of the scattering angles at which phase functions are tabulated, falling from 1 to -1."""
+    return 1 - 2 * (np.arange(PHASE_CELLS + 1) / PHASE_CELLS) ** 2
+
+
 @lru_cache(maxsize=8)
 def medium_optics(medium: Medium, wavelengths: tuple[float, ...]) -> tuple[Array, Array, Array, Array, Array]:
     """Scattering, extinction and emission (component, wl), phase (component, angle, wl), its distribution function."""
-    wl = np.array(wavelengths)
-    mu = 1 - 2 * (np.arange(PHASE_CELLS + 1) / PHASE_CELLS) ** 2
+    wl, mu = np.array(wavelengths), phase_cosines()
     count = len(medium.components)
     sigma_s, sigma_t, emission = (np.zeros((count, wl.size)) for _ in range(3))
     phase = np.empty((count, mu.size, wl.size))
@@ -51,6 +55,23 @@ def medium_optics(medium: Medium, wavelengths: tuple[float, ...]) -> tuple[Array
     cell = np.pi * (phase[:, 1:] + phase[:, :-1]) * (mu[:-1] - mu[1:])[None, :, None]
     cdf = np.concatenate([np.zeros((count, 1, wl.size)), np.cumsum(cell, axis=1)], axis=1)
     return sigma_s, sigma_t, emission, phase, np.ascontiguousarray(np.moveaxis(cdf / cdf[:, -1:], 1, 2))
+
+
+@lru_cache(maxsize=8)
+def matrix_tables(medium: Medium, wavelengths: tuple[float, ...]) -> Array:
+    """Elements a1, a2, a3, a4, b1, b2 of the scattering matrix [sr-1], shape (component, 6, angle, wavelength).
+
+    At the angles of the phase tables and on their scale: element 0 is the phase table.
+    """
+    wl, rising = np.array(wavelengths), phase_cosines()[::-1]
+    tables = np.empty((len(medium.components), 6, rising.size, wl.size))
+    for c, component in enumerate(medium.components):
+        elements = component.optics.phase_function(wl).matrix(rising, wl)
+        integral = 2 * np.pi * np.trapezoid(elements[0], rising, axis=0)
+        tables[c] = (elements / integral)[:, ::-1]
+    tables[:, 0] = medium_optics(medium, wavelengths)[3]  # not even rounding tells them apart
+    tables.flags.writeable = False
+    return tables
 
 
 def disk_points(axis: Array, radius: float) -> tuple[Array, Array, Array]:
@@ -115,7 +136,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
 
 def _mean_cosines(phase: Array) -> Array:
     """Mean cosine of tabulated phase functions (component, angle)."""
-    mu = 1 - 2 * (np.arange(PHASE_CELLS + 1) / PHASE_CELLS) ** 2
+    mu = phase_cosines()
     mean = np.asarray(-2 * np.pi * np.trapezoid(phase * mu, mu, axis=1))
     return mean
 

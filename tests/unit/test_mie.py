@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from skyscatter.optics.mie import LogNormalMode, MieAerosol
+from skyscatter.optics.phase import Rayleigh
 from skyscatter.spectra.table import SpectralTable
 
 VISIBLE = np.linspace(380.0, 780.0, 32)
@@ -53,6 +54,38 @@ def test_single_sphere_phase_function(x: float) -> None:
     np.testing.assert_allclose(values[:, 0], expected, rtol=2e-3)
 
 
+@pytest.mark.parametrize("index", [1.5 + 0.01j, 1.33 + 0j, 1.75 + 0.5j])
+@pytest.mark.parametrize("x", [0.3, 1.0, 7.0, 30.0])
+def test_single_sphere_scattering_matrix(x: float, index: complex) -> None:
+    model = single(x, index)
+    cosines = model.phase_table([500.0])[0]
+    a1, a2, a3, a4, b1, b2 = model.phase_function([500.0]).matrix(cosines, [500.0])[:, :, 0]
+    theirs = miepython.phase_matrix(index.conjugate(), x, cosines, norm="one")
+    for mine, (i, j) in ((a1, (0, 0)), (b1, (0, 1)), (b1, (1, 0)), (a2, (1, 1)), (a3, (2, 2)), (a4, (3, 3))):
+        # Ours is normalised as a linear interpolant, as above.
+        np.testing.assert_allclose(mine / theirs[0, 0], theirs[i, j] / theirs[0, 0], rtol=0, atol=2e-3)
+    # Their amplitudes are those of n - ik, conjugate to Bohren & Huffman's; the formula for the matrix is the same.
+    # So their V turns the other way round, and with it the sign of b2.
+    np.testing.assert_allclose(b2 / theirs[0, 0], -theirs[2, 3] / theirs[0, 0], rtol=0, atol=2e-3)
+    np.testing.assert_allclose(-b2 / theirs[0, 0], -theirs[3, 2] / theirs[0, 0], rtol=0, atol=2e-3)
+
+
+def test_published_amplitudes(reference: Path) -> None:
+    """Wiscombe's MIEV0 case of a strongly absorbing sphere, through all ratios of matrix elements."""
+    rows = np.genfromtxt(reference / "mie" / "amplitudes_m1.5-1i_x1.csv", delimiter=",", names=True)
+    # Given for n - ik; conjugate to the time factor of Bohren & Huffman.
+    s1, s2 = rows["S1_re"] - 1j * rows["S1_im"], rows["S2_re"] - 1j * rows["S2_im"]
+    model = single(1.0, 1.5 + 1j)
+    a1, _, a3, _, b1, b2 = model.phase_function([500.0]).matrix(np.cos(np.radians(rows["theta_deg"])), [500.0])[:, :, 0]
+    whole = (np.abs(s1) ** 2 + np.abs(s2) ** 2) / 2
+    # Chords of one degree, on a curve whose second derivative is of its own size: 1e-4.
+    assert np.abs(b2 / a1).max() > 0.01
+    np.testing.assert_allclose(a3 / a1, (s1 * s2.conj()).real / whole, atol=2e-4)
+    np.testing.assert_allclose(b1 / a1, (np.abs(s2) ** 2 - np.abs(s1) ** 2) / 2 / whole, atol=2e-4)
+    np.testing.assert_allclose(b2 / a1, (s2 * s1.conj()).imag / whole, atol=2e-4)
+    np.testing.assert_allclose(a1 / a1[0], whole / whole[0], rtol=2e-4)
+
+
 def test_published_efficiencies(reference: Path) -> None:
     checked = 0
     with (reference / "mie" / "efficiencies.csv").open(encoding="utf-8") as file:
@@ -82,6 +115,8 @@ def test_rayleigh_limit() -> None:
     assert abs(asymmetry[0]) < 1e-4
     cosines, _, values = single(x, index).phase_table([500.0])
     np.testing.assert_allclose(values[:, 0], 3 / (16 * np.pi) * (1 + cosines**2), rtol=3e-4)  # chords of 1 degree
+    matrix = single(x, index).phase_function([500.0]).matrix(cosines, [500.0])
+    np.testing.assert_allclose(matrix, Rayleigh().matrix(cosines, [500.0]), atol=4e-5)
 
 
 def test_small_particles_follow_the_sixth_moment() -> None:

@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 from bases import PHASE_TESTS, PhaseFunctionBase, check_chi_square, members
+from scipy.special import eval_jacobi, eval_legendre
 
 from skyscatter.optics.phase import (
     AnyPhase,
     CornetteShanks,
     DoubleHenyeyGreenstein,
     Draine,
+    GreekPhase,
     HenyeyGreenstein,
     Isotropic,
     Rayleigh,
     TabulatedPhase,
+    wigner_d2,
 )
 from skyscatter.spectra.table import SpectralTable, evaluate
 
@@ -45,6 +48,9 @@ class TestIsotropic(PhaseFunctionBase):
     def expected_mean_cosine(self, phase: Any, wavelength: float) -> float:
         return 0.0
 
+    def expected_matrix(self, phase: Any, mu: Array, wavelength: float) -> Array:
+        return np.zeros((5, mu.size))
+
 
 class TestRayleigh(PhaseFunctionBase):
     phase_class = Rayleigh
@@ -62,6 +68,19 @@ class TestRayleigh(PhaseFunctionBase):
 
     def expected_mean_cosine(self, phase: Any, wavelength: float) -> float:
         return 0.0
+
+    def expected_matrix(self, phase: Any, mu: Array, wavelength: float) -> Array:
+        # Chandrasekhar (1950), chapter I, eqs. 258 and 259, in I, Q, U, V: gamma of the isotropic remainder.
+        gamma = at(phase.depolarisation, wavelength) / (2 - at(phase.depolarisation, wavelength))
+        scale = 3 / (16 * np.pi * (1 + 2 * gamma)) * (1 - gamma)
+        circular = 3 / (16 * np.pi * (1 + 2 * gamma)) * 2 * (1 - 3 * gamma)
+        return np.array([scale * (1 + mu**2), 2 * scale * mu, circular * mu, scale * (mu**2 - 1), 0 * mu])
+
+    def test_degree_of_polarisation_at_right_angles(self) -> None:
+        """(1 - rho) / (1 + rho): how the depolarisation factor is defined."""
+        for rho in (0.0, 0.03, 0.4):
+            a1, _, _, _, b1, _ = Rayleigh(depolarisation=rho).matrix([0.0], [500.0])[:, 0, 0]
+            assert -b1 / a1 == pytest.approx((1 - rho) / (1 + rho), rel=1e-14)
 
     def test_dipole_at_right_angles(self) -> None:
         assert Rayleigh().value([0.0, 1.0], [500.0])[:, 0] == pytest.approx(
@@ -166,6 +185,7 @@ class TestDoubleHenyeyGreenstein(PhaseFunctionBase):
 
 
 _MU = (-1.0, -0.5, 0.2, 0.9, 1.0)
+_PAIR = {"cos_theta": (-1.0, 1.0), "wavelengths": (5.0,), "values": ((1.0,), (1.0,))}
 
 
 class TestTabulatedPhase(PhaseFunctionBase):
@@ -174,13 +194,36 @@ class TestTabulatedPhase(PhaseFunctionBase):
         TabulatedPhase(cos_theta=(-1.0, 1.0), wavelengths=(500.0,), values=((1.0,), (3.0,))),
         TabulatedPhase(cos_theta=_MU, wavelengths=(400.0, 700.0), values=((1, 2), (0.5, 0.5), (1, 3), (3, 1), (9, 4))),
         TabulatedPhase(cos_theta=_MU, wavelengths=(500.0,), values=((1.0,), (0.0,), (0.0,), (2.0,), (2.0,))),
+        TabulatedPhase(
+            cos_theta=(-1.0, 0.0, 1.0),
+            wavelengths=(400.0, 700.0),
+            values=((2, 3), (1, 1), (2, 5)),
+            polarisation=(
+                ((2, 2), (1, 0.9), (2, 5)),
+                ((-2, -2), (0, 0.1), (2, 5)),
+                ((-2, -1), (0, 0), (2, 5)),
+                ((0, 0), (-0.9, -0.5), (0, 0)),
+                ((0, 0), (0.1, -0.2), (0, 0)),
+            ),
+        ),
     )
     refused = (
         ({"cos_theta": (-1.0, 0.9), "wavelengths": (5.0,), "values": ((1.0,), (1.0,))}, "cos_theta"),
         ({"cos_theta": (-1.0, 1.0), "wavelengths": (5.0, 5.0), "values": ((1, 1), (1, 1))}, "wavelengths"),
         ({"cos_theta": (-1.0, 1.0), "wavelengths": (5.0,), "values": ((1.0,),)}, "values"),
         ({"cos_theta": (-1.0, 1.0), "wavelengths": (5.0,), "values": ((-1.0,), (1.0,))}, "values = -1.0"),
+        (_PAIR | {"polarisation": (((1.0,), (1.0,)),)}, "polarisation = 1: five"),
+        (_PAIR | {"polarisation": (((1.0,), (1.0,)),) * 4 + (((1.0,),),)}, "polarisation = 5: five"),
+        (_PAIR | {"polarisation": (((1.0,), (1.1,)),) + (((0.0,), (0.0,)),) * 4}, "polarisation = 'bounds broken"),
     )
+
+    def expected_matrix(self, phase: Any, mu: Array, wavelength: float) -> Array:
+        if phase.polarisation is None:
+            return super().expected_matrix(phase, mu, wavelength)
+        nodes, tables = np.array(phase.cos_theta), np.array(phase.polarisation, float)
+        tables = tables / (2 * np.pi * np.trapezoid(np.array(phase.values, float), nodes, axis=0))
+        columns = [[np.interp(wavelength, phase.wavelengths, row) for row in table] for table in tables]
+        return np.array([np.interp(mu, nodes, column) for column in columns])
 
     def expected(self, phase: Any, mu: Array, wavelength: float) -> Array:
         nodes, values = np.array(phase.cos_theta), np.array(phase.values, float)
@@ -226,6 +269,78 @@ class TestTabulatedPhase(PhaseFunctionBase):
         # Chords of 0.1 degree.
         assert table.mean_cosine([500.0])[0] == pytest.approx(0.7, abs=1e-5)
         check_chi_square(HenyeyGreenstein(g=0.7), 500.0, table.sample(np.random.default_rng(3).random(50_000), 500.0))
+
+
+def siewert_coefficients() -> dict[str, tuple[float, ...]]:
+    """Spheres of Siewert (2000), problem IIA: a Legendre-type series of twelve terms, six printed digits."""
+    return {
+        "alpha1": (1.0, 2.104031, 2.095158, 1.414939, 0.703593, 0.235001, 0.064039, 0.012837),
+        "alpha2": (0.0, 0.0, 3.726079, 2.202868, 1.190694, 0.391203, 0.105556, 0.020484),
+        "alpha3": (0.0, 0.0, 3.615946, 2.240516, 1.139473, 0.365605, 0.082779, 0.013649),
+        "alpha4": (0.915207, 2.095727, 2.008624, 1.436545, 0.706244, 0.238475, 0.056448, 0.009703),
+        "beta1": (0.0, 0.0, -0.116688, -0.20937, -0.227137, -0.144524, -0.05264, -0.0124),
+        "beta2": (0.0, 0.0, 0.065456, 0.221658, 0.097752, 0.052458, 0.009239, 0.001411),
+    }
+
+
+DIPOLE = {
+    "alpha1": (1.0, 0.0, 0.5), "alpha2": (0.0, 0.0, 3.0), "alpha3": (0.0, 0.0, 0.0), "alpha4": (0.0, 1.5, 0.0),
+    "beta1": (0.0, 0.0, -math.sqrt(1.5)), "beta2": (0.0, 0.0, 0.0),
+}  # fmt: skip
+NOTHING = dict.fromkeys(("alpha2", "alpha3", "alpha4", "beta1", "beta2"), (0.0,))
+
+
+class TestGreekPhase(PhaseFunctionBase):
+    phase_class = GreekPhase
+    examples = (GreekPhase(**siewert_coefficients()), GreekPhase(**DIPOLE), GreekPhase(alpha1=(1.0,), **NOTHING))
+    refused = (
+        (NOTHING | {"alpha1": (2.0,)}, "alpha1 = (2.0,)"),
+        (NOTHING | {"alpha1": (1.0, 0.1)}, "alpha2 = 1: "),
+        (DIPOLE | {"alpha1": (1.0, 2.0, 0.0)}, "alpha1 = -0.079"),
+        (DIPOLE | {"beta1": (0.0, 0.0, -2.0)}, "alpha2 = 'bounds broken"),
+    )
+    matrix_slack = 1e-4  # the series of eight terms and six digits ends where a1 is a tenth of its mean
+
+    def expected(self, phase: Any, mu: Array, wavelength: float) -> Array:
+        return sum(a * eval_legendre(k, mu) for k, a in enumerate(phase.alpha1)) / (4 * np.pi)
+
+    def expected_mean_cosine(self, phase: Any, wavelength: float) -> float:
+        return sum(phase.alpha1[1:2]) / 3
+
+    def expected_matrix(self, phase: Any, mu: Array, wavelength: float) -> Array:
+        def series(coefficients: Any, n: int) -> Array:
+            return sum((c * wigner_by_jacobi(k, n, mu) for k, c in enumerate(coefficients)), np.zeros_like(mu))
+
+        alpha2, alpha3 = np.array(phase.alpha2), np.array(phase.alpha3)
+        together, apart = series(alpha2 + alpha3, 2), series(alpha2 - alpha3, -2)
+        a4 = sum(a * eval_legendre(k, mu) for k, a in enumerate(phase.alpha4))
+        b1, b2 = series(phase.beta1, 0), series(phase.beta2, 0)
+        return np.array([(together + apart) / 2, (together - apart) / 2, a4, b1, b2]) / (4 * np.pi)
+
+    def test_dipole_is_rayleigh(self) -> None:
+        mu = np.linspace(-1, 1, 101)
+        expected = Rayleigh().matrix(mu, [500.0])
+        np.testing.assert_allclose(GreekPhase(**DIPOLE).matrix(mu, [500.0]), expected, atol=1e-15)  # rounding
+
+
+def wigner_by_jacobi(k: int, n: int, mu: Array) -> Array:
+    """d^k_2n as a Jacobi polynomial: Varshalovich, Moskalev & Khersonskii (1988), section 4.3.4."""
+    if k < 2:
+        return np.zeros_like(mu)
+    if n == 0:
+        scale = math.sqrt(math.factorial(k + 2) * math.factorial(k - 2)) / math.factorial(k)
+        return scale * (1 - mu * mu) / 4 * eval_jacobi(k - 2, 2, 2, mu)
+    if n == 2:
+        return ((1 + mu) / 2) ** 2 * eval_jacobi(k - 2, 0, 4, mu)
+    return ((1 - mu) / 2) ** 2 * eval_jacobi(k - 2, 4, 0, mu)
+
+
+@pytest.mark.parametrize("n", [0, 2, -2])
+def test_wigner_functions_against_jacobi_polynomials(n: int) -> None:
+    mu = np.linspace(-1, 1, 201)
+    expected = [wigner_by_jacobi(k, n, mu) for k in range(60)]
+    np.testing.assert_allclose(wigner_d2(mu, 60, n), expected, atol=1e-12)  # rounding over 60 steps
+    assert wigner_d2(mu, 1, n).shape == (1, mu.size)
 
 
 def test_every_phase_function_has_a_test_class() -> None:
