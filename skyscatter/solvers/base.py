@@ -46,7 +46,7 @@ class Answer:
     standard_error : ndarray, shape (..., wavelength)
         Of the radiance; 0 where the solver is deterministic.
     layers : dict of str to ndarray, shape (..., wavelength)
-        Parts of the radiance, where they were asked for.
+        Parts of the radiance, where they were asked for; with ``stokes`` also Q, U, V and Q_error, U_error, V_error.
     samples : ndarray of int, shape (...)
         Walks used; 0 where the solver is deterministic.
     """
@@ -55,6 +55,21 @@ class Answer:
     standard_error: Array
     layers: dict[str, Array] = field(default_factory=dict)
     samples: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    @property
+    def stokes(self) -> Array:
+        """Stokes vectors (I, Q, U, V) referred to the meridian plane, shape (..., wavelength, 4)."""
+        return np.stack([self.radiance, *(self._polarised(name) for name in "QUV")], axis=-1)
+
+    @property
+    def stokes_error(self) -> Array:
+        """Standard errors of `stokes`, of its shape."""
+        return np.stack([self.standard_error, *(self._polarised(f"{name}_error") for name in "QUV")], axis=-1)
+
+    def _polarised(self, name: str) -> Array:
+        if name not in self.layers:
+            raise DomainError("stokes", False, "polarisation was not computed; ask for it with stokes=True")
+        return self.layers[name]
 
 
 @dataclass(frozen=True)
@@ -72,6 +87,7 @@ class Options:
     sampling: str | None = None
     parts: bool = False
     orders: int = 0
+    stokes: bool = False
 
     def check(self) -> None:
         """Refuse values that no solver can use."""

@@ -70,7 +70,6 @@ def matrix_tables(medium: Medium, wavelengths: tuple[float, ...]) -> Array:
         integral = 2 * np.pi * np.trapezoid(elements[0], rising, axis=0)
         tables[c] = (elements / integral)[:, ::-1]
     tables[:, 0] = medium_optics(medium, wavelengths)[3]  # not even rounding tells them apart
-    tables.flags.writeable = False
     return tables
 
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from skyscatter.errors import DomainError
-from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
-from skyscatter.solvers.single import single_parts
+from skyscatter.solvers.kernels.polar import make_polar
+from skyscatter.solvers.single import single_parts, single_polarisation
 
 DEFAULT_SAMPLES = 16
 #: Tolerance of the first order: its error, a tenth of this or less, is far below any noise that is worth waiting for.
@@ -33,7 +35,7 @@ def check(options: Options) -> None:
     if options.sampling is not None and options.sampling not in SAMPLINGS:
         raise DomainError("sampling", options.sampling, f"choose from {', '.join(SAMPLINGS)}")
     if options.sampling == "free-flight":
-        options.refuse("path with free-flight sampling", "noise", "tolerance")
+        options.refuse("path with free-flight sampling", "noise", "tolerance", "stokes")
 
 
 def walks_for(options: Options) -> int:
@@ -44,14 +46,18 @@ def walks_for(options: Options) -> int:
     return samples if samples < BATCHES else -(-samples // BATCHES) * BATCHES
 
 
-def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
-    """Radiance of all orders; see `skyscatter.radiance`."""
+def solve(scene: SceneTable, rays: Rays, options: Options, matrix: Array | None = None) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`; `matrix` (from `matrix_tables`) with ``stokes``."""
     n, (components, wavelengths) = len(rays.origins), scene.optics.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     used = np.empty(n, np.int64)
     max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
     seed, walks = np.int64(options.seed), walks_for(options)
+    tolerance = options.tolerance or DEFAULT_TOLERANCE
+    polar = None
+    if matrix is not None:
+        polar = make_polar(matrix, meridian_frame(rays.origins, rays.directions)[0], min(walks, BATCHES))
     if options.sampling == "free-flight":
         flight_rays(
             scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
@@ -60,14 +66,20 @@ def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
         scattered = ground = np.zeros_like(mean)
         direct = single_parts(scene, rays, DEFAULT_TOLERANCE)[2]
     else:
-        scattered, ground, direct = single_parts(scene, rays, options.tolerance or DEFAULT_TOLERANCE)
+        scattered, ground, direct = single_parts(scene, rays, tolerance)
         path_rays(
             scene, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
-            options.noise or 0.0, max_order, make_scratch(components, wavelengths, walks), mean, error, by_order, used,
+            options.noise or 0.0, max_order, make_scratch(components, wavelengths, walks), polar, mean, error, by_order,
+            used,
         )  # fmt: skip
     layers = {}
+    if matrix is not None and polar is not None:
+        q, u = single_polarisation(scene, matrix, rays, tolerance)
+        first = {"Q": q, "U": u, "V": np.zeros_like(q)}
+        layers = {name: first[name] + polar.mean[:, k] for k, name in enumerate("QUV")}
+        layers |= {f"{name}_error": polar.error[:, k] for k, name in enumerate("QUV")}
     if options.parts:
-        layers = {"direct": direct, "scattered": scattered, "ground": ground, "multiple": mean}
+        layers |= {"direct": direct, "scattered": scattered, "ground": ground, "multiple": mean}
     if options.orders:
         by_order[:, 0] += scattered + ground
         layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}

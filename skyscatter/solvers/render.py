@@ -33,6 +33,7 @@ def render(
     tolerance: float | None = None,
     parts: bool = False,
     orders: int = 0,
+    stokes: bool = False,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
@@ -49,7 +50,7 @@ def render(
         What is seen where; see `skyscatter.geometry.camera`.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver, samples, noise, seed, max_order, tolerance, parts, orders, threads, progress
+    solver, samples, noise, seed, max_order, tolerance, parts, orders, stokes, threads, progress
         As for `skyscatter.radiance`.
     resume : path, optional
         Checkpoint of an interrupted render with the same arguments.
@@ -67,7 +68,7 @@ def render(
         For options out of range, and for a checkpoint of another render.
     """
     wl = check_wavelengths(wavelengths)
-    options = Options(samples, noise, seed, max_order, tolerance, None, parts, orders)
+    options = Options(samples, noise, seed, max_order, tolerance, None, parts, orders, stokes)
     recipe = _recipe(scene, camera, wl, solver, options)
     grid = camera.directions(scene.observer)
     inside = np.isfinite(grid[..., 0])

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.kernels.polar import B1
 from skyscatter.solvers.kernels.single import make_scratch, single_rays
 
 #: Largest disagreement of the two quadrature rules on a piece of a ray.  The result is as a rule ten times better, and
@@ -31,9 +33,29 @@ def single_parts(scene: SceneTable, rays: Rays, tolerance: float) -> tuple[Array
     return scattered, ground, direct
 
 
-def solve(scene: SceneTable, rays: Rays, options: Options) -> Answer:
-    """Radiance of single scattering; see `skyscatter.radiance`."""
-    scattered, ground, direct = single_parts(scene, rays, options.tolerance or DEFAULT_TOLERANCE)
+def single_polarisation(scene: SceneTable, matrix: Array, rays: Rays, tolerance: float) -> tuple[Array, Array]:
+    """Q and U of light scattered once, each (ray, wavelength).
+
+    Along a straight line both the plane of scattering and the meridian plane stay the same.  Referred to the former, Q
+    is the radiance with b1 in place of the phase function; one rotation refers it to the latter.
+    """
+    optics = scene.optics._replace(phase=matrix[:, B1].copy(), emits=False)
+    q = single_parts(scene._replace(optics=optics), rays, tolerance)[0]
+    v, left = meridian_frame(rays.origins, rays.directions)
+    towards_v, towards_left = v @ scene.optics.disk_axis, left @ scene.optics.disk_axis
+    # Towards the Sun and away from it there is no plane of scattering, and no polarisation either.
+    twice = 2 * np.arctan2(towards_left, towards_v)
+    return q * np.cos(twice)[:, None], q * np.sin(twice)[:, None]
+
+
+def solve(scene: SceneTable, rays: Rays, options: Options, matrix: Array | None = None) -> Answer:
+    """Radiance of single scattering, see `skyscatter.radiance`; `matrix` (from `matrix_tables`) with ``stokes``."""
+    tolerance = options.tolerance or DEFAULT_TOLERANCE
+    scattered, ground, direct = single_parts(scene, rays, tolerance)
     layers = {"direct": direct, "scattered": scattered, "ground": ground} if options.parts else {}
     radiance = scattered + ground + direct
-    return Answer(radiance, np.zeros_like(radiance), layers, np.zeros(len(radiance), np.int64))
+    zero = np.zeros_like(radiance)
+    if matrix is not None:
+        q, u = single_polarisation(scene, matrix, rays, tolerance)
+        layers |= {"Q": q, "U": u, "V": zero} | {f"{name}_error": zero for name in "QUV"}
+    return Answer(radiance, zero, layers, np.zeros(len(radiance), np.int64))

@@ -40,6 +40,16 @@ from skyscatter.solvers.kernels.optics import (
     transmittance,
     weigh_phase,
 )
+from skyscatter.solvers.kernels.polar import (
+    arriving,
+    begin,
+    depolarise,
+    face_sun,
+    gather,
+    light_up,
+    polarise,
+    tally_polarisation,
+)
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.work import make_work
 
@@ -215,7 +225,7 @@ def pick_sun(optics, u):
 
 
 @kernel
-def march(scene, line, node, u, guided, leg, work, walk):
+def march(scene, line, node, u, guided, leg, work, walk, polar):
     """March a prepared leg: its light into ``walk.gain`` and ``walk.escape``, if `guided` the chances of its strata.
 
     The points lie at the same fraction `u` of every stratum.  Sunlight comes from the one point `node` of the solar
@@ -229,6 +239,7 @@ def march(scene, line, node, u, guided, leg, work, walk):
     q = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
     phase_at(optics.phase, a, work.phase)
     weigh_phase(work.phase, optics.sigma_s, work.weighted)
+    face_sun(polar, optics.sigma_s, d, s, a)
     for i in range(wavelengths):
         walk.gain[i], walk.escape[i], leg.total[i] = 0.0, 0.0, 0.0
     for k in range(leg.edge.size - 1):
@@ -243,6 +254,7 @@ def march(scene, line, node, u, guided, leg, work, walk):
         mix_components(work.density, work.weighted, work.towards)
         for i in range(wavelengths):
             walk.gain[i] += width * work.through[i] * work.towards[i] * work.sun[i]
+        gather(polar, work.density, width, work.through, work.sun)
         if guided:
             mix_components(work.density, optics.sigma_s, work.scattering)
             for i in range(wavelengths):
@@ -254,6 +266,7 @@ def march(scene, line, node, u, guided, leg, work, walk):
                 walk.escape[i] += width * work.through[i] * work.emitted[i]
     for i in range(wavelengths):
         walk.gain[i] *= optics.sun_irradiance[node, i] / optics.sun_chance[node]
+    light_up(polar, optics.sun_irradiance, node, optics.sun_chance[node])
     _march_end(scene, line, node, q + (line.leave - line.start) * a, guided, leg, work, walk)
 
 
@@ -411,7 +424,7 @@ def guide_density(walk, up, down):
 
 
 @kernel
-def scatter(scene, hero, u, v, guided, work, walk):
+def scatter(scene, hero, u, v, guided, work, walk, polar):
     """New direction of the walk after scattering where it is, drawn in one of three ways.
 
     - by the phase function around the old direction;
@@ -448,6 +461,7 @@ def scatter(scene, hero, u, v, guided, work, walk):
         around_sun = by_sun * work.source[i] if by_sun > 0.0 else 0.0
         walk.value[i] *= work.towards[i]
         walk.chance[i] *= by_phase * work.towards[i] + around_sun + guide
+    polarise(polar, optics.sigma_s, work.density, old_x, old_y, old_z, d)
 
 
 @kernel
@@ -548,12 +562,14 @@ def survives(walk, reference):
 
 
 @merged
-def tally(walk, order, max_order, total, by_order):
+def tally(walk, polar, order, max_order, total, by_order):
     """Add the light of the current leg, which is the `order`-th of the walk, to the sums."""
     last = by_order.shape[0]
+    sunlit = 1.0 if order < max_order else 0.0
+    tally_polarisation(polar, walk, sunlit)
     for i in range(total.size):
-        unscattered = walk.value[i] * walk.escape[i]
-        scattered = walk.value[i] * walk.gain[i] if order < max_order else 0.0
+        unscattered = walk.value[i] * arriving(polar, 0, i, walk.escape[i], 0.0)
+        scattered = walk.value[i] * arriving(polar, 0, i, walk.gain[i], 1.0) if order < max_order else 0.0
         total[i] += unscattered + scattered
         if order <= last:
             by_order[order - 1, i] += unscattered
@@ -568,7 +584,7 @@ def draw(walk, order, k):
 
 
 @merged
-def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, by_order):
+def wander(scene, line, camera, max_order, leg, work, camera_work, walk, polar, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
     reference = 0.0
     last = max_order if scene.optics.glows else max_order - 1
@@ -585,8 +601,9 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         if found == GROUND:
             lift_to_ground(scene, walk)
             reflect(walk, u, v)
+            depolarise(polar, d)
         else:
-            scatter(scene, hero, u, v, order <= GUIDED_LEGS, work, walk)
+            scatter(scene, hero, u, v, order <= GUIDED_LEGS, work, walk, polar)
         if not rebalance(walk):
             return
         if order == 1:
@@ -602,8 +619,8 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, total, 
         prepare_leg(scene, line, leg, work)
         guided = order <= GUIDED_LEGS
         node = pick_sun(scene.optics, draw(walk, order, 2))
-        march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk)
-        tally(walk, order, max_order, total, by_order)
+        march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk, polar)
+        tally(walk, polar, order, max_order, total, by_order)
         found = choose(scene, line, leg, hero, draw(walk, order, 4), guided, work, walk)
 
 
@@ -634,7 +651,7 @@ def _noise(error, mean, base):
 
 @entry
 def path_rays(
-    scene, origins, directions, ids, base, seed, samples, noise, max_order, scratch, mean, error, by_order, used
+    scene, origins, directions, ids, base, seed, samples, noise, max_order, scratch, polar, mean, error, by_order, used
 ):  # fmt: skip
     """Light of the second and higher orders along many rays (and of the first, of emission and light from outside).
 
@@ -655,6 +672,8 @@ def path_rays(
         Highest order of scattering.
     scratch : tuple
         Made by `make_scratch` for this scene and number of samples.
+    polar : Polar or None
+        Where polarisation is asked for, its scratch and its output; `mean` then is that of polarised light.
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
         Mean by number of scatterings and reflections, as far as there is room; order 1 excludes sunlight.
@@ -679,7 +698,10 @@ def path_rays(
         # The camera's ray is marched once for all its walks, through the middles of its strata.
         prepare_leg(scene, line, camera, camera_work)
         depart(walk, o, d)
-        march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk)
+        begin(polar, ray, 0)
+        march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk, polar)
+        if polar is not None:
+            polar.sums[:] = 0.0
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):
@@ -695,8 +717,9 @@ def path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(shift[b], n, walk.even)
                     depart(walk, o, d)
+                    begin(polar, ray, b)
                     wander(
-                        scene, line, camera, max_order, leg, work, camera_work, walk, sums[b], by_order[ray]
+                        scene, line, camera, max_order, leg, work, camera_work, walk, polar, sums[b], by_order[ray]
                     )  # fmt: skip
             done = goal
             _statistics(sums, batches, done, mean[ray], error[ray])
@@ -704,6 +727,9 @@ def path_rays(
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
+        if polar is not None:
+            for k in range(3):
+                _statistics(polar.sums[k], batches, done, polar.mean[ray, k], polar.error[ray, k])
         for k in range(by_order.shape[1]):
             for i in range(mean.shape[1]):
                 by_order[ray, k, i] /= used[ray]

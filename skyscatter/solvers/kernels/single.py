@@ -176,7 +176,7 @@ def _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first
         if k < pieces:
             for i in range(out.size):
                 first[k, 0, i], first[k, 1, i] = work.fine[i], work.coarse[i]
-                limit[i] += tolerance * work.fine[i]
+                limit[i] += tolerance * abs(work.fine[i])  # with b1 in place of a1 the integrand is negative
             k += 1
             if k == pieces:
                 waiting = _judge_first(pieces, first, limit, cuts, stack, out)
