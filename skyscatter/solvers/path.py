@@ -35,7 +35,7 @@ def check(options: Options) -> None:
     if options.sampling is not None and options.sampling not in SAMPLINGS:
         raise DomainError("sampling", options.sampling, f"choose from {', '.join(SAMPLINGS)}")
     if options.sampling == "free-flight":
-        options.refuse("path with free-flight sampling", "noise", "tolerance", "stokes")
+        options.refuse("path with free-flight sampling", "noise", "tolerance")
 
 
 def walks_for(options: Options) -> int:
@@ -57,11 +57,12 @@ def solve(scene: SceneTable, rays: Rays, options: Options, matrix: Array | None 
     tolerance = options.tolerance or DEFAULT_TOLERANCE
     polar = None
     if matrix is not None:
-        polar = make_polar(matrix, meridian_frame(rays.origins, rays.directions)[0], min(walks, BATCHES))
+        sums = 3 if options.sampling == "free-flight" else min(walks, BATCHES)
+        polar = make_polar(matrix, meridian_frame(rays.origins, rays.directions)[0], sums)
     if options.sampling == "free-flight":
         flight_rays(
             scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
-            make_flight_scratch(components, wavelengths), mean, error, by_order, used,
+            make_flight_scratch(components, wavelengths), polar, mean, error, by_order, used,
         )  # fmt: skip
         scattered = ground = np.zeros_like(mean)
         direct = single_parts(scene, rays, DEFAULT_TOLERANCE)[2]
@@ -74,9 +75,10 @@ def solve(scene: SceneTable, rays: Rays, options: Options, matrix: Array | None 
         )  # fmt: skip
     layers = {}
     if matrix is not None and polar is not None:
-        q, u = single_polarisation(scene, matrix, rays, tolerance)
-        first = {"Q": q, "U": u, "V": np.zeros_like(q)}
-        layers = {name: first[name] + polar.mean[:, k] for k, name in enumerate("QUV")}
+        layers = {name: polar.mean[:, k] for k, name in enumerate("QUV")}
+        if options.sampling != "free-flight":
+            q, u = single_polarisation(scene, matrix, rays, tolerance)
+            layers |= {"Q": layers["Q"] + q, "U": layers["U"] + u}
         layers |= {f"{name}_error": polar.error[:, k] for k, name in enumerate("QUV")}
     if options.parts:
         layers |= {"direct": direct, "scattered": scattered, "ground": ground, "multiple": mean}

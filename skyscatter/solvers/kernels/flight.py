@@ -28,6 +28,7 @@ from skyscatter.solvers.kernels.path import (
     reflect,
     turn,
 )
+from skyscatter.solvers.kernels.polar import arriving, begin, depolarise, face_sun, gather, light_up, note, polarise
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.work import make_work
 
@@ -36,7 +37,7 @@ ROULETTE_BELOW = 0.1
 
 
 @kernel
-def add_sunlight(scene, r, at_ground, order, work, walk, total, by_order):
+def add_sunlight(scene, r, at_ground, order, work, walk, polar, total, by_order):
     """One next-event estimate at the walk's position: a point of the solar disk, seen from there."""
     optics = scene.optics
     node = pick_sun(optics, uniform(walk.state))
@@ -49,16 +50,23 @@ def add_sunlight(scene, r, at_ground, order, work, walk, total, by_order):
         weigh_phase(work.phase, optics.sigma_s, work.weighted)
         mix_components(work.density, optics.sigma_s, work.scattering)
         mix_components(work.density, work.weighted, work.towards)
+        work.source[:] = 1.0  # transmittance from the event to itself
+        face_sun(polar, optics.sigma_s, d, s, d[0] * s[0] + d[1] * s[1] + d[2] * s[2])
+        gather(polar, work.density, 1.0, work.source, work.sun)
+        light_up(polar, optics.sun_irradiance, node, optics.sun_chance[node])
+    polarising = 0.0 if at_ground else 1.0
     for i in range(total.size):
         towards = optics.albedo[i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
-        light = walk.value[i] * towards * work.sun[i] * optics.sun_irradiance[node, i] / optics.sun_chance[node]
+        light = towards * work.sun[i] * optics.sun_irradiance[node, i] / optics.sun_chance[node]
+        note(polar, walk.value[i], i, light, polarising)
+        light = walk.value[i] * arriving(polar, 0, i, light, polarising)
         total[i] += light
         if order <= by_order.shape[0]:
             by_order[order - 1, i] += light
 
 
 @kernel
-def turn_by_phase(scene, hero, work, walk):
+def turn_by_phase(scene, hero, work, walk, polar):
     """New direction by the phase function of a component that the hero is scattered by."""
     optics = scene.optics
     total = 0.0
@@ -72,6 +80,8 @@ def turn_by_phase(scene, hero, work, walk):
             if rest < part:
                 break
             rest -= part
+    d = walk.direction
+    old_x, old_y, old_z = d[0], d[1], d[2]
     cosine = sample_cosine(optics, chosen, hero, uniform(walk.state))
     turn(walk.direction, cosine, 2.0 * math.pi * uniform(walk.state))
     phase_at(optics.phase, cosine, work.phase)
@@ -82,20 +92,22 @@ def turn_by_phase(scene, hero, work, walk):
         # The value takes scattering times phase function; each hero's chance its own mean phase function.
         walk.value[i] *= work.towards[i]
         walk.chance[i] *= work.towards[i] / max(work.scattering[i], 1e-300)
+    polarise(polar, optics.sigma_s, work.density, old_x, old_y, old_z, d)
 
 
 @kernel
-def add_background(scene, order, walk, total, by_order):
+def add_background(scene, order, walk, polar, total, by_order):
     """Light from outside, at the end of a walk."""
     for i in range(total.size):
-        light = walk.value[i] * scene.optics.background[i]
+        note(polar, walk.value[i], i, scene.optics.background[i], 0.0)
+        light = walk.value[i] * arriving(polar, 0, i, scene.optics.background[i], 0.0)
         total[i] += light
         if 1 <= order <= by_order.shape[0]:
             by_order[order - 1, i] += light
 
 
 @kernel
-def fly_leg(scene, order, max_order, hero, work, walk, total, by_order):
+def fly_leg(scene, order, max_order, hero, work, walk, polar, total, by_order):
     """One free flight and the event at its end; False when the walk leaves the atmosphere."""
     optics, x, d = scene.optics, walk.position, walk.direction
     line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
@@ -127,31 +139,34 @@ def fly_leg(scene, order, max_order, hero, work, walk, total, by_order):
     if at_end and not line.hits_ground:
         # The camera's own ray to the outside is deterministic and not counted here.
         if order > 1:
-            add_background(scene, order - 1, walk, total, by_order)
+            add_background(scene, order - 1, walk, polar, total, by_order)
         return False
     if order > max_order:
         return False
     move(walk, t - line.start)
     if at_end:
         lift_to_ground(scene, walk)
-        add_sunlight(scene, scene.columns.radius, True, order, work, walk, total, by_order)
+        add_sunlight(scene, scene.columns.radius, True, order, work, walk, polar, total, by_order)
         for i in range(total.size):
             walk.value[i] *= optics.albedo[i]
         reflect(walk, uniform(walk.state), uniform(walk.state))
+        depolarise(polar, d)
         return True
     if optics.emits:
-        add_emission(scene, order, work, walk, total, by_order)
-    add_sunlight(scene, r, False, order, work, walk, total, by_order)
-    turn_by_phase(scene, hero, work, walk)
+        add_emission(scene, order, work, walk, polar, total, by_order)
+    add_sunlight(scene, r, False, order, work, walk, polar, total, by_order)
+    turn_by_phase(scene, hero, work, walk, polar)
     return rebalance(walk)
 
 
 @kernel
-def add_emission(scene, order, work, walk, total, by_order):
+def add_emission(scene, order, work, walk, polar, total, by_order):
     """Light that the medium gives off at an event."""
     for i in range(total.size):
         for c in range(work.density.size):
-            light = walk.value[i] * work.density[c] * scene.optics.emission[c, i]
+            light = work.density[c] * scene.optics.emission[c, i]
+            note(polar, walk.value[i], i, light, 0.0)
+            light = walk.value[i] * arriving(polar, 0, i, light, 0.0)
             total[i] += light
             # What reaches the camera unscattered counts with the first order, as it does where `single` finds it.
             if max(order - 1, 1) <= by_order.shape[0]:
@@ -159,7 +174,7 @@ def add_emission(scene, order, work, walk, total, by_order):
 
 
 @kernel
-def walk_freely(scene, max_order, work, walk, total, by_order):
+def walk_freely(scene, max_order, work, walk, polar, total, by_order):
     """One walk from the camera to its end."""
     hero = min(int(uniform(walk.state) * total.size), total.size - 1)
     for i in range(total.size):
@@ -167,7 +182,7 @@ def walk_freely(scene, max_order, work, walk, total, by_order):
         walk.chance[i] = 1.0
     # The leg after the last scattering only looks for light from outside.
     for order in range(1, max_order + 2):
-        if not fly_leg(scene, order, max_order, hero, work, walk, total, by_order):
+        if not fly_leg(scene, order, max_order, hero, work, walk, polar, total, by_order):
             return
         largest = 0.0
         for i in range(total.size):
@@ -180,8 +195,13 @@ def walk_freely(scene, max_order, work, walk, total, by_order):
 
 
 @entry
-def flight_rays(scene, origins, directions, ids, seed, samples, max_order, scratch, mean, error, by_order, used):
-    """Light of all orders along many rays, with plain statistics over walks; arguments as for `path_rays`."""
+def flight_rays(
+    scene, origins, directions, ids, seed, samples, max_order, scratch, polar, mean, error, by_order, used
+):  # fmt: skip
+    """Light of all orders along many rays, with plain statistics over walks; arguments as for `path_rays`.
+
+    In the place of batches `polar` holds the sums of one walk, of all walks, and of their squares.
+    """
     work, walk, total, square = scratch
     wavelengths = total.size
     for ray in range(origins.shape[0]):
@@ -189,12 +209,22 @@ def flight_rays(scene, origins, directions, ids, seed, samples, max_order, scrat
             mean[ray, i], square[i] = 0.0, 0.0
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] = 0.0
+        if polar is not None:
+            polar.sums[:] = 0.0
         for n in range(samples):
+            begin(polar, ray, 0)
             start_stream(walk.state, seed, ids[ray], n)
             depart(walk, origins[ray], directions[ray])
             for i in range(wavelengths):
                 total[i] = 0.0
-            walk_freely(scene, max_order, work, walk, total, by_order[ray])
+            walk_freely(scene, max_order, work, walk, polar, total, by_order[ray])
+            if polar is not None:
+                for k in range(3):
+                    for i in range(wavelengths):
+                        light = polar.sums[k, 0, i]
+                        polar.sums[k, 0, i] = 0.0
+                        polar.sums[k, 1, i] += light
+                        polar.sums[k, 2, i] += light * light
             for i in range(wavelengths):
                 mean[ray, i] += total[i]
                 square[i] += total[i] * total[i]
@@ -202,6 +232,12 @@ def flight_rays(scene, origins, directions, ids, seed, samples, max_order, scrat
             mean[ray, i] /= samples
             spread = max(square[i] / samples - mean[ray, i] ** 2, 0.0)
             error[ray, i] = math.sqrt(spread / (samples - 1.0)) if samples > 1 else math.inf
+            if polar is not None:
+                for k in range(3):
+                    middle = polar.sums[k, 1, i] / samples
+                    spread = max(polar.sums[k, 2, i] / samples - middle * middle, 0.0)
+                    polar.mean[ray, k, i] = middle
+                    polar.error[ray, k, i] = math.sqrt(spread / (samples - 1.0)) if samples > 1 else math.inf
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] /= samples
         used[ray] = samples

@@ -42,20 +42,20 @@ class Polar(NamedTuple):
     element: np.ndarray  #: (6, wavelength) of the mixture at a point [m-1 sr-1]
     phase: np.ndarray  #: (component, wavelength) one element at an angle [sr-1]
     weighted: np.ndarray  #: (component, wavelength) the same times scattering per unit density [m-1 sr-1]
-    batch: np.ndarray  #: (1,) int64, number of the batch that the walk belongs to
+    batch: np.ndarray  #: (1,) int64, number of the sums to which the walk belongs
     sums: np.ndarray  #: (3, batch, wavelength) Q, U, V
     frame: np.ndarray  #: (ray, 3) v at the camera
     mean: np.ndarray  #: (ray, 3, wavelength) Q, U, V, output
     error: np.ndarray  #: (ray, 3, wavelength) their standard errors, output
 
 
-def make_polar(tables: np.ndarray, frame: np.ndarray, batches: int) -> Polar:
+def make_polar(tables: np.ndarray, frame: np.ndarray, sums: int) -> Polar:
     """Scratch and output for rays whose meridians are given by `frame` (ray, 3)."""
     components, wavelengths = tables.shape[0], tables.shape[3]
     return Polar(
         tables, np.zeros((4, 4, wavelengths)), np.zeros(3), np.zeros(wavelengths), np.zeros(2),
         np.zeros((6, wavelengths)), np.zeros((components, wavelengths)), np.zeros((components, wavelengths)),
-        np.zeros(1, np.int64), np.zeros((3, batches, wavelengths)), np.array(frame, order="C"),
+        np.zeros(1, np.int64), np.zeros((3, sums, wavelengths)), np.array(frame, order="C"),
         np.zeros((len(frame), 3, wavelengths)), np.zeros((len(frame), 3, wavelengths)),
     )  # fmt: skip
 
@@ -189,11 +189,17 @@ def arriving(polar, row, i, unpolarised, sunlit):
 
 
 @inlined
-def tally_polarisation(polar, walk, sunlit):
-    """Add Q, U and V of the current leg to the sums of the walk's batch."""
+def note(polar, value, i, unpolarised, sunlit):
+    """Add Q, U and V of light as in `arriving` to the sums of the walk's batch."""
     if polar is not None:
         b = polar.batch[0]
         for k in range(3):
-            for i in range(polar.gain.size):
-                light = arriving(polar, k + 1, i, walk.escape[i] + sunlit * walk.gain[i], sunlit)
-                polar.sums[k, b, i] += walk.value[i] * light
+            polar.sums[k, b, i] += value * arriving(polar, k + 1, i, unpolarised, sunlit)
+
+
+@inlined
+def tally_polarisation(polar, walk, sunlit):
+    """Add Q, U and V of the current leg to the sums of the walk's batch."""
+    if polar is not None:
+        for i in range(polar.gain.size):
+            note(polar, walk.value[i], i, walk.escape[i] + sunlit * walk.gain[i], sunlit)
