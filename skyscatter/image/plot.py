@@ -121,13 +121,17 @@ def plot_polarisation(
         raise DomainError("bars", bars, "a number of bars along the longer side, or 0 for none")
     segments = _bars(image, wavelength, int(bars), camera) if bars else None
     rows, columns, _ = image.shape
+    wide = rows < 0.6 * columns
     if ax is None:
-        width = 7.0
-        ax = Figure(figsize=(width, 0.9 + 0.82 * width * min(rows / columns, 1.5)), layout="constrained").add_subplot()
+        width, shape = 7.0, min(rows / columns, 1.5)
+        size = (width, 1.3 + width * shape) if wide else (width, 0.9 + 0.82 * width * shape)
+        ax = Figure(figsize=size, layout="constrained").add_subplot()
     scale = SCALES[show]
     # Undefined pixels keep the paper's colour, which neither map holds.
     drawn = ax.imshow(values, cmap=colormaps[scale.colours], vmin=scale.low, vmax=scale.high, interpolation="nearest")
-    bar = ax.figure.colorbar(drawn, ax=ax, label=scale.label, fraction=0.04, pad=0.02)
+    # The label beside a low picture would be longer than the bar.
+    place = {"orientation": "horizontal", "shrink": 0.7} if wide else {"fraction": 0.04, "pad": 0.02}
+    bar = ax.figure.colorbar(drawn, ax=ax, label=scale.label, **place)
     if show == "angle":
         bar.set_ticks(range(0, 181, 45))
     if segments is not None:

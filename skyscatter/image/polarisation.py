@@ -104,7 +104,7 @@ def band_weights(wavelengths: ArrayLike, wavelength: float | None) -> Array:
     if wavelength is None:
         weights = colour.xyz_weights(wl)[:, 1]
         if not weights.sum() > 0.0:
-            raise DomainError("wavelengths", _span(wl), "none is visible: name the one to show")
+            raise DomainError("wavelengths", _span(wl), f"none is visible: name the one to show, such as {wl[0]:g}")
         return np.asarray(weights / weights.sum())
     same = np.isclose(wl, wavelength, rtol=1e-9, atol=0.0)
     if not same.any():

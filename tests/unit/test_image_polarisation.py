@@ -310,6 +310,7 @@ def test_figures(tmp_path: Path, show: str) -> None:
     assert "<svg" in text
     assert f"{show} of linear polarisation" in axes.images[0].colorbar.ax.get_ylabel()
     assert axes.get_title() == "550 nm"
+    assert rayleigh_sky(PANORAMA).plot_polarisation(show).images[0].colorbar.orientation == "horizontal"
     assert made.plot_polarisation(show, ax=axes) is axes
     assert "luminous efficiency" in axes.get_title()
 
