@@ -108,6 +108,24 @@ def test_the_meridian_frame() -> None:
     assert np.isnan(meridian_frame([np.nan, np.nan, np.nan])).all()
 
 
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "q", "u"),
+    [(0, 60, -1, 0), (180, 90, -0.6, 0), (90, 0, 0.5, 0.8660), (270, 0, 0.5, -0.8660), (90, 30, 0.5294, 0.7059)],
+)
+def test_the_example_of_the_conventions(azimuth: float, elevation: float, q: float, u: float) -> None:
+    """The table in docs/conventions.md, and its formulas for v and l."""
+    a, e = np.radians([azimuth, elevation])
+    d = direction_from_azimuth_elevation(azimuth, elevation)
+    v, left = meridian_frame(d)
+    np.testing.assert_allclose(v, [-np.sin(e) * np.sin(a), -np.sin(e) * np.cos(a), np.cos(e)], atol=1e-15)
+    np.testing.assert_allclose(left, [-np.cos(a), np.sin(a), 0], atol=1e-15)
+    sun = direction_from_azimuth_elevation(180.0, 30.0)
+    field = np.cross(d, sun)  # across the plane of scattering
+    mu, ev, el = d @ sun, field @ v, field @ left
+    # half of the last digit printed
+    np.testing.assert_allclose([ev**2 - el**2, 2 * ev * el], np.array([q, u]) * (1 + mu**2), atol=5e-5 * (1 + mu**2))
+
+
 def test_the_band_is_weighted_by_luminous_efficiency() -> None:
     made = rayleigh_sky(PANORAMA, share=(1.0, 0.5, 0.0))
     weights = xyz_weights(WAVELENGTHS)[:, 1] * [3.0, 2.0, 1.0]  # the sky's spectrum
