@@ -12,7 +12,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from skyscatter.geometry.vectors import direction_from_azimuth_elevation, meridian_frame
+from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "polarisation.svg"
 AZIMUTH, ELEVATION = 62.0, 30.0  # of the line of sight that is drawn [degree]
@@ -49,7 +50,7 @@ def draw_space(axes: Any) -> None:
     turn = np.linspace(0.0, 360.0, 361)
     rise = np.linspace(0.0, 90.0, 91)
     d = direction_from_azimuth_elevation(AZIMUTH, ELEVATION)
-    v, left = meridian_frame(d)
+    v, left = meridian_frame([0.0, 0.0, 1.0], d)
     plane = direction_from_azimuth_elevation(AZIMUTH, rise)
     axes.fill(*flat(np.vstack([plane, [[0.0, 0.0, 0.0]]])).T, color=BLUE, alpha=0.10, lw=0)
     curve(axes, turn, 0.0)

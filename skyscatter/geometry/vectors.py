@@ -50,29 +50,6 @@ def azimuth_elevation_from_direction(direction: ArrayLike) -> tuple[Array, Array
     return azimuth, np.degrees(np.arctan2(up, np.hypot(east, north)))
 
 
-def meridian_frame(direction: ArrayLike) -> tuple[Array, Array]:
-    """The axes v and l to which Stokes parameters refer, for lines of sight.
-
-    Parameters
-    ----------
-    direction : array_like, shape (..., 3)
-        Unit vectors (east, north, up) along lines of sight d.
-
-    Returns
-    -------
-    v, l : ndarray, shape (..., 3)
-        v is perpendicular to d in the plane through d and the zenith, upwards; l = v x d points to the left as one
-        looks along d.  At the exact zenith and nadir v points north.  NaN where the direction is NaN.
-    """
-    d = np.asarray(direction, dtype=float)
-    east, north, up = np.moveaxis(d, -1, 0)
-    horizontal = np.hypot(east, north)
-    vertical = horizontal == 0.0
-    safe = np.where(vertical, 1.0, horizontal)
-    v = np.stack((-up * east / safe, np.where(vertical, 1.0, -up * north / safe), horizontal), axis=-1)
-    return v, np.cross(v, d)
-
-
 def camera_frame(azimuth_deg: float, elevation_deg: float, roll_deg: float = 0.0) -> tuple[Array, Array, Array]:
     """Forward, right and up unit vectors of a camera.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, SkyscatterError
-from skyscatter.geometry.vectors import meridian_frame
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.image.polarisation import SCALES, STOKES, STOKES_ERRORS, band_angle, band_degree, band_values
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def _bars(image: SpectralImage, wavelength: float | None, number: int, camera: A
     at = np.ix_(y, x)
     degree, chi = band_degree(image, wavelength)[at], np.radians(band_angle(image, wavelength)[at])
     d = camera.directions(observer)[at]
-    v, left = meridian_frame(d)
+    v, left = meridian_frame([0.0, 0.0, 1.0], d)  # the observer stands on the z axis
     field = np.cos(chi)[..., None] * v + np.sin(chi)[..., None] * left
     small = 1e-4  # [rad]; a tangent in the picture, well above rounding
     ends = [np.stack(camera.pixel(d + sign * small * field, observer), axis=-1) for sign in (-1.0, 1.0)]

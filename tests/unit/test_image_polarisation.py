@@ -16,7 +16,8 @@ from rayleigh_sky import SUN, WAVELENGTHS, expected_degree, rayleigh_sky
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
-from skyscatter.geometry.vectors import direction_from_azimuth_elevation, meridian_frame
+from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.image import SpectralImage
 from skyscatter.image.colour import xyz_weights
 from skyscatter.image.png import read_png
@@ -24,6 +25,7 @@ from skyscatter.image.polarisation import FRAME, band, band_angle, band_degree
 
 LAYERS = ["Q", "U", "V", "Q_error", "U_error", "V_error"]
 PANORAMA = Panorama(width=24, height=12)
+UP = (0.0, 0.0, 1.0)  # where the observer stands
 FISHEYE = Fisheye(width=21, height=21)
 
 
@@ -86,7 +88,7 @@ def test_a_rayleigh_sky(camera: Any) -> None:
         made.degree_of_polarisation[seen, 1], np.hypot(expected[seen], 0.1), rtol=1e-10, atol=1e-14
     )
     # The field vibrates across the plane of Sun and line of sight.
-    v, left = meridian_frame(camera.directions())
+    v, left = meridian_frame(UP, camera.directions())
     chi = np.radians(made.angle_of_linear_polarisation[..., 1])
     field = np.cos(chi)[..., None] * v + np.sin(chi)[..., None] * left
     assert np.nanmax(np.abs(field @ SUN)) < 1e-10
@@ -94,18 +96,20 @@ def test_a_rayleigh_sky(camera: Any) -> None:
     assert np.isnan(made.degree_of_linear_polarisation[~seen]).all()
 
 
-def test_the_meridian_frame() -> None:
+def test_the_meridian_frame(
+    UP,
+) -> None:
     """Right-handed with the direction of flight, upwards and to the left; north at zenith and nadir."""
     d = direction_from_azimuth_elevation([0.0, 90.0, 33.0, 200.0], [0.0, 0.0, 50.0, -70.0])
-    v, left = meridian_frame(d)
+    v, left = meridian_frame(UP, d)
     np.testing.assert_allclose(v[:2], [[0, 0, 1], [0, 0, 1]], atol=1e-15)
     np.testing.assert_allclose(left[:2], [[-1, 0, 0], [0, 1, 0]], atol=1e-15)  # north: west; east: north
     np.testing.assert_allclose(np.cross(v, left), -d, atol=1e-15)
     assert np.all(v[:, 2] > 0)
     np.testing.assert_allclose(left[:, 2], 0, atol=1e-15)
-    np.testing.assert_array_equal(meridian_frame([0.0, 0.0, 1.0]), [[0, 1, 0], [1, 0, 0]])
-    np.testing.assert_array_equal(meridian_frame([0.0, 0.0, -1.0]), [[0, 1, 0], [-1, 0, 0]])
-    assert np.isnan(meridian_frame([np.nan, np.nan, np.nan])).all()
+    np.testing.assert_array_equal(meridian_frame(UP, [0.0, 0.0, 1.0]), [[0, 1, 0], [1, 0, 0]])
+    np.testing.assert_array_equal(meridian_frame(UP, [0.0, 0.0, -1.0]), [[0, 1, 0], [-1, 0, 0]])
+    assert np.isnan(meridian_frame(UP, [np.nan, np.nan, np.nan])).all()
 
 
 @pytest.mark.parametrize(
@@ -116,7 +120,7 @@ def test_the_example_of_the_conventions(azimuth: float, elevation: float, q: flo
     """The table in docs/conventions.md, and its formulas for v and l."""
     a, e = np.radians([azimuth, elevation])
     d = direction_from_azimuth_elevation(azimuth, elevation)
-    v, left = meridian_frame(d)
+    v, left = meridian_frame(UP, d)
     np.testing.assert_allclose(v, [-np.sin(e) * np.sin(a), -np.sin(e) * np.cos(a), np.cos(e)], atol=1e-15)
     np.testing.assert_allclose(left, [-np.cos(a), np.sin(a), 0], atol=1e-15)
     sun = direction_from_azimuth_elevation(180.0, 30.0)
