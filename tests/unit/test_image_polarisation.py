@@ -96,9 +96,7 @@ def test_a_rayleigh_sky(camera: Any) -> None:
     assert np.isnan(made.degree_of_linear_polarisation[~seen]).all()
 
 
-def test_the_meridian_frame(
-    UP,
-) -> None:
+def test_the_meridian_frame() -> None:
     """Right-handed with the direction of flight, upwards and to the left; north at zenith and nadir."""
     d = direction_from_azimuth_elevation([0.0, 90.0, 33.0, 200.0], [0.0, 0.0, 50.0, -70.0])
     v, left = meridian_frame(UP, d)
