@@ -26,6 +26,8 @@ _REMEDY = {
 
 def _explain(path: Path, error: OSError) -> SkyscatterError:
     number = error.errno
+    if number == errno.ENOENT and Path(os.path.realpath(path)).parent.is_dir():  # as in /proc
+        return SkyscatterError(f"{path}: cannot be written: its directory takes no new files; choose another directory")
     text = " ".join((error.strerror or str(error)).split())
     if number is None and " space " in text:  # libraries that lose the number say it in words
         number = errno.ENOSPC

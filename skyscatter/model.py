@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from skyscatter.atomic import atomic_path
 from skyscatter.datafiles import models_dir
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.media.medium import Component, Medium
-from skyscatter.record import Record
+from skyscatter.record import UNKNOWN, Record
 from skyscatter.scene import Ground, Scene, Star, Sun
 from skyscatter.units import Metres
 
@@ -144,18 +145,21 @@ def parse_model(content: dict[str, Any], source: object) -> Model:
 def first_problem(error: ValidationError) -> str:
     """The first complaint of a validation as one line: field, value, remedy."""
     problems = error.errors(include_url=False)
-    problem = problems[0]
+    # A misspelt field leaves another one missing: the spelling is the cause.
+    problem = next((p for p in problems if UNKNOWN in p["msg"]), problems[0])
     if problem["type"] != "value_error":
         # Every branch of a union complains; the one that understood the value knows what is wrong with it.
         parent = problem["loc"][:-1]
         understood = [p for p in problems if p["type"] == "value_error" and p["loc"][:-1] == parent]
         problem = understood[0] if understood else problem
-    field = ".".join(str(part) for part in problem["loc"]) or "model"
+    # Branches of a union that are no records have names like function-after[...]; they say nothing to a user.
+    field = ".".join(str(part) for part in problem["loc"] if "(" not in str(part)) or "model"
     message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] == "missing":
         return f"{field} is missing; add it"
-    if problem["type"] == "extra_forbidden":
-        return f"{field} = {problem['input']!r}: no such field; check the spelling"
+    if problem["type"] == "union_tag_not_found":
+        similar = difflib.get_close_matches("kind", map(str, problem["input"]), n=1)
+        return f"{field}.{similar[0]}: {UNKNOWN}; did you mean kind?" if similar else f"{field}.kind is missing; add it"
     if problem["type"] == "value_error":
         return f"{field}: {message}"
     shown = repr(problem["input"])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+import tempfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.errors import DomainError, MissingDataError, UnitsError
 from skyscatter.units import nanometres
 
 #: Formats by extension: picture, spectral layers, FITS cube, netCDF.
@@ -43,18 +44,21 @@ def parse_size(text: str | None, view: str) -> tuple[int, int]:
 def parse_wavelengths(text: str) -> NDArray[np.float64]:
     """``start:stop:step`` (both ends included) or a list with commas, as ascending vacuum wavelengths [nm]."""
     remedy = "give START:STOP:STEP or a list with commas in nm, for instance 380:780:5 or 450,550,650"
+    try:
+        numbers = [nanometres(word, "wavelengths") for word in text.split(":" if ":" in text else ",")]
+    except UnitsError as error:
+        raise DomainError("wavelengths", text, f"{remedy}; units may follow the numbers: 0.55um") from error
     if ":" in text:
-        words = text.split(":")
-        if len(words) != 3:
+        if len(numbers) != 3:
             raise DomainError("wavelengths", text, remedy)
-        start, stop, step = (nanometres(word, "wavelengths") for word in words)
+        start, stop, step = numbers
         if not (0 < start <= stop < math.inf and 0 < step < math.inf):
             raise DomainError("wavelengths", text, "start and step must be positive and stop not below start")
         # The tolerance keeps the last node when the step, in binary, is a hair too long.
         count = math.floor((stop - start) / step + 1e-9) + 1
         _check_count(text, count)
         return np.asarray(start + step * np.arange(count), dtype=np.float64)
-    values = np.array([nanometres(word, "wavelengths") for word in text.split(",")])
+    values = np.array(numbers)
     _check_count(text, values.size)
     if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0):
         raise DomainError("wavelengths", text, "wavelengths must be positive and increase")
@@ -128,8 +132,22 @@ def parse_exposure(text: str) -> float | str:
     return value
 
 
+def parse_show(text: str | None) -> tuple[str, float | None]:
+    """``colour``, ``degree`` or ``angle``, the latter two perhaps with a wavelength: ``degree:550`` (nm)."""
+    if text is None:
+        return "colour", None
+    what, colon, wavelength = text.partition(":")
+    remedy = "choose colour, degree or angle, the latter two also of one wavelength in nm: degree:550"
+    if what not in ("colour", "degree", "angle") or (colon and what == "colour"):
+        raise DomainError("show", text, remedy)
+    try:
+        return what, nanometres(wavelength, "show") if colon else None
+    except UnitsError as error:
+        raise DomainError("show", text, remedy) from error
+
+
 def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Path:
-    """The path, if a file of a known kind can be written there; nothing is created."""
+    """The path, if a file of a known kind can be written there; nothing is left behind."""
     if path.suffix.lower() not in suffixes:
         raise DomainError("output", str(path), f"the extension must be one of {', '.join(suffixes)}")
     if path.is_dir():
@@ -138,6 +156,13 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
         raise DomainError("output", str(path), f"there is no folder {path.parent}; make it first")
     if not os.access(path.parent, os.W_OK):
         raise DomainError("output", str(path), f"the folder {path.parent} may not be written to; choose another")
+    try:
+        # Some folders, such as those of /proc, refuse new files in spite of their permissions.
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        remedy = f"the folder {path.parent} takes no new files ({error.strerror or error}); choose another"
+        raise DomainError("output", str(path), remedy) from error
     return path
 
 

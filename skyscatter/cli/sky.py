@@ -47,6 +47,9 @@ class Request:
     tone: str
     space: str
     bits: int
+    stokes: bool
+    show: str
+    shown_wavelength: float | None
     outputs: list[Path]
     json: bool
     quiet: bool
@@ -98,7 +101,15 @@ def sky(
         str | None,
         typer.Option("--max-order", "--order-limit", metavar="N", help="Highest order of scattering (path)."),
     ] = None,
-    seed: Annotated[str, typer.Option(metavar="N", help="Same seed, same picture.")] = "0",
+    stokes: Annotated[
+        bool,
+        typer.Option(
+            "--stokes", help="Polarised light: Stokes Q, U, V in .exr, .fits, .nc; the summary has the degree."
+        ),
+    ] = False,
+    seed: Annotated[
+        str, typer.Option(metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807.")
+    ] = "0",
     threads: Annotated[str | None, typer.Option(metavar="N", help="Threads; by default one per processor.")] = None,
     exposure: Annotated[
         str | None, typer.Option(metavar="EV", help="For PNG: auto (the default) or an exposure value (ISO 100).")
@@ -108,6 +119,14 @@ def sky(
         str | None, typer.Option(metavar="NAME", help="For PNG: srgb (the default), display-p3 or rec2020.")
     ] = None,
     bits: Annotated[str | None, typer.Option(metavar="N", help="For PNG: 8 (the default) or 16.")] = None,
+    show: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHAT",
+            help="For PNG: colour (the default), or degree or angle of linear polarisation, which imply --stokes; all "
+            "wavelengths weighted by luminous efficiency, or one [nm]: degree:550.",
+        ),
+    ] = None,
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -130,7 +149,10 @@ def sky(
     """
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth)
     outputs = parse.check_outputs(output or [])
-    _check_png_options(outputs, {"exposure": exposure, "tone": tone, "space": space, "bits": bits})
+    shown, shown_wavelength = parse.parse_show(show)
+    development = {"exposure": exposure, "tone": tone, "space": space}
+    _check_png_options(outputs, {**development, "bits": bits, "show": show})
+    _check_development(shown, development)
     request = Request(
         model=model,
         place=None if place is None else parse.parse_place(place),
@@ -145,12 +167,15 @@ def sky(
         samples=parse.parse_integer(samples, "samples", 1, "give a number of walks, 1 or more"),
         noise=parse.parse_noise(noise),
         max_order=parse.parse_integer(max_order, "max_order", 1, "give an order of scattering, 1 or more"),
-        seed=parse.parse_integer(seed, "seed", 0, "give a whole number, 0 or more") or 0,
+        seed=parse.parse_integer(seed, "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)") or 0,
         threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
         tone="filmic" if tone is None else tone,
         space="srgb" if space is None else space,
         bits=parse.parse_integer(bits, "bits", 8, "choose 8 or 16") or 8,
+        stokes=stokes or shown != "colour",
+        show=shown,
+        shown_wavelength=shown_wavelength,
         outputs=outputs,
         json=as_json,
         quiet=quiet,
@@ -199,6 +224,15 @@ def _check_png_options(outputs: list[Path], options: dict[str, Any]) -> None:
             raise DomainError(name, value, "is for PNG files; name one with -o, or leave this out")
 
 
+def _check_development(show: str, options: dict[str, Any]) -> None:
+    """The colours of the degree and the angle of polarisation are fixed."""
+    if show == "colour":
+        return
+    for name, value in options.items():
+        if value is not None:
+            raise DomainError(name, value, f"means nothing to --show {show}; leave it out")
+
+
 def _check_picture(request: Request) -> None:
     from skyscatter.image.colour import display_space
     from skyscatter.image.tone import TONES
@@ -208,6 +242,10 @@ def _check_picture(request: Request) -> None:
         raise DomainError("tone", request.tone, f"choose one of {', '.join(TONES)}")
     if request.bits not in (8, 16):
         raise DomainError("bits", request.bits, "choose 8 or 16")
+    if request.show != "colour":
+        from skyscatter.image.polarisation import band_weights
+
+        band_weights(request.wavelengths, request.shown_wavelength)  # refuses what the picture could not show
 
 
 def build_scene(request: Request) -> tuple[Any, Any]:
@@ -258,6 +296,7 @@ def run(request: Request, arguments: list[str]) -> int:
                 threads=request.threads,
                 progress=progress.to,
                 resume=request.resume,
+                **({"stokes": True} if request.stokes else {}),
             )
     except Interrupted as stop:
         interrupted, image = stop, stop.partial
@@ -265,8 +304,7 @@ def run(request: Request, arguments: list[str]) -> int:
         _keep(interrupted, request, arguments)
     exposure = image.auto_exposure() if request.exposure == "auto" else float(request.exposure)
     for path in request.outputs:
-        png = {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
-        image.save(path, **(png if path.suffix.lower() == ".png" else {}))
+        image.save(path, **(_png_options(request, exposure) if path.suffix.lower() == ".png" else {}))
     finished = 1.0 if interrupted is None else float(interrupted.state.done.mean())
     summary = summarise(request, model, scene, image, exposure, clock.monotonic() - started, finished)
     if request.json:
@@ -274,6 +312,12 @@ def run(request: Request, arguments: list[str]) -> int:
     elif not request.quiet:
         typer.echo(describe(summary), err=True)
     return 0 if interrupted is None else 130
+
+
+def _png_options(request: Request, exposure: float) -> dict[str, Any]:
+    if request.show == "colour":
+        return {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
+    return {"show": request.show, "wavelength": request.shown_wavelength, "bits": request.bits}
 
 
 def _keep(interrupted: Any, request: Request, arguments: list[str]) -> None:
@@ -312,6 +356,27 @@ def median_noise(image: Any) -> float | None:
     return float(np.median(error[lit] / radiance[lit])) if lit.any() else None
 
 
+def polarisation_summary(image: Any, wavelength: float | None) -> dict[str, float | None] | None:
+    """Mean and greatest degree of linear polarisation over the pixels that have light; None for unpolarised images.
+
+    Of one wavelength [nm], or over all of them weighted by luminous efficiency; null if none of them is visible.
+    """
+    if not image.polarised:
+        return None
+    from skyscatter.image.polarisation import band_degree
+
+    try:
+        degree = band_degree(image, wavelength)
+    except DomainError:
+        degree = np.full(1, np.nan)
+    lit = degree[np.isfinite(degree)]
+    return {
+        "mean_degree": float(lit.mean()) if lit.size else None,
+        "maximum_degree": float(lit.max()) if lit.size else None,
+        "wavelength_nm": wavelength,
+    }
+
+
 def summarise(
     request: Request, model: Any, scene: Any, image: Any, exposure: float, seconds: float, finished: float
 ) -> dict[str, Any]:
@@ -334,6 +399,7 @@ def summarise(
         "solver": request.solver,
         "seed": request.seed,
         "noise": median_noise(image),
+        "polarisation": polarisation_summary(image, request.shown_wavelength),
         "exposure_ev": float(exposure),
         "seconds": round(seconds, 3),
         "complete": finished >= 1.0,
@@ -342,12 +408,21 @@ def summarise(
     }
 
 
+def percent(share: float) -> str:
+    """Two digits in per cent, never with an exponent: ``0.034`` is ``3.4 %``, ``1`` is ``100 %``."""
+    return f"{np.format_float_positional(float(f'{100 * share:.2g}'), trim='-')} %"
+
+
 def describe(summary: dict[str, Any]) -> str:
     """The summary for people."""
     from skyscatter.progress import format_seconds
 
     sun, noise = summary["sun"], summary["noise"]
-    accuracy = "" if noise is None else f", median noise {100 * noise:.2g} %"
+    accuracy = "" if noise is None else f", median noise {percent(noise)}"
+    polarised = summary["polarisation"]
+    if polarised is not None and polarised["mean_degree"] is not None:
+        accuracy += f"; degree of linear polarisation {percent(polarised['mean_degree'])} on average"
+        accuracy += f", {percent(polarised['maximum_degree'])} at most"
     part = "" if summary["complete"] else f"interrupted with {100 * summary['finished']:.1f} % of the pixels finished; "
     return (
         f"{part}{summary['model']}: Sun at elevation {sun['elevation_deg']:.2f}°, azimuth {sun['azimuth_deg']:.2f}°; "

@@ -7,6 +7,11 @@ Channels (all float32, ZIP):
 - ``S0.550,000000nm``: radiance at 550 nm, in the layout of Fichet, Pacanowski and Wilkie (2021, J. Comput. Graph. Tech.
   10(3)).  Attributes ``spectralLayoutVersion`` and ``emissiveUnits``; the authors' library knows one string only for
   the latter, so that one is written, and the true unit (per nm) is in ``skyscatterRadianceUnits``.
+- ``S1`` to ``S3`` in the same way: the Stokes parameters Q, U and V of a polarised image.  The layout knows ``left``
+  and ``right`` for ``polarisationHandedness``; we write ``right``: the axis of Q > 0, that of Q < 0 and the direction
+  in which the light travels are right-handed, and V > 0 is right-handed by the IAU's definition.  The layout fixes no
+  reference plane; ours is in words in ``skyscatterStokesFrame``.  Files without that attribute keep S1 to S3 as layers
+  of these names: they do not say to what plane they refer.
 - ``standard_error.550,000000nm`` and ``layer.NAME.550,000000nm``: our own, which readers of that layout pass over.
 
 ``skyscatterWavelengths`` keeps the wavelengths to the last digit (names have six decimals), ``skyscatterRecipe`` the
@@ -26,6 +31,7 @@ from numpy.typing import NDArray
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.image.colour import SPACES
+from skyscatter.image.polarisation import FRAME, STOKES
 from skyscatter.image.spectral import UNITS, SpectralImage
 
 _MAGIC = b"\x76\x2f\x31\x01"
@@ -34,6 +40,9 @@ _PREFIX = {
     "Y": 1e24, "Z": 1e21, "E": 1e18, "P": 1e15, "T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "h": 1e2, "da": 1e1,
     "": 1.0, "d": 1e-1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12,
 }  # fmt: skip
+#: Channel group of each Stokes layer.
+_STOKES_GROUPS = {name: f"S{number}" for number, name in enumerate(STOKES, start=1)}
+_HANDEDNESS = "right"
 _BAND = re.compile(
     r"(?P<group>S[0-3]|standard_error|layer\.[A-Za-z0-9_-]+)\."
     r"(?P<number>\d+(?:,\d*)?(?:[eE][+-]?\d+)?)(?P<prefix>Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(?P<unit>m|Hz)"
@@ -61,7 +70,10 @@ def _groups(image: SpectralImage) -> dict[str, NDArray[Any]]:
     groups = {"S0": image.radiance}
     if image.standard_error is not None:
         groups["standard_error"] = image.standard_error
-    groups.update({f"layer.{name}": values for name, values in image.layers.items()})
+    for name, values in image.layers.items():
+        # Readers of the layout expect all of S1 to S3 or none.
+        stokes = image.polarised and name in _STOKES_GROUPS
+        groups[_STOKES_GROUPS[name] if stokes else f"layer.{name}"] = values
     return groups
 
 
@@ -114,6 +126,9 @@ def _header(image: SpectralImage, spectral: bool) -> dict[str, Any]:
         header["emissiveUnits"] = "W.m^-2.sr^-1"
         header["skyscatterRadianceUnits"] = UNITS
         header["skyscatterWavelengths"] = json.dumps(image.wavelengths.tolist())
+    if spectral and image.polarised:
+        header["polarisationHandedness"] = _HANDEDNESS
+        header["skyscatterStokesFrame"] = FRAME
     return header
 
 
@@ -149,7 +164,8 @@ def _open(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
 def read(path: Path) -> SpectralImage:
     """Read the spectral layers of an OpenEXR file in the layout of Fichet et al. (2021), ours or another's.
 
-    Stokes layers S1 to S3 become layers of the image.
+    Stokes channels S1 to S3 become the layers Q, U and V where the file states the frame of this package, else layers
+    named S1, S2 and S3.
     """
     header, channels = _open(path)
     groups: dict[str, list[tuple[float, NDArray[Any]]]] = {}
@@ -174,8 +190,14 @@ def read(path: Path) -> SpectralImage:
         _exact_wavelengths(header, named["S0"]),
         error,
         recipe=_json_attribute(header, "skyscatterRecipe", path) or {},
-        layers={group.removeprefix("layer."): cube for group, cube in cubes.items()},
+        layers={_layer_name(header, group): cube for group, cube in cubes.items()},
     )
+
+
+def _layer_name(header: dict[str, Any], group: str) -> str:
+    ours = (header.get("skyscatterStokesFrame"), header.get("polarisationHandedness")) == (FRAME, _HANDEDNESS)
+    names = {group: name for name, group in _STOKES_GROUPS.items()} if ours else {}
+    return names.get(group, group.removeprefix("layer."))
 
 
 def _exact_wavelengths(header: dict[str, Any], named: list[float]) -> list[float]:

@@ -2,6 +2,8 @@
 
 - Axes in astropy's order are (wavelength, y, x).  FITS counts rows from the bottom and our first row is the top: rows
   are turned over on writing and on reading.
+- Stokes parameters of a polarised image stand in extensions ``Q``, ``U``, ``V``, their standard errors in ``Q_STDERR``
+  and so on, with the frame in ``STOKES``, ``POLCCONV``, ``POLFRAME`` and in words; other layers in ``LAYER1``, ...
 - The third world axis is ``WAVE`` (vacuum) in nm: linear where the grid is uniform, else a look-up table, ``WAVE-TAB``
   (Greisen et al. 2006, A&A 446, 747, section 6), which `astropy.wcs` reads when it is given the file.
 - Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
+from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.spectral import UNITS, SpectralImage
 
 if TYPE_CHECKING:
@@ -67,6 +70,25 @@ def _fill(hdu: Any, image: SpectralImage, comment: str) -> None:
     hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
 
 
+def _stokes_extension(name: str) -> str:
+    return name.replace("_error", "_STDERR")
+
+
+def _layer_comment(name: str, stokes: bool) -> str:
+    if not stokes:
+        return "A part of the radiance in the primary array."
+    letter = name[0]
+    return f"Stokes {letter}." if name in STOKES else f"Standard error of Stokes {letter} in the extension {letter}."
+
+
+def _fill_frame(hdu: Any, name: str) -> None:
+    """Say to what Q, U and V refer.  FITS has no standard keyword for it; POLCCONV is the usual one for the sense."""
+    hdu.header["STOKES"] = (name[0], "Stokes parameter; I is the primary array")
+    hdu.header["POLCCONV"] = ("IAU", "angles grow anticlockwise as seen")
+    hdu.header["POLFRAME"] = ("ZENITH", "angles start at the meridian plane")
+    hdu.header["COMMENT"] = FRAME
+
+
 def _flipped(cube: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(np.moveaxis(cube, -1, 0)[:, ::-1, :])
 
@@ -83,9 +105,12 @@ def _hdus(image: SpectralImage) -> fits.HDUList:
         hdus.append(fits.ImageHDU(_flipped(image.standard_error), name="STDERR"))
         _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
     for number, (name, cube) in enumerate(image.layers.items(), start=1):
-        hdus.append(fits.ImageHDU(_flipped(cube), name=f"LAYER{number}"))
+        stokes = image.polarised and name in (*STOKES, *STOKES_ERRORS)
+        hdus.append(fits.ImageHDU(_flipped(cube), name=_stokes_extension(name) if stokes else f"LAYER{number}"))
         hdus[-1].header["LAYER"] = (name, "name of the layer")
-        _fill(hdus[-1], image, "A part of the radiance in the primary array.")
+        _fill(hdus[-1], image, _layer_comment(name, stokes))
+        if stokes:
+            _fill_frame(hdus[-1], name)
     n = image.wavelengths.size
     column = fits.Column(_COLUMN, f"{n}D", unit="nm", dim=f"(1,{n})", array=image.wavelengths.reshape(1, n, 1))
     table = fits.BinTableHDU.from_columns([column], name=_TABLE)

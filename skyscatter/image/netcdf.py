@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
+from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.spectral import UNITS, SpectralImage
 
 if TYPE_CHECKING:
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
 
 _DIMS = ("y", "x", "wavelength")
 _LAYER = "layer_"
+#: Variable of each Stokes layer.
+_STOKES_VARIABLES = {
+    **{name: f"stokes_{name}" for name in STOKES},
+    **{name: f"stokes_{name[0]}_standard_error" for name in STOKES_ERRORS},
+}
 
 
 def to_dataset(image: SpectralImage) -> xarray.Dataset:
@@ -31,7 +37,11 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
         attributes = {"units": UNITS, "long_name": "standard error of the spectral radiance"}
         variables["radiance_standard_error"] = (_DIMS, image.standard_error, attributes)
         radiance["ancillary_variables"] = "radiance_standard_error"
+    if image.polarised:
+        variables.update(_polarisation(image))
     for name, values in image.layers.items():
+        if image.polarised and name in _STOKES_VARIABLES:
+            continue
         attributes = {"units": UNITS, "long_name": f"part of the spectral radiance: {name}", "layer": name}
         variables[_LAYER + name] = (_DIMS, values, attributes)
     wavelength = {"units": "nm", "standard_name": "radiation_wavelength", "long_name": "wavelength in vacuum"}
@@ -46,6 +56,33 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
             "recipe": json.dumps(image.recipe),
         },
     )
+
+
+def _polarisation(image: SpectralImage) -> dict[str, Any]:
+    """Stokes layers, and what follows from them; readers need only the former."""
+    variables: dict[str, Any] = {}
+    for name, variable in _STOKES_VARIABLES.items():
+        if name not in image.layers:
+            continue
+        what = f"Stokes {name[0]} per wavelength"
+        attributes = {"units": UNITS, "long_name": what, "comment": FRAME, "layer": name}
+        if name in STOKES_ERRORS:
+            attributes["long_name"] = f"standard error of {what}"
+        elif f"{name}_error" in image.layers:
+            attributes["ancillary_variables"] = _STOKES_VARIABLES[f"{name}_error"]
+        variables[variable] = (_DIMS, image.layers[name], attributes)
+    biased = "Noise makes small values too large."
+    linear = {"units": "1", "long_name": "degree of linear polarisation", "comment": f"sqrt(Q^2 + U^2) / I. {biased}"}
+    total = {"units": "1", "long_name": "degree of polarisation", "comment": f"sqrt(Q^2 + U^2 + V^2) / I. {biased}"}
+    angle = {
+        "units": "degree",
+        "long_name": "angle of linear polarisation",
+        "comment": "0 to 180 from the meridian plane through the zenith, anticlockwise as the observer sees it.",
+    }
+    variables["degree_of_linear_polarisation"] = (_DIMS, image.degree_of_linear_polarisation, linear)
+    variables["degree_of_polarisation"] = (_DIMS, image.degree_of_polarisation, total)
+    variables["angle_of_linear_polarisation"] = (_DIMS, image.angle_of_linear_polarisation, angle)
+    return variables
 
 
 def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
@@ -69,7 +106,10 @@ def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
         dataset["wavelength"].values,
         cubes.get("radiance_standard_error"),
         recipe=recipe,
-        layers={name.removeprefix(_LAYER): cube for name, cube in cubes.items() if name.startswith(_LAYER)},
+        layers={
+            **{layer: cubes[variable] for layer, variable in _STOKES_VARIABLES.items() if variable in cubes},
+            **{name.removeprefix(_LAYER): cube for name, cube in cubes.items() if name.startswith(_LAYER)},
+        },
     )
 
 

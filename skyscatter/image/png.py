@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image.colour import ColourSpace, display_space
+from skyscatter.image.polarisation import SCALES, check_shown, painted
 from skyscatter.image.spectral import SpectralImage
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -90,17 +91,35 @@ def encode_png(picture: ArrayLike, space: str = "srgb", bits: int = 8, texts: di
 def write(
     image: SpectralImage,
     path: Path,
-    space: str = "srgb",
-    exposure: float | Literal["auto"] = "auto",
-    tone: str = "filmic",
+    space: str | None = None,
+    exposure: float | Literal["auto"] | None = None,
+    tone: str | None = None,
     bits: int = 8,
+    show: str = "colour",
+    wavelength: float | None = None,
 ) -> None:
-    """Write the picture of an image; transparent where it lies outside the camera's field."""
-    picture, ev100 = image.developed(space, exposure, tone)
-    inside = image.inside
-    if not inside.all():
-        picture = np.concatenate([picture, np.where(inside, 1.0, 0.0)[..., None]], axis=-1)
-    made = {"colour_space": space, "ev100": ev100, "tone": tone}
+    """Write the picture of an image; transparent where it lies outside the camera's field.
+
+    With `show` ``"degree"`` or ``"angle"`` the picture is that of the linear polarisation, of all wavelengths weighted
+    by luminous efficiency or of one `wavelength` [nm], and transparent where it is undefined.
+    """
+    check_shown(show)
+    if show == "colour":
+        if wavelength is not None:
+            raise DomainError("wavelength", wavelength, "is for show='degree' and 'angle'; colour takes all of them")
+        space, tone = "srgb" if space is None else space, "filmic" if tone is None else tone
+        picture, ev100 = image.developed(space, "auto" if exposure is None else exposure, tone)
+        opaque = image.inside
+        made: dict[str, Any] = {"colour_space": space, "ev100": ev100, "tone": tone}
+    else:
+        for name, value in (("space", space), ("exposure", exposure), ("tone", tone)):
+            if value is not None:
+                raise DomainError(name, value, f"means nothing to show={show!r}, whose colours are fixed; leave it out")
+        space, scale = "srgb", SCALES[show]
+        picture, opaque = painted(image, show, wavelength)
+        made = {"show": show, "wavelength_nm": wavelength, "colours": scale.colours, "range": [scale.low, scale.high]}
+    if not opaque.all():
+        picture = np.concatenate([picture, np.where(opaque, 1.0, 0.0)[..., None]], axis=-1)
     texts = {"skyscatter-recipe": json.dumps(image.recipe), "skyscatter-picture": json.dumps(made)}
     data = encode_png(picture, space, bits, texts)
     with atomic_path(path) as temporary:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import colour
+from skyscatter.image import polarisation as polar
 from skyscatter.image import tone as tones
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ UNITS = "W m-2 sr-1 nm-1"
 #: Extension -> module and the options that its writer takes.
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral",)),
-    ".png": ("png", ("space", "exposure", "tone", "bits")),
+    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength")),
     ".fits": ("fits", ()),
     ".nc": ("netcdf", ()),
 }
@@ -52,7 +53,9 @@ class SpectralImage:
     recipe : mapping, optional
         How to make the image again (model, solver, seed, version, ...); whatever JSON can hold.
     layers : mapping of str to array_like, shape (y, x, wavelength), optional
-        Named parts of the radiance, for instance direct, ground and scattered light, or orders of scattering.
+        Named parts of the radiance, for instance direct, ground and scattered light, or orders of scattering.  Layers
+        named Q, U and V make the image polarised: Stokes parameters in the frame of docs/conventions.md, and Q_error,
+        U_error, V_error their standard errors.
 
     Raises
     ------
@@ -134,6 +137,42 @@ class SpectralImage:
 
         return to_dataset(self)
 
+    @property
+    def polarised(self) -> bool:
+        """True if there are Stokes layers Q, U and V."""
+        return all(name in self._layers for name in polar.STOKES)
+
+    @property
+    def degree_of_linear_polarisation(self) -> Array:
+        """``sqrt(Q² + U²) / I``, shape (y, x, wavelength); NaN where there is no light.
+
+        Noise in Q and U never averages out of a root of squares: where the true degree is small, this estimate is too
+        large, by about the relative standard error of Q and U.
+
+        Raises
+        ------
+        DomainError
+            If the image has no Stokes layers, as do the next two.
+        """
+        i, q, u, _ = polar.stokes(self)
+        return polar.degree(i, q, u)
+
+    @property
+    def degree_of_polarisation(self) -> Array:
+        """``sqrt(Q² + U² + V²) / I``, shape (y, x, wavelength); NaN where there is no light."""
+        i, q, u, v = polar.stokes(self)
+        return polar.degree(i, q, u, v)
+
+    @property
+    def angle_of_linear_polarisation(self) -> Array:
+        """``atan2(U, Q) / 2`` [degree] in 0 to 180, 180 excluded, shape (y, x, wavelength).
+
+        From the meridian plane through the line of sight and the zenith, anticlockwise as the observer sees it: 0 is
+        vertical, 90 horizontal.  NaN where there is no light or no linear polarisation.
+        """
+        i, q, u, _ = polar.stokes(self)
+        return polar.angle(i, q, u)
+
     def layer(self, name: str) -> SpectralImage:
         """One layer as an image of its own (without a standard error, which layers do not have)."""
         if name not in self._layers:
@@ -189,7 +228,10 @@ class SpectralImage:
         ----------
         path : path-like
             ``.exr`` (RGB and spectral layers; option ``spectral=False`` for RGB alone), ``.png`` (options ``space``,
-            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` or ``.nc`` (netCDF).
+            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` or ``.nc`` (netCDF).  A ``.png`` of a
+            polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)
+            or ``show="angle"`` (0 to 180 degrees on the cyclic map twilight), of all wavelengths weighted by luminous
+            efficiency or of one ``wavelength`` [nm]; transparent where undefined.
         **options
             As listed above.
 
@@ -228,6 +270,21 @@ class SpectralImage:
             raise MissingDataError(path, "there is no such file; check the path")
         image: SpectralImage = importlib.import_module(f"skyscatter.image.{_WRITERS[extension][0]}").read(file)
         return image
+
+    def plot_polarisation(
+        self,
+        show: str = "degree",
+        wavelength: float | None = None,
+        *,
+        bars: int = 0,
+        camera: Any = None,
+        ax: Axes | None = None,
+        path: str | os.PathLike[str] | None = None,
+    ) -> Axes:
+        """Draw degree or angle of linear polarisation.  See `skyscatter.image.plot.plot_polarisation`."""
+        from skyscatter.image.plot import plot_polarisation
+
+        return plot_polarisation(self, show, wavelength, bars=bars, camera=camera, ax=ax, path=path)
 
     def plot_spectrum(self, x: int, y: int, ax: Axes | None = None, path: str | os.PathLike[str] | None = None) -> Axes:
         """Draw the spectrum of pixel (x, y).  See `skyscatter.image.plot.plot_spectrum`."""

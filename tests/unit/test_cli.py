@@ -16,8 +16,9 @@ from pydantic import model_validator
 import skyscatter
 from skyscatter.cli import sky as sky_module
 from skyscatter.cli.main import main
-from skyscatter.cli.parse import parse_noise, parse_size, parse_wavelengths
+from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_wavelengths
 from skyscatter.errors import DomainError, ModelFileError
+from skyscatter.image.colour import xyz_weights
 from skyscatter.optics.base import Coefficients
 from skyscatter.record import Record
 
@@ -26,6 +27,8 @@ HEAVY = ("numba", "astropy", "colour", "matplotlib")
 
 class Image:
     """Stands in for SpectralImage: notes where it was saved."""
+
+    polarised = False
 
     def __init__(self):
         self.radiance = np.array([[[2.0, np.nan]]])
@@ -38,6 +41,20 @@ class Image:
     def save(self, path, **options):
         self.saved[Path(path).name] = options
         Path(path).write_text("image")
+
+
+class PolarisedImage(Image):
+    """Two pixels, of degree 0.5 and 0.25 at 450 nm and twice that at 550 nm, and one outside the field."""
+
+    polarised = True
+
+    def __init__(self):
+        super().__init__()
+        self.wavelengths = np.array([450.0, 550.0])
+        self.radiance = np.array([[[2.0, 2.0], [4.0, 4.0], [np.nan, np.nan]]])
+        self.standard_error = 0.01 * self.radiance
+        q = self.radiance * np.array([0.5, 0.25, 0.0])[None, :, None] * [1.0, 2.0]
+        self.layers = {"Q": 0.6 * q, "U": -0.8 * q, "V": 0 * q}
 
 
 class State:
@@ -124,7 +141,8 @@ def refused(capsys, arguments):
         (["--wavelengths", "380:780:0"], ["step"]),
         (["--wavelengths", "380:780:1e-9"], ["wavelengths", "at most"]),
         (["--wavelengths", "550,450"], ["wavelengths", "increase"]),
-        (["--wavelengths", "blue"], ["wavelengths", "'blue'"]),
+        (["--wavelengths", "blue"], ["wavelengths", "'blue'", "380:780:5"]),
+        (["--wavelengths", "380:blue:5"], ["wavelengths", "'380:blue:5'", "380:780:5"]),
         (["--wavelengths", "0,1"], ["positive"]),
         (["--noise", "0"], ["noise", "'0'"]),
         (["--noise", "200%"], ["noise", "200%"]),
@@ -135,7 +153,16 @@ def refused(capsys, arguments):
         (["--samples"], ["--samples", "argument"]),
         (["--samples", "4", "--noise", "1%"], ["--samples or --noise"]),
         (["--seed", "-1"], ["seed", "'-1'"]),
-        (["--seed", "9" * 30], ["seed"]),
+        (["--seed", "9" * 30], ["seed", "2^63 - 1"]),
+        (["--show", "phase"], ["show", "'phase'", "degree"]),
+        (["--show", "colour:550"], ["show", "'colour:550'", "degree:550"]),
+        (["--show", "degree:"], ["show", "'degree:'", "degree:550"]),
+        (["--show", "degree:blue"], ["show", "'degree:blue'", "degree:550"]),
+        (["--show", "degree:555"], ["555", "the nearest is 550 nm"]),
+        (["--show", "degree", "--wavelengths", "1000:1500:100"], ["none is visible", "1000"]),
+        (["--show", "degree", "--tone", "linear"], ["tone", "--show degree"]),
+        (["--show", "angle", "--exposure", "12"], ["exposure", "--show angle"]),
+        (["--show", "angle", "--space", "srgb"], ["space", "--show angle"]),
         (["--threads", "0"], ["threads", "'0'"]),
         (["--max-order", "0"], ["max_order", "'0'"]),
         (["--solver", "magic"], ["solver", "'magic'", "path, single"]),
@@ -183,7 +210,12 @@ def test_wrong_input_is_refused_in_one_line(fake, capsys, tmp_path, arguments, w
 
 @pytest.mark.parametrize(
     ("arguments", "word"),
-    [([], "nothing would be kept"), (["-o", "a.exr", "--tone", "linear"], "PNG"), (["--json", "--bits", "16"], "PNG")],
+    [
+        ([], "nothing would be kept"),
+        (["-o", "a.exr", "--show", "degree"], "PNG"),
+        (["-o", "a.exr", "--tone", "linear"], "PNG"),
+        (["--json", "--bits", "16"], "PNG"),
+    ],
 )
 def test_options_without_effect_are_refused(fake, capsys, arguments, word):
     assert word in refused(capsys, ["sky", *arguments])
@@ -243,6 +275,78 @@ def test_place_and_time_set_the_sun(fake):
     assert 70 < fake.scene["sun_elevation_deg"] < 85
     assert 0.983 < fake.scene["sun_distance_au"] < 0.985
     assert fake.render["camera"].centre_azimuth_deg == pytest.approx(fake.scene["sun_azimuth_deg"])
+
+
+@pytest.mark.parametrize("arguments", [["--stokes"], ["--show", "degree"], ["--stokes", "--show", "angle:550"]])
+def test_polarised_light(fake, capsys, arguments):
+    fake.image = PolarisedImage()
+    command = ["sky", "--json", "--wavelengths", "450,550", "-o", "a.png", "-o", "b.exr", "--bits", "16", *arguments]
+    assert main(command) == 0
+    assert fake.render["stokes"] is True
+    show = arguments[-1].partition(":")[0]
+    png = {
+        "--stokes": {"exposure": 12.5, "tone": "filmic", "space": "srgb", "bits": 16},
+        "degree": {"show": "degree", "wavelength": None, "bits": 16},
+        "angle": {"show": "angle", "wavelength": 550.0, "bits": 16},
+    }[show]
+    assert fake.image.saved == {"a.png": png, "b.exr": {}}
+    polarisation = json.loads(capsys.readouterr().out)["polarisation"]
+    weights = xyz_weights([450.0, 550.0])[:, 1]
+    factor = 2.0 if show == "angle" else weights @ [1.0, 2.0] / weights.sum()
+    assert polarisation["mean_degree"] == pytest.approx(0.375 * factor)
+    assert polarisation["maximum_degree"] == pytest.approx(0.5 * factor)
+    assert polarisation["wavelength_nm"] == (550.0 if show == "angle" else None)
+    assert main(command[:1] + command[2:]) == 0
+    assert f"degree of linear polarisation {37.5 * factor:.2g} % on average" in capsys.readouterr().err
+
+
+def test_unpolarised_light_is_the_default(fake, capsys):
+    assert main(["sky", "--json"]) == 0
+    assert "stokes" not in fake.render
+    assert json.loads(capsys.readouterr().out)["polarisation"] is None
+    assert parse_show("colour") == ("colour", None)
+
+
+@pytest.mark.parametrize("case", ["dark", "invisible"])
+def test_where_no_degree_is_defined_it_is_null(case):
+    image = PolarisedImage()
+    if case == "dark":
+        image.radiance = 0 * image.radiance
+    else:
+        image.wavelengths = np.array([1000.0, 1100.0])
+    assert sky_module.polarisation_summary(image, None) == {
+        "mean_degree": None,
+        "maximum_degree": None,
+        "wavelength_nm": None,
+    }
+
+
+def test_a_solver_without_polarisation_refuses_in_one_line(fake, capsys, monkeypatch):
+    def render(*_, **options):
+        raise DomainError("stokes", options["stokes"], "means nothing to the solver single; leave it out")
+
+    monkeypatch.setattr(skyscatter, "render", render, raising=False)
+    assert "stokes = True" in refused(capsys, ["sky", "--stokes", "--solver", "single", "-o", "a.png", "-q"])
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [
+        (1.0, "100 %"), (0.996, "100 %"), (0.5, "50 %"), (0.0123, "1.2 %"), (2e-6, "0.0002 %"), (12.0, "1200 %"),
+        (0.0, "0 %"),
+    ],
+)  # fmt: skip
+def test_per_cent_without_exponents(share, text):
+    assert sky_module.percent(share) == text
+
+
+def test_folder_that_takes_no_files_is_refused(fake, capsys, monkeypatch):
+    def refuse(**_):
+        raise FileNotFoundError(2, "No such file or directory")  # what /proc answers, even to root
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    assert "takes no new files" in refused(capsys, ["sky", "-o", "sky.png"])
+    assert fake.render is None
 
 
 def test_json_is_one_object_on_stdout(fake, capsys):

@@ -72,6 +72,12 @@ def test_unusable_targets(tmp_path: Path) -> None:
         write(tmp_path / "file" / "a.txt")
 
 
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="only Linux has a folder that exists and takes no files")
+def test_folders_that_take_no_files() -> None:
+    with pytest.raises(SkyscatterError, match="takes no new files; choose another directory"):
+        write(Path("/proc/a.txt"))
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
 def test_no_permission(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
