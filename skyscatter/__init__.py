@@ -38,7 +38,9 @@ _HOME = {
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
     "transmittance": "skyscatter.columns",
+    "RadianceField": "skyscatter.solvers.field",
     "radiance": "skyscatter.solvers.run",
+    "solve": "skyscatter.solvers.field",
     "render": "skyscatter.solvers.render",
 }
 
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     from skyscatter.media.medium import Component, Medium
     from skyscatter.model import Model, Planet, load_model, model_names
     from skyscatter.scene import Ground, Observer, Scene, Star, Sun
+    from skyscatter.solvers.field import RadianceField, solve
     from skyscatter.solvers.render import render
     from skyscatter.solvers.run import radiance
     from skyscatter.spectra.table import SpectralTable

@@ -91,8 +91,8 @@ def sky(
         str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
     ] = DEFAULT_WAVELENGTHS,
     solver: Annotated[
-        str, typer.Option(metavar="NAME", help="path (all orders of scattering) or single (the first, no noise).")
-    ] = "path",
+        str, typer.Option(metavar="NAME", help="orders (all orders of scattering, no noise), path (the same by Monte Carlo) or single.")
+    ] = "orders",
     samples: Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path).")] = None,
     noise: Annotated[
         str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1% (path).")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
+
+if TYPE_CHECKING:
+    from skyscatter.scene import Scene
+    from skyscatter.solvers.kernels.optics import SceneTable
 
 Array = NDArray[np.float64]
 
@@ -33,6 +38,28 @@ class Rays:
         # Copies: kernels are compiled for plain arrays, and a broadcast one would be another type.
         origins, directions = (np.array(a[rays], order="C") for a in (self.origins, self.directions))
         return Rays(origins, directions, self.numbers[rays])
+
+
+class Tables(NamedTuple):
+    """What the solvers `single` and `path` prepare once for all rays."""
+
+    scene: SceneTable
+    matrix: Array | None  #: scattering matrices, with ``stokes``
+
+
+def prepare_tables(
+    scene: Scene,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> Tables:
+    """The tables of a scene; the rest of the arguments is for solvers that do more before the first ray."""
+    from skyscatter.solvers.compile import compile_scene, matrix_tables
+
+    matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if options.stokes else None
+    return Tables(compile_scene(scene, wavelengths), matrix)
 
 
 @dataclass(frozen=True)
@@ -106,7 +133,7 @@ class Options:
         plain = Options()
         for name in names:
             if getattr(self, name) != getattr(plain, name):
-                raise DomainError(name, getattr(self, name), f"means nothing to the solver {solver}; leave it out")
+                raise DomainError(name, getattr(self, name), f"means nothing to the solver {solver}; leave it out, or choose another solver")
 
 
 def _at_least(name: str, value: Any, lowest: int) -> None:

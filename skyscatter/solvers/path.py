@@ -11,7 +11,7 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
 from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
@@ -26,6 +26,8 @@ MOST_SAMPLES = 1 << 20
 #: Orders of scattering that are followed when nothing else is said: roulette ends all walks long before.
 MOST_ORDERS = 100_000
 SAMPLINGS = ("march", "free-flight")
+
+prepare = prepare_tables
 
 
 def check(options: Options) -> None:
@@ -46,8 +48,9 @@ def walks_for(options: Options) -> int:
     return samples if samples < BATCHES else -(-samples // BATCHES) * BATCHES
 
 
-def solve(scene: SceneTable, rays: Rays, options: Options, matrix: Array | None = None) -> Answer:
-    """Radiance of all orders, see `skyscatter.radiance`; `matrix` (from `matrix_tables`) with ``stokes``."""
+def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`."""
+    scene, matrix = tables
     n, (components, wavelengths) = len(rays.origins), scene.optics.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))

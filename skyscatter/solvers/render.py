@@ -24,7 +24,7 @@ def render(
     scene: Scene,
     camera: Any,
     wavelengths: ArrayLike,
-    solver: str = "path",
+    solver: str = "orders",
     *,
     samples: int | None = None,
     noise: float | None = None,

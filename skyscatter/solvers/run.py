@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 TILE_RAYS = 128
 #: Tiles for each thread at least, as far as there are rays.
 TILES_PER_THREAD = 8
-SOLVERS = ("path", "single")
+SOLVERS = ("orders", "path", "single")
 
 
 @dataclass
@@ -113,13 +114,7 @@ def load_solver(name: str) -> Any:
     """The module of a solver."""
     if name not in SOLVERS:
         raise DomainError("solver", name, f"choose from {', '.join(SOLVERS)}")
-    if name == "single":
-        from skyscatter.solvers import single
-
-        return single
-    from skyscatter.solvers import path
-
-    return path
+    return import_module(f"skyscatter.solvers.{name}")
 
 
 def check_wavelengths(wavelengths: ArrayLike) -> Array:
@@ -167,26 +162,26 @@ def solve_rays(
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
     of threads.
     """
-    from skyscatter.solvers.compile import compile_scene, matrix_tables
-
     module = load_solver(solver)
     options.check()
     module.check(options)
-    table = compile_scene(scene, wavelengths)
-    matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if options.stokes else None
     workers = default_threads() if threads is None else threads
     if workers < 1:
         raise DomainError("threads", threads, "at least 1")
     n = len(rays.origins)
-    size = min(max(n // (TILES_PER_THREAD * workers), 1), TILE_RAYS)
+    size = min(max(n // (TILES_PER_THREAD * workers), 1), getattr(module, "TILE_RAYS", TILE_RAYS))
     tiles = [slice(k, min(k + size, n)) for k in range(0, n, size)]
     waiting = [tile for tile in tiles if not state.done[tile].all()]
     if not waiting:
         return True
+    try:
+        context = module.prepare(scene, rays, wavelengths, options, workers, progress)
+    except KeyboardInterrupt:
+        return False
     stop = threading.Event()
 
     def work(tile: slice) -> tuple[slice, Answer] | None:
-        return None if stop.is_set() else (tile, module.solve(table, rays.part(tile), options, matrix))
+        return None if stop.is_set() else (tile, module.solve(context, rays.part(tile), options))
 
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs: set[Future[tuple[slice, Answer] | None]] = {pool.submit(work, tile) for tile in waiting}
@@ -218,7 +213,7 @@ def radiance(
     origins: ArrayLike,
     directions: ArrayLike,
     wavelengths: ArrayLike,
-    solver: str = "path",
+    solver: str = "orders",
     *,
     samples: int | None = None,
     noise: float | None = None,
@@ -243,8 +238,8 @@ def radiance(
         Unit vectors in which to look.  Broadcast against the origins.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver : {"path", "single"}
-        All orders of scattering by Monte Carlo, or the first by quadrature.
+    solver : {"orders", "path", "single"}
+        All orders of scattering by a deterministic solution, all of them by Monte Carlo, or the first by quadrature.
     samples : int, optional
         Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 16 if this and `noise` are not given.
     noise : float, optional
@@ -253,9 +248,9 @@ def radiance(
     seed : int
         Same seed, same numbers, whatever the threads (``path``).
     max_order : int, optional
-        Leave out light that was scattered or reflected more often than this (``path``).
+        Leave out light that was scattered or reflected more often than this (``orders`` and ``path``).
     tolerance : float, optional
-        Largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; when not given,
+        For ``orders`` the relative accuracy that is aimed at, 5e-3 when not given.  For the others the largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; when not given,
         5e-5 for ``single`` and 5e-4 for the first order in ``path``.  The error is as a rule a tenth of it.
     sampling : {"march", "free-flight"}, optional
         How walks find their vertices; "free-flight" is the plain, slow way, kept for tests (``path``).

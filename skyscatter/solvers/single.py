@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyscatter.geometry.meridian import meridian_frame
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.polar import B1
 from skyscatter.solvers.kernels.single import make_scratch, single_rays
@@ -18,6 +18,8 @@ from skyscatter.solvers.kernels.single import make_scratch, single_rays
 #: Largest disagreement of the two quadrature rules on a piece of a ray.  The result is as a rule ten times better, and
 #: within 1e-4 in the worst case of the tests, where several pieces err the same way.
 DEFAULT_TOLERANCE = 5e-5
+
+prepare = prepare_tables
 
 
 def check(options: Options) -> None:
@@ -48,8 +50,9 @@ def single_polarisation(scene: SceneTable, matrix: Array, rays: Rays, tolerance:
     return q * np.cos(twice)[:, None], q * np.sin(twice)[:, None]
 
 
-def solve(scene: SceneTable, rays: Rays, options: Options, matrix: Array | None = None) -> Answer:
-    """Radiance of single scattering, see `skyscatter.radiance`; `matrix` (from `matrix_tables`) with ``stokes``."""
+def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
+    """Radiance of single scattering, see `skyscatter.radiance`."""
+    scene, matrix = tables
     tolerance = options.tolerance or DEFAULT_TOLERANCE
     scattered, ground, direct = single_parts(scene, rays, tolerance)
     layers = {"direct": direct, "scattered": scattered, "ground": ground} if options.parts else {}

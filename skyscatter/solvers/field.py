@@ -1,0 +1,318 @@
+"""A solved sky: the diffuse light of an atmosphere, kept and asked for any observer, direction and Sun."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.scene import Scene, Sun
+from skyscatter.solvers.base import Answer, Array
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.kernels.orders import Field
+from skyscatter.solvers.run import check_rays, check_wavelengths, default_threads
+from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_problem, sum_orders, view
+
+#: Relative accuracy when nothing else is said.
+DEFAULT_TOLERANCE = 0.005
+#: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
+COARSER = 4.0
+#: Share of that difference that is reported: methods of second order on half the steps leave a third of it; the rest
+#: is caution.
+ERROR_SHARE = 0.5
+#: Rays of a bundle on which both solutions are compared, at most.
+COMPARED = 4
+#: Rays evaluated together.
+CHUNK = 1024
+#: Version of the file layout.
+FILE_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One grid with its sum of orders, ready to be looked at."""
+
+    problem: Problem
+    sums: Sums
+
+    @cached_property
+    def loaded(self) -> Field:
+        """Moments on rows and fine Sun nodes."""
+        sweeper = Sweeper(self.problem, 0.0, 1)
+        with ThreadPoolExecutor(1) as pool:
+            return sweeper.load(pool, self.sums.moments, self.sums.flux)
+
+
+def solve_once(
+    scene: Scene,
+    wavelengths: Array,
+    zenith: tuple[float, float],
+    tolerance: float,
+    stokes: bool,
+    max_order: int | None,
+    threads: int,
+    progress: Callable[[float], None] | None = None,
+    ground_radiance: float = 0.0,
+) -> Solution:
+    """One solution on one grid."""
+    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance)
+    sweeper = Sweeper(problem, tolerance, threads)
+    return Solution(problem, sum_orders(sweeper, tolerance, max_order, progress))
+
+
+def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[float, float]:
+    """Least and greatest zenith angle of the Sun [rad] at points that rays can see; (nan, nan) if they see none."""
+    along = np.einsum("rk,rk->r", origins, directions)
+    square = np.einsum("rk,rk->r", origins, origins) - along**2
+    outer = radius + top
+    inside = (square < outer**2) & (along < np.sqrt(np.maximum(outer**2 - square, 0.0)))
+    if not inside.any():
+        return float("nan"), float("nan")
+    o, d, along, square = origins[inside], directions[inside], along[inside], square[inside]
+    half = np.sqrt(outer**2 - square)
+    hits = (square < radius**2) & (along < 0)
+    end = np.where(hits, -np.sqrt(np.maximum(radius**2 - square, 0.0)), half)
+    start = np.maximum(along, -half)
+    share = np.linspace(0, 1, 9)[:, None]
+    t = start + share * np.maximum(end - start, 0.0) - along
+    points = o + t[..., None] * d
+    mu = points @ sun / np.linalg.norm(points, axis=-1)
+    angle = np.arccos(np.clip(mu, -1, 1))
+    return float(angle.min()), float(angle.max())
+
+
+def reach(radius: float, top: float) -> float:
+    """Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad]."""
+    return float(np.arccos(radius / (radius + top)))
+
+
+def solve(
+    scene: Scene,
+    wavelengths: ArrayLike,
+    *,
+    sun_elevations_deg: tuple[float, float] = (-90.0, 90.0),
+    tolerance: float = DEFAULT_TOLERANCE,
+    stokes: bool = False,
+    max_order: int | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RadianceField:
+    """Solve the diffuse light of a scene by successive orders of scattering, once for many questions.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its medium, ground and star; where the Sun and the observer stand is asked for later.
+    wavelengths : array_like, shape (wavelength,)
+        Vacuum wavelengths [nm], rising.
+    sun_elevations_deg : (float, float)
+        Elevations of the Sun, as observers inside the atmosphere have it, that will be asked for [degree].  All of them
+        when not given, which observers in space need too; a narrow range is solved faster.
+    tolerance : float
+        Relative accuracy of the radiance that is aimed at; the answers carry an estimate of what was reached.
+    stokes : bool
+        Solve for polarised light.
+    max_order : int, optional
+        Leave out light that was scattered or reflected more often than this.
+    threads : int, optional
+        All processors when not given.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+
+    Returns
+    -------
+    RadianceField
+
+    Raises
+    ------
+    DomainError
+        For wavelengths, elevations or a tolerance out of range.
+    ConvergenceError
+        If the orders of scattering do not settle: a very thick medium that absorbs nothing.
+    """
+    wl = check_wavelengths(wavelengths)
+    low, high = (float(e) for e in sun_elevations_deg)
+    if not -90 <= low <= high <= 90:
+        raise DomainError("sun_elevations_deg", (low, high), "lowest and highest, between -90 and 90 degrees")
+    if not 1e-4 <= tolerance <= 0.1:
+        raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
+    margin = 2 * reach(scene.medium.planet_radius, scene.medium.top)
+    zenith = (np.radians(90 - high) - margin, np.radians(90 - low) + margin)
+    workers = default_threads() if threads is None else threads
+    return solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress)
+
+
+def solve_range(
+    scene: Scene,
+    wavelengths: Array,
+    zenith: tuple[float, float],
+    tolerance: float,
+    stokes: bool,
+    max_order: int | None,
+    threads: int,
+    progress: Callable[[float], None] | None = None,
+) -> RadianceField:
+    """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
+    zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
+    coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
+    fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
+    return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
+
+
+@dataclass(frozen=True)
+class RadianceField:
+    """The light of all orders of scattering in a spherical atmosphere, on a grid of heights and Sun elevations.
+
+    Made by `skyscatter.solve`.
+
+    Attributes
+    ----------
+    scene : Scene
+    wavelengths : ndarray, shape (wavelength,)
+        [nm].
+    zenith : (float, float)
+        Covered zenith angles of the Sun [rad].
+    tolerance : float
+    stokes : bool
+    fine, coarse : Solution
+        The solution, and one of half the fineness from whose difference the error is estimated.
+    """
+
+    scene: Scene
+    wavelengths: Array
+    zenith: tuple[float, float]
+    tolerance: float
+    stokes: bool
+    fine: Solution = field(repr=False)
+    coarse: Solution = field(repr=False)
+
+    def __post_init__(self) -> None:
+        # Loading is not thread-safe; do it before threads ask.
+        _ = self.fine.loaded, self.coarse.loaded
+
+    def at(self, sun: Sun) -> SceneTable:
+        """Tables of the scene with the Sun elsewhere."""
+        return compile_scene(self.scene.model_copy(update={"sun": sun}), self.wavelengths)
+
+    def radiance(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        sun_elevation_deg: float | None = None,
+        sun_azimuth_deg: float | None = None,
+        parts: bool = False,
+        threads: int | None = None,
+    ) -> Answer:
+        """Spectral radiance that arrives along rays, and an estimate of its error.
+
+        Parameters
+        ----------
+        origins : array_like, shape (..., 3)
+            Where the rays are observed, from the planet's centre in the scene's frame (east, north, up) [m].
+        directions : array_like, shape (..., 3)
+            Unit vectors in which to look.  Broadcast against the origins.
+        sun_elevation_deg, sun_azimuth_deg : float, optional
+            Of the Sun for an observer on the z axis [degree]; the scene's when not given.
+        parts : bool
+            Return the parts of the radiance as layers: direct, scattered (once), ground (reflected once), multiple.
+        threads : int, optional
+            All processors when not given.
+
+        Returns
+        -------
+        Answer
+            As of `skyscatter.radiance`; ``standard_error`` holds the estimated error.
+
+        Raises
+        ------
+        DomainError
+            For rays inside the planet, or a Sun that the field does not cover.
+        """
+        o, d = check_rays(self.scene, origins, directions)
+        shape = o.shape[:-1]
+        sun = self.sun(sun_elevation_deg, sun_azimuth_deg)
+        table = self.at(sun)
+        flat_o, flat_d = (np.ascontiguousarray(a.reshape(-1, 3)) for a in (o, d))
+        self.check_coverage(flat_o, flat_d, sun)
+        workers = default_threads() if threads is None else threads
+        chunks = [slice(k, k + CHUNK) for k in range(0, len(flat_o), CHUNK)]
+        with ThreadPoolExecutor(workers) as pool:
+            answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts), chunks))
+        empty = np.zeros((0, self.wavelengths.size))
+        joined = {name: np.concatenate([a.layers[name] for a in answers]) for name in answers[0].layers} if answers else {}
+        return Answer(
+            np.concatenate([a.radiance for a in answers] or [empty]).reshape(*shape, -1),
+            np.concatenate([a.standard_error for a in answers] or [empty]).reshape(*shape, -1),
+            {name: values.reshape(*shape, -1) for name, values in joined.items()},
+            np.zeros(shape, np.int64),
+        )
+
+    def sun(self, elevation_deg: float | None, azimuth_deg: float | None) -> Sun:
+        """The scene's Sun, moved."""
+        given = {"elevation_deg": elevation_deg, "azimuth_deg": azimuth_deg}
+        changed = {name: float(value) for name, value in given.items() if value is not None}
+        return Sun(**(self.scene.sun.model_dump() | changed))
+
+    def check_coverage(self, origins: Array, directions: Array, sun: Sun) -> None:
+        """Refuse rays on which the Sun stands where the field was not solved."""
+        medium = self.scene.medium
+        low, high = needed_zenith(origins, directions, sun.direction, medium.planet_radius, medium.top)
+        if low < self.zenith[0] - 1e-6 or high > self.zenith[1] + 1e-6:
+            need, have = ((90 - np.degrees(z[1]), 90 - np.degrees(z[0])) for z in ((low, high), self.zenith))
+            raise DomainError(
+                "sun_elevation_deg", sun.elevation_deg,
+                f"the rays see air with the Sun at {need[0]:.1f} to {need[1]:.1f} degrees and the field covers "
+                f"{have[0]:.1f} to {have[1]:.1f}; solve with wider sun_elevations_deg",
+            )  # fmt: skip
+
+    def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
+        """`radiance` of a few rays, in one thread and without checks."""
+        scattered, multiple, ground, direct = view(
+            self.fine.problem, self.fine.loaded, table, origins, directions
+        )
+        stokes = scattered + multiple
+        radiance = stokes[:, 0] + ground + direct
+        error = self._error(table, origins, directions, stokes[:, 0] + ground)
+        layers = {}
+        if self.stokes:
+            names = "QUV"[: stokes.shape[1] - 1]
+            layers = {name: stokes[:, k + 1] for k, name in enumerate(names)}
+            layers.setdefault("V", np.zeros_like(radiance))
+            layers |= {f"{name}_error": error for name in "QUV"}
+        if parts:
+            layers |= {"direct": direct, "scattered": scattered[:, 0], "ground": ground, "multiple": multiple[:, 0]}
+        return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
+
+    def _error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
+        """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays."""
+        order, group = bundles(origins, directions, table.columns.radius)
+        sample = [
+            order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))]
+            for a, b in zip(group[:-1], group[1:], strict=True)
+        ]
+        chosen = np.concatenate([*sample, np.zeros(0, np.int64)])
+        scattered, multiple, ground, _ = view(
+            self.coarse.problem, self.coarse.loaded, table, origins[chosen], directions[chosen]
+        )
+        coarse = scattered[:, 0] + multiple[:, 0] + ground
+        share = np.abs(coarse - diffuse[chosen]) / np.maximum(diffuse[chosen], 1e-300)
+        ends = np.cumsum([len(s) for s in sample])
+        worst = np.maximum.reduceat(share, np.concatenate([[0], ends[:-1]]), axis=0)
+        error = np.empty_like(diffuse)
+        for k in range(len(sample)):
+            rays = order[group[k] : group[k + 1]]
+            error[rays] = ERROR_SHARE * worst[k] * diffuse[rays]
+        return error

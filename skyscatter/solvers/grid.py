@@ -1,0 +1,194 @@
+"""Where a field is computed: heights, positions of the Sun, and directions, as fine as the asked accuracy wants them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
+BASE_TOLERANCE = 0.005
+#: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
+HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
+#: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
+#: depth away from both, for deep inside a thick medium the light changes evenly.
+DEPTH_STEP, DEPTH_GROWTH = 0.06, 0.25
+#: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
+#: horizon; by day it grows by the second number per degree away from there, up to the third [degree].
+TWILIGHT_STEP, DAY_GROWTH, DAY_STEP = 0.3, 0.25, 6.0
+#: Fine Sun nodes for each node.
+SUN_REFINEMENT = 4
+#: Rows between two node heights.
+ROW_REFINEMENT = 2
+#: Steps in the table of Sun nodes over the Sun's cosine.
+INDEX_STEPS = 8192
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes of a field.
+
+    Attributes
+    ----------
+    altitudes : (node,) heights at which moments are computed, from the ground to the top [m].
+    rows : (row,) heights to which they are interpolated, the nodes among them [m].
+    sun_zenith : (sun,) zenith angles of the Sun at the nodes [rad], rising.
+    fine_sun_zenith : (fine sun,) those to which they are interpolated [rad].
+    index : (step,) number of the fine Sun node, with fraction, over the Sun's cosine from -1 to 1.
+    directions : (node, direction, 2) zenith cosines and weights; weights sum to 2.
+    azimuths : (angle,) midpoints of equal steps over half a turn [rad].
+    """
+
+    altitudes: Array
+    rows: Array
+    sun_zenith: Array
+    fine_sun_zenith: Array
+    index: Array
+    directions: Array
+    azimuths: Array
+
+
+def fineness(tolerance: float) -> float:
+    """Factor on every spacing: the square root of the tolerance, between 1/4 and 2."""
+    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 2.0))
+
+
+def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float) -> Array:
+    """Node heights [m].
+
+    Parameters
+    ----------
+    altitude : (sample,)
+        Dense altitudes from the ground to the top [m].
+    depth : (sample, wavelength)
+        Vertical optical depth above them.
+    breaks : (break,)
+        Altitudes at which a density or its slope jumps; they become nodes unless there are many.
+    tolerance : float
+    """
+    f = fineness(tolerance)
+    top = altitude[-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = -np.gradient(depth, altitude, axis=0)
+        scale = np.nanmin(np.where((depth > 0) & (slope > 0), depth / slope, np.nan), axis=1)
+    scale = np.clip(np.nan_to_num(scale, nan=top / 10), top / 50, top / 5)
+    step = f * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
+    inside = np.minimum(depth, depth[0] - depth)
+    density = np.maximum(1 / step, np.max(slope / (f * (DEPTH_STEP + DEPTH_GROWTH * inside)), axis=1))
+    number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
+    count = int(np.clip(np.ceil(number[-1]), 6, 160))
+    nodes = np.interp(np.linspace(0, number[-1], count + 1), number, altitude)
+    inner = breaks[(breaks > 1e-3 * top) & (breaks < (1 - 1e-3) * top)]
+    if inner.size <= 12:
+        # A break takes the place of the node next to it.
+        for b in inner:
+            nodes[1 + int(np.argmin(np.abs(nodes[1:-1] - b)))] = b
+        nodes = np.unique(np.concatenate([nodes, inner]))
+    return nodes
+
+
+def rows_between(nodes: Array) -> Array:
+    """Rows: the nodes, and evenly spaced ones between them."""
+    inside = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(ROW_REFINEMENT) / ROW_REFINEMENT
+    return np.append(inside.ravel(), nodes[-1])
+
+
+def sun_nodes(low: float, high: float, sinking: float, tolerance: float) -> tuple[Array, Array, Array]:
+    """Zenith angles of the Sun at the nodes, the fine ones, and the table from the Sun's cosine to their numbers.
+
+    Parameters
+    ----------
+    low, high : float
+        Range of zenith angles to cover [rad].
+    sinking : float
+        Angle at the planet's centre after which a horizontal line has risen by a scale height [rad].
+    """
+    low, high = max(low, 0.0), min(high, np.pi)
+    f = fineness(tolerance)
+    angle = np.linspace(low, high, 4001)
+    dusk = f * TWILIGHT_STEP * sinking
+    step = dusk + f * DAY_GROWTH * np.maximum(np.pi / 2 - 2 * sinking - angle, 0.0)
+    step = np.minimum(step, f * np.radians(DAY_STEP))
+    number = np.concatenate([[0.0], np.cumsum(0.5 * (1 / step[1:] + 1 / step[:-1]) * np.diff(angle))])
+    if high - low < 1e-4:  # a flat world: one Sun for all
+        middle = np.full(1, 0.5 * (low + high))
+        return middle, np.repeat(middle, 2), np.zeros(INDEX_STEPS + 1)
+    count = max(int(np.ceil(number[-1])), 4)
+    coarse = np.interp(np.linspace(0, number[-1], count + 1), number, angle)
+    fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)
+    mu = np.linspace(-1, 1, INDEX_STEPS + 1)
+    index = np.interp(np.arccos(mu), fine, np.arange(fine.size))
+    return coarse, fine, index
+
+
+def cubic_weights(nodes: Array, points: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+    """Four nodes around each point and the weights of Lagrange's cubic through them; (point, 4) each.
+
+    With fewer than four nodes the nearest is taken.
+    """
+    points = np.asarray(points, float)
+    if nodes.size < 4:
+        nearest = np.argmin(np.abs(points[:, None] - nodes), axis=1)
+        weights = np.zeros((points.size, 4))
+        weights[:, 0] = 1.0
+        return np.repeat(nearest[:, None], 4, axis=1).astype(np.int64), weights
+    first = np.clip(np.searchsorted(nodes, points, side="right") - 2, 0, nodes.size - 4)
+    number = first[:, None] + np.arange(4)
+    x = nodes[number]
+    weights = np.ones((points.size, 4))
+    for a in range(4):
+        for b in range(4):
+            if a != b:
+                weights[:, a] *= (points - x[:, b]) / (x[:, a] - x[:, b])
+    return number.astype(np.int64), weights
+
+
+def directions(altitudes: Array, radius: float, degree: int, tolerance: float) -> Array:
+    """Quadrature over the zenith cosine at every height: above, between the horizontal and the horizon, on the ground.
+
+    Gauss-Legendre on each; above and between, cosines go as the square of the variable, since the light of a thin
+    atmosphere changes fastest near the horizontal.
+    """
+    f = fineness(tolerance)
+    above, between, below = (int(np.ceil(n / f)) for n in (9, 5, 6))
+    above, below = max(above, degree // 2 + 4), max(below, degree // 2 + 3)
+
+    def rule(count: int) -> tuple[Array, Array]:
+        x, w = np.polynomial.legendre.leggauss(count)
+        return 0.5 * (x + 1), 0.5 * w
+
+    out = []
+    for h in altitudes:
+        ratio = radius / (radius + h)
+        dip = sqrt(max((1 - ratio) * (1 + ratio), 0.0))
+        x, w = rule(above)
+        parts = [(x * x, 2 * x * w)]
+        x, w = rule(between)
+        parts.append((-dip * x * x, 2 * dip * x * w))
+        x, w = rule(below)
+        parts.append((-(dip + (1 - dip) * x), (1 - dip) * w))
+        out.append(np.stack([np.concatenate([p[k] for p in parts]) for k in (0, 1)], axis=-1))
+    return np.array(out)
+
+
+def recurrence(degree: int, orders: int) -> Array:
+    """Coefficients of the upward recurrence of d_m0 and d_m,+-2, and the factor of its first function.
+
+    Mishchenko et al. (2002), eq. B.22, divided by the factor of d^(s+1); shape (2, order, degree, 3).
+    """
+    out = np.zeros((2, orders + 1, degree + 1, 3))
+    for side, n in enumerate((0, 2)):
+        for m in range(orders + 1):
+            low = max(m, n)
+            if low <= degree:
+                sign = (-1) ** m if n == 0 else 1
+                out[side, m, low, 2] = sign * sqrt(factorial(2 * low) / (factorial(abs(m - n)) * factorial(m + n)))
+            for s in range(low, degree):
+                root, next_root = (sqrt((k * k - m * m) * (k * k - n * n)) for k in (s, s + 1))
+                out[side, m, s, 0] = (2 * s + 1) * (s + 1) / next_root
+                out[side, m, s, 1] = (s + 1) * root / (s * next_root) if s > 0 else 0.0
+    return out

@@ -1,0 +1,63 @@
+"""Solver ``orders``: all orders of scattering by a deterministic solution on a grid; no noise.
+
+For spherically symmetric atmospheres.  The first order is computed along every ray, with the whole phase function; the
+rest is gathered from a field that is solved once for all rays (`sweeps.py`).  The reported error is estimated from a
+second, coarser solution; for another accuracy give another ``tolerance``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from skyscatter.errors import DomainError
+from skyscatter.scene import Scene
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, needed_zenith, reach, solve_range
+from skyscatter.solvers.kernels.optics import SceneTable
+
+#: Rays in a tile at most: those of a picture's row share their geometry.
+TILE_RAYS = 1024
+
+
+class Context(NamedTuple):
+    """What is shared by all rays."""
+
+    field: RadianceField
+    table: SceneTable
+
+
+def check(options: Options) -> None:
+    """Refuse what means nothing here."""
+    options.refuse("orders", "samples", "noise", "sampling", "orders")
+    if options.tolerance is not None and options.tolerance < 1e-4:
+        raise DomainError("tolerance", options.tolerance, "at least 1e-4 for solver orders")
+
+
+def prepare(
+    scene: Scene,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> Context:
+    """Solve the field for the positions of the Sun that the rays can see."""
+    from skyscatter.solvers.compile import compile_scene
+
+    medium = scene.medium
+    table = compile_scene(scene, wavelengths)
+    low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.planet_radius, medium.top)
+    if low != low:  # not a number: every ray passes by
+        low = high = 0.0
+    margin = reach(medium.planet_radius, medium.top)
+    tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
+    field = solve_range(
+        scene, wavelengths, (low - margin, high + margin), tolerance, options.stokes, options.max_order, threads, progress
+    )
+    return Context(field, table)
+
+
+def solve(context: Context, rays: Rays, options: Options) -> Answer:
+    """Radiance of all orders; see `skyscatter.radiance`."""
+    return context.field.look(context.table, rays.origins, rays.directions, options.parts)

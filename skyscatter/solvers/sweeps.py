@@ -1,0 +1,405 @@
+"""Successive orders of scattering: the diffuse light of an atmosphere on a grid, order by order.
+
+The radiance that reaches a node from every direction is kept as moments (`moments.py`).  The first order comes from
+sunlight, each later one from the moments of the one before, until what is left is a geometric series; its sum is added.
+Lenoble (1985), Radiative Transfer in Scattering and Absorbing Atmospheres, section 2.5; delta-M: Wiscombe (1977),
+J. Atmos. Sci. 34, 1408.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import ConvergenceError
+from skyscatter.scene import Scene
+from skyscatter.solvers import grid as grids
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.kernels.course import Diffuse
+from skyscatter.solvers.kernels.lookup import densities, outward_columns
+from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.kernels.orders import Field, look, make_sweep_scratch, refine, sweep_height
+from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
+
+Array = NDArray[np.float64]
+
+#: Degrees to which phase functions are kept, by tolerance; what is more forward-peaked is cut off (delta-M).
+DEGREES = ((0.02, 6), (0.004, 8), (0.002, 12), (0.0, 16))
+#: Coefficients below this count as nought.
+LEAST_COEFFICIENT = 2e-4
+#: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
+LEAST_PEAK = 1e-4
+#: Largest angle at the planet's centre that a cell spans [rad], and its largest optical depth.
+CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
+#: Orders after which a solution that has not converged is given up.
+MOST_ORDERS = 5000
+#: Share of the tolerance that the sum over the orders may miss.
+ORDERS_SHARE = 0.1
+#: Moments that add less than this share of the tolerance to the source are not gathered.
+PRUNE_SHARE = 0.2
+#: Radiances that count as none.
+FLOOR = 1e-35
+#: Radiances below this share of the brightest do not hold the solution up.
+FAINTEST = 1e-12
+#: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.
+SAME_COURSE, MOST_RAYS = 1e-10, 512
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that the sweeps need: tables, grid and moments."""
+
+    table: SceneTable
+    diffuse: Diffuse
+    grid: grids.Grid
+    moments: MomentTable
+    recurrence: Array  #: of the angular functions
+    cut: Array  #: phase function (and b1) times scattering, without its peak; (use, component, angle, wavelength)
+    whole: Array  #: the same with its peak
+    stokes: int  #: Stokes parameters: 1, 3 or 4
+
+
+@dataclass(frozen=True)
+class Sums:
+    """The sum of all orders on the grid.
+
+    Attributes
+    ----------
+    moments : (node, sun, moment, wavelength)
+    flux : (node, 2, sun, wavelength)
+        Diffuse, upward and downward [W m-2 nm-1].
+    orders : int
+        How many were computed before the rest was summed.
+    """
+
+    moments: Array
+    flux: Array
+    orders: int
+
+
+def matrices(scene: Scene, table: SceneTable, wavelengths: Array, stokes: bool) -> Array:
+    """Scattering matrices, or phase functions alone, of the components; (component, block, angle, wavelength)."""
+    if not stokes:
+        return table.optics.phase[:, None]
+    from skyscatter.solvers.compile import matrix_tables
+
+    return matrix_tables(scene.medium, tuple(float(w) for w in wavelengths))
+
+
+def kept_degree(chi: Array, tolerance: float) -> int:
+    """Degree to which phase functions with coefficients `chi` (component, block, l, wavelength) are kept."""
+    largest = np.abs(chi[:, 0]).max(axis=(0, 2))
+    needed = int(np.flatnonzero(largest > LEAST_COEFFICIENT).max(initial=0))
+    allowed = next(degree for least, degree in DEGREES if tolerance >= least)
+    return max(min(needed, allowed), 2)
+
+
+def make_problem(
+    scene: Scene,
+    wavelengths: Array,
+    sun_zenith: tuple[float, float],
+    tolerance: float,
+    stokes: bool = False,
+    ground_radiance: float = 0.0,
+    degree: int | None = None,
+) -> Problem:
+    """Tables and grid for a scene with the Sun between two zenith angles [rad]."""
+    table = compile_scene(scene, wavelengths)
+    optics = table.optics
+    matrix = matrices(scene, table, wavelengths, stokes)
+    most = DEGREES[-1][1] if degree is None else degree
+    chi = expand(matrix, most + 1)
+    scatters = (optics.sigma_s > 0).any(axis=1)
+    chi = chi * scatters[:, None, None, None]
+    kept = kept_degree(chi, tolerance) if degree is None else degree
+    peak = chi[:, 0, kept + 1]
+    peak = np.where(peak > LEAST_PEAK, np.minimum(peak, 0.999), 0.0)
+    identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
+    chi = chi[:, :, : kept + 1] - peak[:, None, None] * identity[None, :, None, None]
+    chi[:, 1:4, :2] *= np.array([0.0, 0.0, 1.0])[None, : chi.shape[1] - 1, None, None]  # a2 and a3 begin at degree 2
+    moments = moment_table(chi, kept, LEAST_COEFFICIENT)
+    greek = chi * optics.sigma_s[:, None, None, :] * ((2 * np.arange(kept + 1) + 1) / (4 * np.pi))[:, None]
+    sigma_t = optics.sigma_t - peak * optics.sigma_s
+    whole, cut = _first_tables(matrix, greek, optics.sigma_s)
+    grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
+    light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
+    tilt, share = _disk(optics)
+    diffuse = Diffuse(
+        sigma_t=sigma_t, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light,
+        tilt=tilt, share=share, shell=grid.rows, index=grid.index,
+        max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
+    )  # fmt: skip
+    orders = int(moments.order.max())
+    kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
+    return Problem(table, diffuse, grid, moments, grids.recurrence(kept, orders), cut, whole, kinds)
+
+
+def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, Array]:
+    """Whole and cut phase functions (and b1) times scattering per unit density, (use, component, angle, wavelength)."""
+    from skyscatter.solvers.moments import B1, wigner
+
+    cells = matrix.shape[2] - 1
+    mu = 1 - 2 * (np.arange(cells + 1) / cells) ** 2
+    blocks = [0] if matrix.shape[1] == 1 else [0, B1]
+    whole = np.stack([matrix[:, b] * sigma_s[:, None] for b in blocks])
+    degree = greek.shape[2] - 1
+    cut = np.stack(
+        [np.einsum("clw,lk->ckw", greek[:, b], wigner(degree, 0, 2 if b else 0, mu), optimize=True) for b in blocks]
+    )
+    return np.ascontiguousarray(whole), np.ascontiguousarray(cut)
+
+
+def _disk(optics: Any) -> tuple[Array, Array]:
+    """Zenith offsets that stand for the Sun (its middle, then two for its disk), and the irradiance of each.
+
+    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off its
+    middle are exact to the third degree; a uniform disk has half its radius, <x^2> = <rho^2> / 2, a darkened one less.
+    """
+    total = optics.sun_irradiance.sum(axis=0)
+    square = np.linspace(0, 1, len(optics.disk_radiance))
+    radiance = optics.disk_radiance.mean(axis=1)
+    if optics.disk_radius <= 0:
+        spread = 0.0
+    else:
+        mean_square = np.trapezoid(radiance * square, square) / np.trapezoid(radiance, square)
+        spread = np.sqrt(mean_square / 2) * optics.disk_radius
+    offset = np.array([0.0, spread, -spread])
+    return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.stack([total, total / 2, total / 2])
+
+
+def make_grid(
+    scene: Scene, table: SceneTable, sigma_t: Array, sun_zenith: tuple[float, float], degree: int, tolerance: float
+) -> grids.Grid:
+    """The grid for a medium and a range of zenith angles of the Sun."""
+    columns = table.columns
+    altitude = columns.top * np.linspace(0, 1, 2001) ** 1.5
+    vertical = np.zeros((altitude.size, len(sigma_t)))
+    for k, h in enumerate(altitude):
+        outward_columns(columns, h, 1.0, vertical[k])
+    depth = vertical @ sigma_t
+    nodes = grids.height_nodes(altitude, depth, table.breaks, tolerance)
+    mean = depth.mean(axis=1)
+    scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
+    sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance)
+    count = max(int(np.ceil(7 / grids.fineness(tolerance))), degree + 3)
+    azimuths = np.pi * (np.arange(count) + 0.5) / count
+    quadrature = grids.directions(nodes, columns.radius, degree, tolerance)
+    return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths)
+
+
+class Sweeper:
+    """Runs the kernels over the heights of a problem in a pool of threads."""
+
+    def __init__(self, problem: Problem, tolerance: float, threads: int) -> None:
+        self.problem, self.threads = problem, threads
+        self.least = PRUNE_SHARE * tolerance
+        grid, moments = problem.grid, problem.moments
+        wavelengths = problem.diffuse.sigma_t.shape[1]
+        m = np.arange(problem.recurrence.shape[1])
+        self.azimuth = np.stack([np.cos(grid.azimuths[:, None] * m), np.sin(grid.azimuths[:, None] * m)], axis=-1)
+        self.take = np.stack([take_moments(moments, problem.stokes, d[:, 0]) for d in grid.directions])
+        self.share = _share_of_degrees(problem)
+        self.field = self._field(np.arange(moments.degree.size))
+        self.row_node, self.row_weight = grids.cubic_weights(grid.altitudes, grid.rows)
+        number = np.arange(grid.sun_zenith.size, dtype=float)
+        fine = np.linspace(0, max(number[-1], 0), grid.fine_sun_zenith.size)
+        self.sun_node, self.sun_weight = grids.cubic_weights(number, fine)
+        self.scratch: SimpleQueue[Any] = SimpleQueue()
+        rays = grid.sun_zenith.size * grid.azimuths.size
+        for _ in range(threads):
+            self.scratch.put(make_sweep_scratch(problem.diffuse, self.field, problem.stokes, rays))
+
+    @contextmanager
+    def _a_scratch(self) -> Iterator[Any]:
+        scratch = self.scratch.get()
+        try:
+            yield scratch
+        finally:
+            self.scratch.put(scratch)
+
+    def first(self, pool: ThreadPoolExecutor) -> tuple[Array, Array]:
+        """Moments and fluxes of the first order."""
+        return self._sweep(pool, True)
+
+    def next(self, pool: ThreadPoolExecutor, moments: Array, flux: Array) -> tuple[Array, Array]:
+        """Moments and fluxes of the order after the one given."""
+        self.load(pool, moments, flux)
+        return self._sweep(pool, False)
+
+    def _sweep(self, pool: ThreadPoolExecutor, is_first: bool) -> tuple[Array, Array]:
+        p, grid = self.problem, self.problem.grid
+        nodes, suns, wavelengths = grid.altitudes.size, grid.sun_zenith.size, p.diffuse.sigma_t.shape[1]
+        moments = np.empty((nodes, suns, p.moments.degree.size, wavelengths))
+        flux = np.empty((nodes, 2, suns, wavelengths))
+        sun_mu = np.cos(grid.sun_zenith)
+
+        def height(k: int) -> None:
+            with self._a_scratch() as scratch:
+                sweep_height(
+                    p.table.columns, p.diffuse, p.cut, self.field, grid.altitudes[k], grid.directions[k], self.take[k],
+                    sun_mu, self.azimuth, is_first, scratch, moments[k], flux[k],
+                )  # fmt: skip
+
+        for _ in pool.map(height, range(nodes)):
+            pass
+        return moments, flux
+
+    def _field(self, kept: NDArray[np.int64]) -> Field:
+        """Room for a field of some of the moments."""
+        p, grid = self.problem, self.problem.grid
+        suns, wavelengths = grid.fine_sun_zenith.size, p.diffuse.sigma_t.shape[1]
+        return Field(
+            np.empty((grid.rows.size, suns, kept.size, wavelengths), np.float32),
+            np.zeros((suns, wavelengths), np.float32),
+            p.moments.degree[kept], p.moments.order[kept], p.moments.gives[kept], p.recurrence,
+        )  # fmt: skip
+
+    def load(self, pool: ThreadPoolExecutor, moments: Array, flux: Array) -> Field:
+        """Interpolate moments and the ground's light into the field from which rays gather.
+
+        Moments that add less than the tolerance can see to the source anywhere are left out: after the first order the
+        light is smooth, and few are needed.
+        """
+        mean = np.maximum(moments[:, :, :1], FLOOR)
+        packed = np.clip(moments / mean, -2.0, 2.0)
+        adds = np.percentile(np.max(np.abs(packed) * self.share[:, None], axis=3), 95, axis=(0, 1))
+        kept = np.flatnonzero((adds > self.least) | (np.arange(adds.size) == 0))
+        packed = np.ascontiguousarray(packed[:, :, kept])
+        packed[:, :, :1] = np.log(mean)
+        self.field = field = self._field(kept)
+        suns = field.ground.shape[0]
+        edges = np.linspace(0, suns, min(4 * self.threads, suns) + 1).astype(int)
+
+        def part(k: int) -> None:
+            scratch = np.empty((packed.shape[0], *packed.shape[2:]))
+            refine(
+                packed, self.row_node, self.row_weight, self.sun_node, self.sun_weight, edges[k], edges[k + 1],
+                scratch, field.moments,
+            )  # fmt: skip
+
+        for _ in pool.map(part, range(edges.size - 1)):
+            pass
+        ground = self.problem.diffuse.light[2] / np.pi * flux[0, 1]
+        logarithm = np.log(np.maximum(ground, FLOOR))
+        field.ground[:] = np.exp(np.einsum("fa,faw->fw", self.sun_weight, logarithm[self.sun_node]))
+        return field
+
+
+def _share_of_degrees(problem: Problem) -> Array:
+    """Largest factor of each moment in the source relative to that of the mean radiance; (node, moment, wavelength)."""
+    columns, greek, moments = problem.table.columns, problem.diffuse.greek, problem.moments
+    density = np.zeros((problem.grid.altitudes.size, greek.shape[1]))
+    for k, h in enumerate(problem.grid.altitudes):
+        densities(columns, min(h, columns.top * (1 - 1e-9)), density[k])
+    total = np.abs(np.einsum("nc,bclw->nblw", density, greek))
+    relative = total / np.maximum(total[:, :1, :1], 1e-300)
+    share = np.zeros((len(density), moments.degree.size, greek.shape[3]))
+    for k, degree in enumerate(moments.degree):
+        blocks = np.unique(moments.gives[k, :, 0])
+        share[:, k] = relative[:, blocks, degree].max(axis=1) * (1 if moments.order[k] == 0 else 2)
+    return share
+
+
+def sum_orders(
+    sweeper: Sweeper,
+    tolerance: float,
+    max_order: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Sums:
+    """Add up orders of scattering until the rest is a geometric series, and add that.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    tolerance : float
+        Relative; a tenth of it is left to the sum over the orders.
+    max_order : int, optional
+        Leave out light scattered or reflected more often.
+
+    Raises
+    ------
+    ConvergenceError
+        If the series has not settled after `MOST_ORDERS` orders.
+    """
+    goal = ORDERS_SHARE * tolerance
+    with ThreadPoolExecutor(max_workers=sweeper.threads) as pool:
+        moments, flux = sweeper.first(pool)
+        total, total_flux = moments.copy(), flux.copy()
+        previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
+        # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
+        last = MOST_ORDERS if max_order is None else max_order - 1
+        change, order = 1.0, 1
+        for order in range(2, last + 1):
+            before = moments[:, :, 0]
+            moments, flux = sweeper.next(pool, moments, flux)
+            total += moments
+            total_flux += flux
+            if max_order is None:
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    ratio = np.nan_to_num(np.clip(moments[:, :, 0] / before, 0.0, 0.9999))
+                new_sum = total[:, :, 0] + moments[:, :, 0] * ratio / (1 - ratio)
+                visible = new_sum > FAINTEST * new_sum.max()
+                change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
+                previous_sum = new_sum
+                if progress is not None:
+                    progress(min(0.95, float(np.log(max(change, 1e-12)) / np.log(goal))))
+                if change < goal:
+                    break
+        else:
+            order = last
+            if max_order is None:
+                raise ConvergenceError(
+                    f"orders: after {MOST_ORDERS} orders of scattering still {change:.1e} of the light is missing; "
+                    "use solver path"
+                )
+        if max_order is None:
+            tail = ratio / (1 - ratio)
+            total += moments * tail[:, :, None]
+            total_flux += flux * tail[:, None]
+        if max_order == 1:  # view rays bring the first order themselves
+            total[:], total_flux[:] = 0.0, 0.0
+        return Sums(total, total_flux, order)
+
+
+def view(
+    problem: Problem, field: Field, table: SceneTable, origins: Array, directions: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Radiance along rays from a loaded field, with the Sun where `table` has it.
+
+    Returns
+    -------
+    scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength)
+        See `skyscatter.solvers.kernels.orders.look`.
+    """
+    order, group = bundles(origins, directions, table.columns.radius)
+    rays, wavelengths = len(origins), problem.diffuse.sigma_t.shape[1]
+    scattered, multiple = (np.empty((rays, problem.stokes, wavelengths)) for _ in range(2))
+    reflected, direct = (np.empty((rays, wavelengths)) for _ in range(2))
+    scratch = make_sweep_scratch(problem.diffuse, field, problem.stokes, int(np.diff(group).max(initial=1)))
+    look(
+        table.columns, problem.diffuse, table.optics, problem.whole, field, origins[order], directions[order], group,
+        2, scratch, scattered, reflected, multiple, direct,
+    )  # fmt: skip
+    back = np.empty_like(order)
+    back[order] = np.arange(rays)
+    return scattered[back], multiple[back], reflected[back], direct[back]
+
+
+def bundles(origins: Array, directions: Array, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """An order of rays in which those that share a course are neighbours, and where the bundles begin and end."""
+    along = np.einsum("rk,rk->r", origins, directions)
+    height = np.linalg.norm(origins, axis=1)
+    key = np.round(np.stack([along, height], axis=1) / (SAME_COURSE * radius)).astype(np.int64)
+    order = np.lexsort((key[:, 1], key[:, 0])).astype(np.int64)
+    sorted_key = key[order]
+    first = np.flatnonzero(np.any(np.diff(sorted_key, axis=0) != 0, axis=1)) + 1
+    edges = np.unique(np.concatenate([[0], first, np.arange(0, len(order), MOST_RAYS), [len(order)]]))
+    return order, edges.astype(np.int64)
