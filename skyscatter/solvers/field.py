@@ -20,6 +20,7 @@ from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import Field
 from skyscatter.solvers.run import check_rays, check_wavelengths, default_threads
@@ -96,6 +97,18 @@ def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, 
 def reach(radius: float, top: float) -> float:
     """Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad]."""
     return float(np.arccos(radius / (radius + top)))
+
+
+def scattering_top(table: SceneTable) -> float:
+    """Altitude above which there is a thousandth of what scatters at any wavelength [m]."""
+    columns = table.columns
+    altitude = np.linspace(0, columns.top, 400)
+    vertical = np.zeros((altitude.size, len(table.optics.sigma_s)))
+    for k, h in enumerate(altitude):
+        outward_columns(columns, h, 1.0, vertical[k])
+    depth = vertical @ table.optics.sigma_s
+    matters = (depth > 1e-3 * depth[0]).any(axis=1)
+    return float(altitude[min(int(matters.sum()), altitude.size - 1)])
 
 
 def solve(

@@ -18,10 +18,11 @@ HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: depth away from both, for deep inside a thick medium the light changes evenly.
 DEPTH_STEP, DEPTH_GROWTH = 0.06, 0.25
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
-#: horizon; by day it grows by the second number per degree away from there, up to the third [degree].
-TWILIGHT_STEP, DAY_GROWTH, DAY_STEP = 0.3, 0.25, 6.0
+#: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
+#: from there, up to the third [degree].
+TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
 #: Fine Sun nodes for each node.
-SUN_REFINEMENT = 4
+SUN_REFINEMENT = 2
 #: Rows between two node heights.
 ROW_REFINEMENT = 2
 #: Steps in the table of Sun nodes over the Sun's cosine.
@@ -111,12 +112,13 @@ def sun_nodes(low: float, high: float, sinking: float, tolerance: float) -> tupl
     f = fineness(tolerance)
     angle = np.linspace(low, high, 4001)
     dusk = f * TWILIGHT_STEP * sinking
-    step = dusk + f * DAY_GROWTH * np.maximum(np.pi / 2 - 2 * sinking - angle, 0.0)
+    away = np.maximum(np.pi / 2 - 2 * sinking - angle, angle - np.pi / 2 - NIGHT * sinking)
+    step = dusk + f * DAY_GROWTH * np.maximum(away, 0.0)
     step = np.minimum(step, f * np.radians(DAY_STEP))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (1 / step[1:] + 1 / step[:-1]) * np.diff(angle))])
     if high - low < 1e-4:  # a flat world: one Sun for all
         middle = np.full(1, 0.5 * (low + high))
-        return middle, np.repeat(middle, 2), np.zeros(INDEX_STEPS + 1)
+        return middle, np.repeat(middle, 4), np.zeros(INDEX_STEPS + 1)
     count = max(int(np.ceil(number[-1])), 4)
     coarse = np.interp(np.linspace(0, number[-1], count + 1), number, angle)
     fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, needed_zenith, reach, solve_range
+from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, needed_zenith, reach, scattering_top, solve_range
 from skyscatter.solvers.kernels.optics import SceneTable
 
 #: Rays in a tile at most: those of a picture's row share their geometry.
@@ -47,13 +49,18 @@ def prepare(
 
     medium = scene.medium
     table = compile_scene(scene, wavelengths)
-    low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.planet_radius, medium.top)
+    top = scattering_top(table)
+    low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.planet_radius, top)
     if low != low:  # not a number: every ray passes by
         low = high = 0.0
-    margin = reach(medium.planet_radius, medium.top)
+    # Beyond what the rays see, light that is scattered twice comes from there: by day from near by, in twilight from
+    # where the Sun shines; and little from where it is darker.
+    margin = reach(medium.planet_radius, top)
+    twilight = float(np.clip((np.degrees(high) - 80) / 10, 0, 1))
+    zenith = (low - margin * (0.5 + 0.5 * twilight), high + 0.25 * margin)
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     field = solve_range(
-        scene, wavelengths, (low - margin, high + margin), tolerance, options.stokes, options.max_order, threads, progress
+        scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress
     )
     return Context(field, table)
 

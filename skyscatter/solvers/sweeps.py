@@ -41,7 +41,7 @@ CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Orders after which a solution that has not converged is given up.
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
-ORDERS_SHARE = 0.1
+ORDERS_SHARE = 0.2
 #: Moments that add less than this share of the tolerance to the source are not gathered.
 PRUNE_SHARE = 0.2
 #: Radiances that count as none.
@@ -132,7 +132,7 @@ def make_problem(
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
     diffuse = Diffuse(
-        sigma_t=sigma_t, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light,
+        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light,
         tilt=tilt, share=share, shell=grid.rows, index=grid.index,
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
@@ -239,13 +239,13 @@ class Sweeper:
         nodes, suns, wavelengths = grid.altitudes.size, grid.sun_zenith.size, p.diffuse.sigma_t.shape[1]
         moments = np.empty((nodes, suns, p.moments.degree.size, wavelengths))
         flux = np.empty((nodes, 2, suns, wavelengths))
-        sun_mu = np.cos(grid.sun_zenith)
+        sun_mu, fine_mu = np.cos(grid.sun_zenith), np.cos(grid.fine_sun_zenith)
 
         def height(k: int) -> None:
             with self._a_scratch() as scratch:
                 sweep_height(
                     p.table.columns, p.diffuse, p.cut, self.field, grid.altitudes[k], grid.directions[k], self.take[k],
-                    sun_mu, self.azimuth, is_first, scratch, moments[k], flux[k],
+                    sun_mu, fine_mu, self.azimuth, is_first, scratch, moments[k], flux[k],
                 )  # fmt: skip
 
         for _ in pool.map(height, range(nodes)):
@@ -320,7 +320,7 @@ def sum_orders(
     ----------
     sweeper : Sweeper
     tolerance : float
-        Relative; a tenth of it is left to the sum over the orders.
+        Relative; a fifth of it is left to the sum over the orders.
     max_order : int, optional
         Leave out light scattered or reflected more often.
 
@@ -333,10 +333,11 @@ def sum_orders(
     with ThreadPoolExecutor(max_workers=sweeper.threads) as pool:
         moments, flux = sweeper.first(pool)
         total, total_flux = moments.copy(), flux.copy()
+        change_before = 1.0
         previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
         # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
         last = MOST_ORDERS if max_order is None else max_order - 1
-        change, order = 1.0, 1
+        left, order = 1.0, 1
         for order in range(2, last + 1):
             before = moments[:, :, 0]
             moments, flux = sweeper.next(pool, moments, flux)
@@ -349,15 +350,17 @@ def sum_orders(
                 visible = new_sum > FAINTEST * new_sum.max()
                 change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
                 previous_sum = new_sum
+                # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
+                left, change_before = change * min(change / change_before, 1.0), change
                 if progress is not None:
-                    progress(min(0.95, float(np.log(max(change, 1e-12)) / np.log(goal))))
-                if change < goal:
+                    progress(min(0.95, float(np.log(min(max(left, 1e-12), 0.99)) / np.log(goal))))
+                if left < goal:
                     break
         else:
             order = last
             if max_order is None:
                 raise ConvergenceError(
-                    f"orders: after {MOST_ORDERS} orders of scattering still {change:.1e} of the light is missing; "
+                    f"orders: after {MOST_ORDERS} orders of scattering still {left:.1e} of the light is missing; "
                     "use solver path"
                 )
         if max_order is None:

@@ -40,6 +40,7 @@ class Diffuse(NamedTuple):
     """The scene as diffuse light meets it: forward peaks cut off (delta-M), and the rows of the field."""
 
     sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density without the peaks [m-1]
+    scatters: np.ndarray  #: (component,) bool
     greek: np.ndarray  #: (block, component, degree, wavelength) scattering times (2 l + 1) / (4 pi) chi_l [m-1 sr-1]
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     light: np.ndarray  #: (3, wavelength): radiance from outside, the ground's own radiance, the ground's albedo

@@ -32,6 +32,9 @@ from skyscatter.solvers.kernels.work import Work, make_work
 
 #: Cosine of the Sun's zenith angle above which the disk acts as its middle.
 HIGH_SUN = 0.12
+#: Spacing in the Sun's cosine of the table of sunlight for a large bundle: in units of 1, near the horizon, and what
+#: it grows by with the cosine's distance from there; and the most entries of that table.
+SMOOTH_STEP, SMOOTH_GROWTH, MOST_SUNS = 0.002, 0.05, 128
 #: Degrees with less than this share of the isotropic part of a source are left out of it.
 LEAST_SHARE = 1e-3
 #: Halvings with which the edge of the planet's shadow is found within a cell.
@@ -55,12 +58,15 @@ class Bundle(NamedTuple):
     q: np.ndarray  #: (ray,)
     nu: np.ndarray  #: (ray,)
     w: np.ndarray  #: (ray,)
-    sun: np.ndarray  #: (ray,) int64 lower Sun node at a point
-    part: np.ndarray  #: (ray, 3) float32: position between two nodes, cosine and sine of the azimuth from the Sun
+    sun: np.ndarray  #: (ray,) int64 first of the four Sun nodes around a point's
+    part: np.ndarray  #: (ray, 6) float32: weights of the four nodes, cosine and sine of the azimuth from the Sun
     gathered: np.ndarray  #: (ray, stokes, wavelength) float32 light of all but the first order
     scattered: np.ndarray  #: (ray, stokes, wavelength) sunlight scattered once
     reflected: np.ndarray  #: (ray, wavelength) sunlight reflected once
-    lit: np.ndarray  #: (component, wavelength)
+    here: np.ndarray  #: (wavelength,) float32 irradiance at a ray
+    step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
+    many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
+    sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
     phase: np.ndarray  #: (component, wavelength)
     functions: np.ndarray  #: (3, order, degree) angular functions at a point
     active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
@@ -73,9 +79,11 @@ def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int
     moments, wavelengths = field.moments.shape[2:]
     orders, degrees = field.recurrence.shape[1:3]
     return Bundle(
-        np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 3), np.float32),
+        np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 6), np.float32),
         np.zeros((rays, stokes, wavelengths), np.float32), np.zeros((rays, stokes, wavelengths)),
-        np.zeros((rays, wavelengths)), np.zeros((components, wavelengths)), np.zeros((components, wavelengths)),
+        np.zeros((rays, wavelengths)), np.zeros(wavelengths, np.float32),
+        np.zeros((components, wavelengths), np.float32), np.zeros((rays, components, wavelengths), np.float32), np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
+        np.zeros((components, wavelengths)),
         np.zeros((3, orders, degrees)), np.zeros(moments, np.int64), np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
         np.zeros((suns, orders, stokes, wavelengths), np.float32),
     )  # fmt: skip
@@ -131,39 +139,126 @@ def _half_lit_cell(columns, diffuse, line, s, q, nu, node, first_lit, course, li
 
 
 @kernel
-def sunlight_on_course(columns, diffuse, line, n, points, q, nu, course, lit, work):
-    """Sunlight that reaches the line's start after one scattering, per component and without the phase function.
+def _sunlit_cell(columns, diffuse, line, s, points, q, nu, course, lit, work):
+    """Add the sunlight that one ray receives in cell s, with `points` Gauss points and the edge of the shadow."""
+    mu_0 = (q + (course.t[s] - line.start) * nu) / course.place[s, 0]
+    mu_1 = (q + (course.t[s + 1] - line.start) * nu) / course.place[s + 1, 0]
+    first, last = _disk_nodes(diffuse, min(mu_0, mu_1))
+    for node in range(first, last):
+        cosine, sine = diffuse.tilt[node, 0], diffuse.tilt[node, 1]
+        lit_0 = _tilted(mu_0, cosine, sine) + course.place[s, 2] >= 0.0
+        lit_1 = _tilted(mu_1, cosine, sine) + course.place[s + 1, 2] >= 0.0
+        if lit_0 and lit_1:
+            for g in range(points):
+                k = s * points + g
+                r = course.gauss[k, 1]
+                mu = (q + (course.gauss[k, 0] - line.start) * nu) / r
+                mu = min(max(_tilted(mu, cosine, sine), -1.0), 1.0)
+                _add_sunlight(columns, diffuse, r, mu, node, k, course, lit, work)
+        elif lit_0 or lit_1:
+            _half_lit_cell(columns, diffuse, line, s, q, nu, node, lit_0, course, lit, work)
 
-    Parameters
-    ----------
-    n, points : int
-        Points of the course and Gauss points per cell.
-    q, nu : float
-        The ray.
-    lit : (component, wavelength), output
-        Int T n_c E dt [m W m-2 nm-1].
+
+@inlined
+def _sunlight(columns, diffuse, r, sun_mu, work, out):
+    """Irradiance of the Sun's disk at radius r under a zenith cosine of its middle, into `out` (wavelength,) float32."""
+    for i in range(out.size):
+        out[i] = np.float32(0.0)
+    first, last = _disk_nodes(diffuse, sun_mu)
+    for node in range(first, last):
+        mu = min(max(_tilted(sun_mu, diffuse.tilt[node, 0], diffuse.tilt[node, 1]), -1.0), 1.0)
+        if columns_to_light(columns, r, mu, work.spare, work.to_sun):
+            transmittance(work.to_sun, diffuse.sigma_t, work.sun)
+            for i in range(out.size):
+                out[i] += np.float32(work.sun[i] * diffuse.share[node, i])
+
+
+@kernel
+def _add_interpolated(diffuse, k, rays, course, bundle):
+    """Add what Gauss point k makes of ``bundle.sunlight``, interpolated to every ray, to ``bundle.many_lit``."""
+    components, wavelengths = bundle.step.shape[0], bundle.step.shape[1]
+    for c in range(components):
+        for i in range(wavelengths):
+            bundle.step[c, i] = np.float32(course.source[k, c, i])
+    for ray in range(rays):
+        j = bundle.sun[ray]
+        v_0, v_1 = bundle.part[ray, 0], bundle.part[ray, 1]
+        v_2, v_3 = bundle.part[ray, 2], bundle.part[ray, 3]
+        # Two nodes at a time: the compiler makes SIMD code of two, not of four.
+        for i in range(wavelengths):
+            bundle.here[i] = v_0 * bundle.sunlight[j, i] + v_1 * bundle.sunlight[j + 1, i]
+        for i in range(wavelengths):
+            bundle.here[i] += v_2 * bundle.sunlight[j + 2, i] + v_3 * bundle.sunlight[j + 3, i]
+        for c in range(components):
+            if diffuse.scatters[c]:
+                for i in range(wavelengths):
+                    bundle.many_lit[ray, c, i] += bundle.step[c, i] * bundle.here[i]
+
+
+@inlined
+def _cubic(v, part):
+    """Weights of Lagrange's cubic through nodes 0, 1, 2, 3 at v."""
+    part[0] = np.float32((1.0 - v) * (2.0 - v) * (3.0 - v) / 6.0)
+    part[1] = np.float32(v * (2.0 - v) * (3.0 - v) / 2.0)
+    part[2] = np.float32(v * (v - 1.0) * (3.0 - v) / 2.0)
+    part[3] = np.float32(v * (v - 1.0) * (v - 2.0) / 6.0)
+
+
+@inlined
+def _sun_range(line, t, r, rays, bundle):
+    """Least and greatest cosine of the Sun's zenith angle on the rays of a bundle at distance t."""
+    low, high = 1.0, -1.0
+    for ray in range(rays):
+        x = (bundle.q[ray] + (t - line.start) * bundle.nu[ray]) / r
+        low, high = min(low, x), max(high, x)
+    return low, high
+
+
+@kernel
+def _smooth_point(columns, diffuse, line, k, rays, count, course, bundle, work):
+    """Sunlight at Gauss point k for many rays in full sunlight: interpolated from `count` positions of the Sun."""
+    t, r = course.gauss[k, 0], course.gauss[k, 1]
+    low, high = _sun_range(line, t, r, rays, bundle)
+    spacing = max((high - low) / (count - 1), 1e-9)
+    for j in range(count):
+        _sunlight(columns, diffuse, r, min(low + j * spacing, 1.0), work, bundle.sunlight[j])
+    for ray in range(rays):
+        f = ((bundle.q[ray] + (t - line.start) * bundle.nu[ray]) / r - low) / spacing
+        j = min(max(int(f) - 1, 0), count - 4)
+        bundle.sun[ray] = j
+        _cubic(f - j, bundle.part[ray])
+    _add_interpolated(diffuse, k, rays, course, bundle)
+
+
+@kernel
+def light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work):
+    """Sunlight that reaches the rays' start after one scattering, without the phase function, into ``bundle.many_lit``.
+
+    Int T n_c E dt, per ray and component [m W m-2 nm-1].  Where all rays of a large bundle are in full sunlight, it is
+    interpolated from a few positions of the Sun; elsewhere every ray is followed by itself, edge of the shadow included.
     """
-    for c in range(lit.shape[0]):
-        for i in range(lit.shape[1]):
-            lit[c, i] = 0.0
-    mu_1 = (q + (course.t[0] - line.start) * nu) / course.place[0, 0]
+    for ray in range(rays):
+        for c in range(bundle.step.shape[0]):
+            for i in range(bundle.step.shape[1]):
+                bundle.many_lit[ray, c, i] = np.float32(0.0)
+    low_1, high_1 = _sun_range(line, course.t[0], course.place[0, 0], rays, bundle)
     for s in range(n - 1):
-        mu_0 = mu_1
-        mu_1 = (q + (course.t[s + 1] - line.start) * nu) / course.place[s + 1, 0]
-        first, last = _disk_nodes(diffuse, min(mu_0, mu_1))
-        for node in range(first, last):
-            cosine, sine = diffuse.tilt[node, 0], diffuse.tilt[node, 1]
-            lit_0 = _tilted(mu_0, cosine, sine) + course.place[s, 2] >= 0.0
-            lit_1 = _tilted(mu_1, cosine, sine) + course.place[s + 1, 2] >= 0.0
-            if lit_0 and lit_1:
-                for g in range(points):
-                    k = s * points + g
-                    r = course.gauss[k, 1]
-                    mu = (q + (course.gauss[k, 0] - line.start) * nu) / r
-                    mu = min(max(_tilted(mu, cosine, sine), -1.0), 1.0)
-                    _add_sunlight(columns, diffuse, r, mu, node, k, course, lit, work)
-            elif lit_0 or lit_1:
-                _half_lit_cell(columns, diffuse, line, s, q, nu, node, lit_0, course, lit, work)
+        low_0, high_0 = low_1, high_1
+        low_1, high_1 = _sun_range(line, course.t[s + 1], course.place[s + 1, 0], rays, bundle)
+        edge = diffuse.tilt[1, 1]
+        if max(high_0 + course.place[s, 2], high_1 + course.place[s + 1, 2]) < -edge:
+            continue  # night
+        above = min(low_0 + course.place[s, 2], low_1 + course.place[s + 1, 2])
+        width = max(high_0 - low_0, high_1 - low_1)
+        count = max(int(width / (SMOOTH_STEP + SMOOTH_GROWTH * max(above, 0.0))) + 2, 4)
+        if above > edge and 2 * count <= rays and count <= bundle.sunlight.shape[0]:
+            for g in range(points):
+                _smooth_point(columns, diffuse, line, s * points + g, rays, count, course, bundle, work)
+        else:
+            for ray in range(rays):
+                _sunlit_cell(
+                    columns, diffuse, line, s, points, bundle.q[ray], bundle.nu[ray], course, bundle.many_lit[ray], work
+                )
 
 
 @kernel
@@ -181,44 +276,61 @@ def sunlit_ground(columns, diffuse, mu, work, out):
 
 
 @kernel
-def first_order(columns, diffuse, first, line, n, points, rays, course, bundle, work):
-    """First order along the rays of a bundle, into ``bundle.scattered`` and ``bundle.reflected``.
+def light_node(columns, diffuse, sun_mu, line, n, rays, course, bundle, work):
+    """`light_bundle` for the rays of a node, with one Gauss point in a cell, into ``bundle.many_lit``.
 
-    `first` (use, component, angle, wavelength) is the phase function times scattering per unit density, and with
-    polarisation b1 times the same.
+    At each Gauss point the irradiance is computed for the field's Sun nodes `sun_mu` and interpolated to the rays:
+    its many rays meet the same few Suns.
+    """
+    for ray in range(rays):
+        for c in range(bundle.step.shape[0]):
+            for i in range(bundle.step.shape[1]):
+                bundle.many_lit[ray, c, i] = np.float32(0.0)
+    for s in range(n - 1):
+        t, r = course.gauss[s, 0], course.gauss[s, 1]
+        low, high = _place_rays(diffuse, line, t, r, sun_mu.size, rays, bundle)
+        for j in range(low, high + 1):
+            _sunlight(columns, diffuse, r, sun_mu[j], work, bundle.sunlight[j])
+        _add_interpolated(diffuse, s, rays, course, bundle)
+
+
+@kernel
+def scatter_once(columns, diffuse, first, line, n, ray, lit, course, bundle, work):
+    """Sunlight on a ray, scattered and reflected once, into ``bundle.scattered`` and ``bundle.reflected``.
+
+    `lit` is the sunlight (component, wavelength); `first` (use, component, angle, wavelength) the phase function times
+    scattering per unit density, and with polarisation b1 times the same.
     """
     stokes, wavelengths = bundle.scattered.shape[1], bundle.scattered.shape[2]
-    for ray in range(rays):
-        q, nu, w = bundle.q[ray], bundle.nu[ray], bundle.w[ray]
-        sunlight_on_course(columns, diffuse, line, n, points, q, nu, course, bundle.lit, work)
-        for channel in range(stokes):
-            for i in range(wavelengths):
-                bundle.scattered[ray, channel, i] = 0.0
-        phase_at(first[0], nu, bundle.phase)
-        for c in range(bundle.lit.shape[0]):
-            for i in range(wavelengths):
-                bundle.scattered[ray, 0, i] += bundle.lit[c, i] * bundle.phase[c, i]
-        if stokes > 1:
-            # The plane of scattering, from the meridian plane towards the left: see the conventions.
-            r, mu = course.place[0, 0], course.place[0, 1]
-            along = (q + (course.t[0] - line.start) * nu) / r - mu * nu
-            left = -w / r
-            norm = along * along + left * left
-            cosine = (along * along - left * left) / norm if norm > 0.0 else 1.0
-            sine = 2.0 * along * left / norm if norm > 0.0 else 0.0
-            phase_at(first[1], nu, bundle.phase)
-            for c in range(bundle.lit.shape[0]):
-                for i in range(wavelengths):
-                    polarised = bundle.lit[c, i] * bundle.phase[c, i]
-                    bundle.scattered[ray, 1, i] += polarised * cosine
-                    bundle.scattered[ray, 2, i] += polarised * sine
+    q, nu, w = bundle.q[ray], bundle.nu[ray], bundle.w[ray]
+    for channel in range(stokes):
         for i in range(wavelengths):
-            bundle.reflected[ray, i] = 0.0
-        if line.hits_ground:
-            mu_s = (q + (line.leave - line.start) * nu) / columns.radius
-            sunlit_ground(columns, diffuse, mu_s, work, bundle.reflected[ray])
+            bundle.scattered[ray, channel, i] = 0.0
+    phase_at(first[0], nu, bundle.phase)
+    for c in range(lit.shape[0]):
+        for i in range(wavelengths):
+            bundle.scattered[ray, 0, i] += lit[c, i] * bundle.phase[c, i]
+    if stokes > 1:
+        # The plane of scattering, from the meridian plane towards the left: see the conventions.
+        r, mu = course.place[0, 0], course.place[0, 1]
+        along = (q + (course.t[0] - line.start) * nu) / r - mu * nu
+        left = -w / r
+        norm = along * along + left * left
+        cosine = (along * along - left * left) / norm if norm > 0.0 else 1.0
+        sine = 2.0 * along * left / norm if norm > 0.0 else 0.0
+        phase_at(first[1], nu, bundle.phase)
+        for c in range(lit.shape[0]):
             for i in range(wavelengths):
-                bundle.reflected[ray, i] *= course.through[n - 1, i]
+                polarised = lit[c, i] * bundle.phase[c, i]
+                bundle.scattered[ray, 1, i] += polarised * cosine
+                bundle.scattered[ray, 2, i] += polarised * sine
+    for i in range(wavelengths):
+        bundle.reflected[ray, i] = 0.0
+    if line.hits_ground:
+        mu_s = (q + (line.leave - line.start) * nu) / columns.radius
+        sunlit_ground(columns, diffuse, mu_s, work, bundle.reflected[ray])
+        for i in range(wavelengths):
+            bundle.reflected[ray, i] *= course.through[n - 1, i]
 
 
 @inlined
@@ -261,26 +373,25 @@ def _fill_functions(recurrence, mu, polarised, functions):
 
 
 @inlined
-def _place_rays(diffuse, line, s, suns, rays, course, bundle):
-    """Sun node and azimuth from the Sun of every ray at point s; returns the lowest and the highest node."""
-    r, mu, shift = course.place[s, 0], course.place[s, 1], course.t[s] - line.start
-    sine = line.p / r
+def _place_rays(diffuse, line, t, r, suns, rays, bundle):
+    """Sun nodes and azimuth from the Sun of every ray at distance t; returns the lowest and the highest node."""
+    mu, sine, shift = t / r, line.p / r, t - line.start
     steps = diffuse.index.size - 1
-    low, high = suns - 1, 0
+    low, high = suns - 4, 0
     for ray in range(rays):
         x = min(max((bundle.q[ray] + shift * bundle.nu[ray]) / r, -1.0), 1.0)
         y = (x + 1.0) * 0.5 * steps
         k = min(int(y), steps - 1)
         f = diffuse.index[k] + (y - k) * (diffuse.index[k + 1] - diffuse.index[k])
-        j = min(int(f), suns - 2)
+        j = min(max(int(f) - 1, 0), suns - 4)
         bundle.sun[ray] = j
         low, high = min(low, j), max(high, j)
+        _cubic(f - j, bundle.part[ray])
         norm = sine * math.sqrt((1.0 - x) * (1.0 + x))
         norm = 1.0 / norm if norm > 1e-12 else 0.0
-        bundle.part[ray, 0] = np.float32(f - j)
-        bundle.part[ray, 1] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
-        bundle.part[ray, 2] = np.float32(min(max(bundle.w[ray] / r * norm, -1.0), 1.0))
-    return low, high + 1
+        bundle.part[ray, 4] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
+        bundle.part[ray, 5] = np.float32(min(max(bundle.w[ray] / r * norm, -1.0), 1.0))
+    return low, high + 3
 
 
 @inlined
@@ -353,21 +464,27 @@ def gather(diffuse, field, line, n, rays, course, bundle):
             for i in range(wavelengths):
                 bundle.gathered[ray, channel, i] = np.float32(0.0)
     for s in range(n):
-        low, high = _place_rays(diffuse, line, s, suns, rays, course, bundle)
+        low, high = _place_rays(diffuse, line, course.t[s], course.place[s, 0], suns, rays, bundle)
         orders = _source_at(field, course, s, low, high, line.hits_ground and s == n - 1, bundle)
         for ray in range(rays):
-            j, v = bundle.sun[ray], bundle.part[ray, 0]
-            cosine, sine = bundle.part[ray, 1], bundle.part[ray, 2]
+            j = bundle.sun[ray]
+            v_0, v_1 = bundle.part[ray, 0], bundle.part[ray, 1]
+            v_2, v_3 = bundle.part[ray, 2], bundle.part[ray, 3]
+            cosine, sine = bundle.part[ray, 4], bundle.part[ray, 5]
             # cos(m phi) and sin(m phi), one after the other.
             c, z = np.float32(1.0), np.float32(0.0)
             for m in range(orders):
                 for channel in range(stokes):
                     f = c if channel < 2 else z
-                    b = f * v
-                    a = f - b
+                    a_0, a_1, a_2, a_3 = f * v_0, f * v_1, f * v_2, f * v_3
+                    # Two loops: the compiler makes SIMD code of two nodes, not of four.
                     for i in range(wavelengths):
                         bundle.gathered[ray, channel, i] += (
-                            a * bundle.fourier[j, m, channel, i] + b * bundle.fourier[j + 1, m, channel, i]
+                            a_0 * bundle.fourier[j, m, channel, i] + a_1 * bundle.fourier[j + 1, m, channel, i]
+                        )
+                    for i in range(wavelengths):
+                        bundle.gathered[ray, channel, i] += (
+                            a_2 * bundle.fourier[j + 2, m, channel, i] + a_3 * bundle.fourier[j + 3, m, channel, i]
                         )
                 c, z = c * cosine - z * sine, z * cosine + c * sine
 
@@ -418,7 +535,7 @@ def _project(field, suns, mu, weight, take, azimuth, bundle, fourier, moments, f
 
 
 @entry
-def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, azimuth, is_first, scratch,
+def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, is_first, scratch,
                  moments, flux):  # fmt: skip
     """One order of scattering at one node height.
 
@@ -427,7 +544,7 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
     columns : ColumnTable
     diffuse : Diffuse
     first : (use, component, angle, wavelength)
-        As for `first_order`, with the forward peaks cut off.
+        As for `scatter_once`, with the forward peaks cut off.
     field : Field
         The order before; not used if `is_first`.
     altitude : float
@@ -435,8 +552,8 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
     directions : (direction, 2)
         Zenith cosines and weights of the quadrature there.
     take : (direction, moment, stokes)
-    sun_mu : (sun,)
-        Zenith cosines of the Sun at the nodes.
+    sun_mu, fine_mu : (sun,), (fine sun,)
+        Zenith cosines of the Sun at the nodes, and those at which a field to gather from is known.
     azimuth : (angle, order, 2)
         cos(m phi) and sin(m phi) of the angles of the quadrature over half a turn.
     is_first : bool
@@ -463,8 +580,9 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
         rays = _node_rays(r, mu, sun_mu, azimuth, bundle)
         if is_first:
             lay_gauss(columns, diffuse, line, n, 1, course, work)
-            first_order(columns, diffuse, first, line, n, 1, rays, course, bundle, work)
+            light_node(columns, diffuse, fine_mu, line, n, rays, course, bundle, work)
             for ray in range(rays):
+                scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
                 for channel in range(bundle.gathered.shape[1]):
                     for i in range(course.glow.size):
                         extra = bundle.reflected[ray, i] + course.glow[i] if channel == 0 else 0.0
@@ -564,7 +682,9 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, poi
                     + o[1] * (s[2] * d[0] - s[0] * d[2])
                     + o[2] * (s[0] * d[1] - s[1] * d[0])
                 )
-            first_order(columns, diffuse, first, line, n, points, rays, course, bundle, work)
+            light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work)
+            for ray in range(rays):
+                scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
             gather(diffuse, field, line, n, rays, course, bundle)
         for ray in range(rays):
             to = begin + ray
