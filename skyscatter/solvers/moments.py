@@ -78,7 +78,7 @@ def angular_functions(degree: int, orders: int, mu: ArrayLike) -> Array:
     for m in range(orders + 1):
         plus, minus = wigner(degree, m, 2, x), wigner(degree, m, -2, x)
         out[D_ZERO, m] = wigner(degree, m, 0, x)
-        out[D_SUM, m], out[D_DIFFERENCE, m] = (minus + plus) / 2, (minus - plus) / 2
+        out[D_SUM, m], out[D_DIFFERENCE, m] = (plus + minus) / 2, (plus - minus) / 2
     return out
 
 

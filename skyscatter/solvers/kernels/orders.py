@@ -369,7 +369,7 @@ def _fill_functions(recurrence, mu, polarised, functions):
                     )
             for d in range(degrees):
                 plus, minus = functions[1, m, d], functions[2, m, d]
-                functions[1, m, d], functions[2, m, d] = 0.5 * (minus + plus), 0.5 * (minus - plus)
+                functions[1, m, d], functions[2, m, d] = 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
 @inlined
