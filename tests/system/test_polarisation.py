@@ -123,9 +123,9 @@ def test_thin_mixture_against_the_closed_form(sun: float) -> None:
     chi = bearing_to_sun(sights, sun, 110.0)
     expected = np.stack([a1, b1 * np.cos(2 * chi), b1 * np.sin(2 * chi), 0 * a1], axis=-1) * length[:, None] / 1000.0
     found = look(scene, sights, [550.0], solver="single").stokes[:, 0]
-    # Extinction of 1e-6 times the air mass, and tables between nodes 0.1 degrees apart at least.
+    # Extinction of 1e-6 times the air mass, and chords of the phase table where spheres send light straight back.
     assert np.max(np.abs(expected[:, 2]) / expected[:, 0]) > 0.2
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3 * expected[:, :1].min())
+    assert np.all(np.abs(found - expected) < 2e-4 * expected[:, :1])
 
 
 def test_zenith_is_referred_to_north() -> None:
