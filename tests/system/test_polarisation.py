@@ -348,7 +348,7 @@ def test_black_medium_sends_nothing(solver: str) -> None:
 
 
 def test_scalar_light_misses_the_radiance() -> None:
-    """Chandrasekhar & Elbert (1954): errors of up to 10 % in Rayleigh slabs, of either sign, that average out."""
+    """Mishchenko, Lacis & Travis (1994), JQSRT 51, 491: up to 10 % in Rayleigh slabs, of either sign."""
     slab = Slab(1.0, 1.0, Rayleigh(), 0.6)
     mu, phi = -np.array([0.1, 0.4, 0.8])[:, None], np.array([0.3, np.pi / 2, 2.8])
     polarised = slab.radiance(1.0, mu, phi, samples=4096, stokes=True)
