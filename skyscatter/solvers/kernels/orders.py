@@ -621,6 +621,12 @@ def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratc
                 for k in range(count):
                     for i in range(wavelengths):
                         scratch[node, k, i] += f * packed[node, b, k, i]
+            # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
+            b = sun_node[j]
+            for i in range(wavelengths):
+                p, q = packed[node, b[0], 0, i], packed[node, b[1], 0, i]
+                r, s = packed[node, b[2], 0, i], packed[node, b[3], 0, i]
+                scratch[node, 0, i] = min(max(scratch[node, 0, i], min(p, q, r, s)), max(p, q, r, s))
         for row in range(moments.shape[0]):
             n, f = row_node[row], row_weight[row]
             for k in range(count):
@@ -630,7 +636,8 @@ def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratc
                         + f[2] * scratch[n[2], k, i] + f[3] * scratch[n[3], k, i]
                     )  # fmt: skip
             for i in range(wavelengths):
-                mean = fast_exp(moments[row, j, 0, i])
+                p, q, r, s = scratch[n[0], 0, i], scratch[n[1], 0, i], scratch[n[2], 0, i], scratch[n[3], 0, i]
+                mean = fast_exp(min(max(moments[row, j, 0, i], min(p, q, r, s)), max(p, q, r, s)))
                 moments[row, j, 0, i] = np.float32(mean)
                 for k in range(1, count):
                     moments[row, j, k, i] *= np.float32(mean)
