@@ -36,6 +36,8 @@ DEGREES = ((0.02, 6), (0.004, 8), (0.002, 12), (0.0, 16))
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
 LEAST_PEAK = 1e-4
+#: Degrees to which cut forward peaks are followed.
+PEAK_DEGREES = 300
 #: Largest angle at the planet's centre that a cell spans [rad], and its largest optical depth.
 CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Orders after which a solution that has not converged is given up.
@@ -131,14 +133,29 @@ def make_problem(
     grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
+    peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
     diffuse = Diffuse(
-        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light,
+        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light, peaks=np.ascontiguousarray(peaks),
         tilt=tilt, share=share, shell=grid.rows, index=grid.index,
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
     orders = int(moments.order.max())
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
     return Problem(table, diffuse, grid, moments, grids.recurrence(kept, orders), cut, whole, kinds)
+
+
+def _peaks(phase: Array, peak: Array, kept: int) -> Array:
+    """(2 l + 1) / (4 pi) r_l of what delta-M cuts off, (component, l, wavelength); no degrees where nothing is cut.
+
+    r_l is the cut share up to the kept degree, and the phase function's own coefficient beyond.
+    """
+    if not (peak > 0).any():
+        return np.zeros((len(phase), 0, phase.shape[3]))
+    beyond = expand(phase, PEAK_DEGREES)[:, 0]
+    beyond[:, : kept + 1] = peak[:, None]
+    beyond = np.where(peak[:, None] > 0, np.maximum(beyond, 0.0), 0.0)
+    last = int(np.flatnonzero((beyond > LEAST_PEAK).any(axis=(0, 2))).max())
+    return beyond[:, : last + 1] * ((2 * np.arange(last + 1) + 1) / (4 * np.pi))[:, None]
 
 
 def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, Array]:

@@ -44,6 +44,7 @@ class Diffuse(NamedTuple):
     sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density without the peaks [m-1]
     scatters: np.ndarray  #: (component,) bool
     greek: np.ndarray  #: (block, component, degree, wavelength) scattering times (2 l + 1) / (4 pi) chi_l [m-1 sr-1]
+    peaks: np.ndarray  #: (component, degree, wavelength) scattering times (2 l + 1) / (4 pi) r_l of the forward peaks
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     light: np.ndarray  #: (3, wavelength): radiance from outside, the ground's own radiance, the ground's albedo
     tilt: np.ndarray  #: (3, 2): cosine and sine of zenith offsets: the Sun's middle, and two that stand for its disk
