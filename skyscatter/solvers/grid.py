@@ -73,10 +73,9 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float)
     """
     f = fineness(tolerance)
     top = altitude[-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = -np.gradient(depth, altitude, axis=0)
-        scale = np.nanmin(np.where((depth > 0) & (slope > 0), depth / slope, np.nan), axis=1)
-    scale = np.clip(np.nan_to_num(scale, nan=top / 10), top / 50, top / 5)
+    slope = -np.gradient(depth, altitude, axis=0)
+    scale = np.where(slope > 0, depth / np.where(slope > 0, slope, 1.0), np.inf).min(axis=1)
+    scale = np.clip(scale, top / 50, top / 5)
     step = f * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
     density = np.maximum(1 / step, np.max(slope / (f * (DEPTH_STEP + DEPTH_GROWTH * inside)), axis=1))
