@@ -1,4 +1,4 @@
-"""Where a field is computed: heights, positions of the Sun, and directions, as fine as the asked accuracy wants them."""
+"""Where a field is computed: heights, positions of the Sun, directions; as fine as the asked accuracy wants."""
 
 from __future__ import annotations
 

@@ -180,11 +180,10 @@ def _disk(optics: Any) -> tuple[Array, Array]:
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))
     radiance = optics.disk_radiance.mean(axis=1)
-    if optics.disk_radius <= 0:
-        spread = 0.0
-    else:
-        mean_square = np.trapezoid(radiance * square, square) / np.trapezoid(radiance, square)
-        spread = np.sqrt(mean_square / 2) * optics.disk_radius
+    bright = np.trapezoid(radiance, square)
+    spread = 0.0
+    if optics.disk_radius > 0 and bright > 0:
+        spread = np.sqrt(np.trapezoid(radiance * square, square) / bright / 2) * optics.disk_radius
     offset = np.array([0.0, spread, -spread])
     return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.stack([total, total / 2, total / 2])
 
