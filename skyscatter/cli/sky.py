@@ -92,10 +92,7 @@ def sky(
     ] = DEFAULT_WAVELENGTHS,
     solver: Annotated[
         str,
-        typer.Option(
-            metavar="NAME",
-            help="orders (all orders of scattering, no noise), path (the same by Monte Carlo) or single.",
-        ),
+        typer.Option(metavar="NAME", help="orders (all orders, no noise), path (the same by Monte Carlo) or single."),
     ] = "orders",
     samples: Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path).")] = None,
     noise: Annotated[

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -425,7 +426,7 @@ class RadianceField:
         order, group = bundles(origins, directions, table.columns.radius)
         sample = [
             order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))]
-            for a, b in zip(group[:-1], group[1:], strict=True)
+            for a, b in pairwise(group)
         ]
         chosen = np.concatenate([*sample, np.zeros(0, np.int64)])
         scattered, multiple, ground, _ = view(

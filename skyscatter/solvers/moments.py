@@ -167,8 +167,8 @@ def moment_table(chi: Array, orders: int, least: float = 1e-7) -> MomentTable:
     table = np.array(rows, np.int64)
     uses = 3 if polarised else 1
     gives = np.array([[_GIVES[kind][u] for u in range(uses)] for kind in table[:, 2]], np.int64)
-    degree, order, kind_of = (np.ascontiguousarray(table[:, k]) for k in range(3))
-    return MomentTable(degree, order, kind_of, gives)
+    degrees, orders_of, kinds_of = (np.ascontiguousarray(table[:, k]) for k in range(3))
+    return MomentTable(degrees, orders_of, kinds_of, gives)
 
 
 def take_moments(table: MomentTable, stokes: int, mu: ArrayLike) -> Array:

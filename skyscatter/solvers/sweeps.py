@@ -116,7 +116,7 @@ def make_problem(
     matrix = matrices(scene, table, wavelengths, stokes)
     most = DEGREES[-1][1] if degree is None else degree
     chi = expand(matrix, most + 1)
-    scatters = (optics.sigma_s > 0).any(axis=1)
+    scatters = np.asarray((optics.sigma_s > 0).any(axis=1))
     chi = chi * scatters[:, None, None, None]
     kept = kept_degree(chi, tolerance) if degree is None else degree
     peak = chi[:, 0, kept + 1]
@@ -133,8 +133,10 @@ def make_problem(
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
     diffuse = Diffuse(
-        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light, peaks=np.ascontiguousarray(peaks),
-        tilt=tilt, share=share, shell=grid.rows, index=grid.index,
+        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)),
+        emission=optics.emission,
+        light=light, peaks=np.ascontiguousarray(peaks),
+        tilt=tilt, share=share, shell=grid.rows, sun_index=grid.index,
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
     orders = int(moments.order.max())
@@ -174,8 +176,8 @@ def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, A
 def _disk(optics: Any) -> tuple[Array, Array]:
     """Zenith offsets that stand for the Sun (its middle, then two for its disk), and the irradiance of each.
 
-    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off its
-    middle are exact to the third degree; a uniform disk has half its radius, <x^2> = <rho^2> / 2, a darkened one less.
+    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off
+    its middle are exact to the third degree: <x^2> = <rho^2> / 2, half the radius of a uniform disk.
     """
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))

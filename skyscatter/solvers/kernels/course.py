@@ -79,7 +79,8 @@ def make_course(shells: int, blocks: int, components: int, degrees: int, wavelen
     return Course(
         np.zeros(raw), np.zeros(points), np.zeros((points, 4)), np.zeros(points, np.int64),
         np.zeros((points, components)), np.zeros((points, wavelengths)),
-        np.zeros((points, wavelengths)), np.zeros((points, wavelengths)), np.zeros((points, blocks, degrees, wavelengths)),
+        np.zeros((points, wavelengths)), np.zeros((points, wavelengths)),
+        np.zeros((points, blocks, degrees, wavelengths)),
         np.zeros((2 * points, 2)),
         np.zeros((2 * points, components, wavelengths)), np.zeros(wavelengths),
     )  # fmt: skip

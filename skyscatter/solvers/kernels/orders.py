@@ -93,7 +93,8 @@ def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int
         np.zeros((rays, components, wavelengths), np.float32),
         np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
         np.zeros((components, wavelengths)),
-        np.zeros((3, orders, degrees)), np.zeros(moments, np.int64), np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
+        np.zeros((3, orders, degrees)), np.zeros(moments, np.int64),
+        np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
         np.zeros((suns, orders, stokes, wavelengths), np.float32),
     )  # fmt: skip
 
