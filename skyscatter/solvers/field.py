@@ -34,6 +34,8 @@ COARSER = 4.0
 #: Share of that difference that is reported: methods of second order on half the steps leave a third of it; the rest
 #: is caution.
 ERROR_SHARE = 0.5
+#: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
+LEAST_ERROR = 0.4
 #: Rays of a bundle on which both solutions are compared, at most.
 COMPARED = 4
 #: Rays evaluated together.
@@ -439,5 +441,5 @@ class RadianceField:
         error = np.empty_like(diffuse)
         for k in range(len(sample)):
             rays = order[group[k] : group[k + 1]]
-            error[rays] = ERROR_SHARE * worst[k] * diffuse[rays]
+            error[rays] = (ERROR_SHARE * worst[k] + LEAST_ERROR * self.tolerance) * diffuse[rays]
         return error
