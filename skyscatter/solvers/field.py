@@ -29,6 +29,8 @@ from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_prob
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
+#: No grid is coarser than this asks for: less would save nothing.
+LOOSEST = 0.01
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
 #: Share of that difference that is reported: methods of second order on half the steps leave a third of it; the rest
@@ -182,6 +184,7 @@ def solve_range(
 ) -> RadianceField:
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
+    tolerance = min(tolerance, LOOSEST)
     coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
