@@ -30,8 +30,11 @@ from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_m
 
 Array = NDArray[np.float64]
 
-#: Degrees to which phase functions are kept, by tolerance; what is more forward-peaked is cut off (delta-M).
-DEGREES = ((0.02, 6), (0.004, 8), (0.002, 12), (0.0, 16))
+#: Degrees to which phase functions may be kept, with the tolerances from which on down they may, and must at least, be; what
+#: is more forward-peaked is cut off (delta-M).
+DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.01, 0.003), (16, 0.01, 0.001), (24, 0.001, 0.0))
+#: Optical depth of the cut peaks that is good enough, in units of the tolerance.
+PEAK_SHARE = 1.5
 #: Coefficients below this count as nought.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
@@ -96,12 +99,31 @@ def matrices(scene: Scene, table: SceneTable, wavelengths: Array, stokes: bool) 
     return matrix_tables(scene.medium, tuple(float(w) for w in wavelengths))
 
 
-def kept_degree(chi: Array, tolerance: float) -> int:
-    """Degree to which phase functions with coefficients `chi` (component, block, l, wavelength) are kept."""
+def kept_degree(chi: Array, depth: Array, tolerance: float) -> int:
+    """Degree to which phase functions are kept.
+
+    Parameters
+    ----------
+    chi : (component, block, l, wavelength)
+        Coefficients of the phase functions.
+    depth : (component, wavelength)
+        Vertical optical depths of scattering.
+    tolerance : float
+
+    Returns
+    -------
+    int
+        The first of `DEGREES` beyond which forward peaks scatter less than a few times the tolerance; or less, where
+        the phase functions have less.
+    """
     largest = np.abs(chi[:, 0]).max(axis=(0, 2))
     needed = int(np.flatnonzero(largest > LEAST_COEFFICIENT).max(initial=0))
-    allowed = next(degree for least, degree in DEGREES if tolerance >= least)
-    return max(min(needed, allowed), 2)
+    least = max(degree for degree, _, must in DEGREES if tolerance < must)
+    allowed = [degree for degree, may, _ in DEGREES if tolerance < may and degree >= least]
+    for degree in allowed:
+        if (np.abs(chi[:, 0, degree + 1]) * depth).sum(axis=0).max() < PEAK_SHARE * tolerance:
+            return max(min(needed, degree), 2)
+    return max(min(needed, allowed[-1]), 2)
 
 
 def make_problem(
@@ -117,11 +139,13 @@ def make_problem(
     table = compile_scene(scene, wavelengths)
     optics = table.optics
     matrix = matrices(scene, table, wavelengths, stokes)
-    most = DEGREES[-1][1] if degree is None else degree
+    most = DEGREES[-1][0] if degree is None else degree
     chi = expand(matrix, most + 1)
     scatters = np.asarray((optics.sigma_s > 0).any(axis=1))
     chi = chi * scatters[:, None, None, None]
-    kept = kept_degree(chi, tolerance) if degree is None else degree
+    column = np.zeros(len(chi))
+    outward_columns(table.columns, 0.0, 1.0, column)
+    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance) if degree is None else degree
     peak = chi[:, 0, kept + 1]
     peak = np.where(peak > LEAST_PEAK, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
@@ -381,7 +405,7 @@ def view(
     scratch = make_sweep_scratch(problem.diffuse, field, problem.stokes, int(np.diff(group).max(initial=1)))
     look(
         table.columns, problem.diffuse, table.optics, problem.whole, field, origins[order], directions[order], group,
-        2, scratch, scattered, reflected, multiple, direct,
+        scratch, scattered, reflected, multiple, direct,
     )  # fmt: skip
     back = np.empty_like(order)
     back[order] = np.arange(rays)

@@ -19,6 +19,7 @@ from skyscatter.solvers.kernels.course import (
     Course,
     Diffuse,
     lay_gauss,
+    lay_halves,
     lay_points,
     make_course,
     put_gauss,
@@ -149,8 +150,8 @@ def _half_lit_cell(columns, diffuse, line, s, q, nu, node, first_lit, course, li
 
 
 @kernel
-def _sunlit_cell(columns, diffuse, line, s, points, q, nu, course, lit, work):
-    """Add the sunlight that one ray receives in cell s, with `points` Gauss points and the edge of the shadow."""
+def _sunlit_cell(columns, diffuse, line, s, q, nu, course, lit, work):
+    """Add the sunlight that one ray receives in cell s, on its lit side of the edge of the shadow."""
     mu_0 = (q + (course.t[s] - line.start) * nu) / course.place[s, 0]
     mu_1 = (q + (course.t[s + 1] - line.start) * nu) / course.place[s + 1, 0]
     first, last = _disk_nodes(diffuse, min(mu_0, mu_1))
@@ -159,8 +160,7 @@ def _sunlit_cell(columns, diffuse, line, s, points, q, nu, course, lit, work):
         lit_0 = _tilted(mu_0, cosine, sine) + course.place[s, 2] >= 0.0
         lit_1 = _tilted(mu_1, cosine, sine) + course.place[s + 1, 2] >= 0.0
         if lit_0 and lit_1:
-            for g in range(points):
-                k = s * points + g
+            for k in range(2 * s, 2 * s + 2):
                 r = course.gauss[k, 1]
                 mu = (q + (course.gauss[k, 0] - line.start) * nu) / r
                 mu = min(max(_tilted(mu, cosine, sine), -1.0), 1.0)
@@ -241,7 +241,7 @@ def _smooth_point(columns, diffuse, line, k, rays, count, course, bundle, work):
 
 
 @kernel
-def light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work):
+def light_bundle(columns, diffuse, line, n, rays, course, bundle, work):
     """Sunlight that reaches the rays' start after one scattering, without the phase function, into ``bundle.many_lit``.
 
     Int T n_c E dt, per ray and component [m W m-2 nm-1].  Where all rays of a large bundle are in full sunlight, it is
@@ -262,12 +262,12 @@ def light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work):
         width = max(high_0 - low_0, high_1 - low_1)
         count = max(int(width / (SMOOTH_STEP + SMOOTH_GROWTH * max(above, 0.0))) + 2, 4)
         if above > edge and 2 * count <= rays and count <= bundle.sunlight.shape[0]:
-            for g in range(points):
-                _smooth_point(columns, diffuse, line, s * points + g, rays, count, course, bundle, work)
+            for g in range(2):
+                _smooth_point(columns, diffuse, line, 2 * s + g, rays, count, course, bundle, work)
         else:
             for ray in range(rays):
                 _sunlit_cell(
-                    columns, diffuse, line, s, points, bundle.q[ray], bundle.nu[ray], course, bundle.many_lit[ray], work
+                    columns, diffuse, line, s, bundle.q[ray], bundle.nu[ray], course, bundle.many_lit[ray], work
                 )
 
 
@@ -287,7 +287,7 @@ def sunlit_ground(columns, diffuse, mu, work, out):
 
 @kernel
 def light_node(columns, diffuse, sun_mu, line, n, rays, course, bundle, work):
-    """`light_bundle` for the rays of a node, with one Gauss point in a cell, into ``bundle.many_lit``.
+    """`light_bundle` for the rays of a node, on the points of `lay_halves`, into ``bundle.many_lit``.
 
     At each Gauss point the irradiance is computed for the field's Sun nodes `sun_mu` and interpolated to the rays:
     its many rays meet the same few Suns.
@@ -296,12 +296,12 @@ def light_node(columns, diffuse, sun_mu, line, n, rays, course, bundle, work):
         for c in range(bundle.step.shape[0]):
             for i in range(bundle.step.shape[1]):
                 bundle.many_lit[ray, c, i] = np.float32(0.0)
-    for s in range(n - 1):
-        t, r = course.gauss[s, 0], course.gauss[s, 1]
+    for k in range(2 * (n - 1)):
+        t, r = course.gauss[k, 0], course.gauss[k, 1]
         low, high = _place_rays(diffuse, line, t, r, sun_mu.size, rays, bundle)
         for j in range(low, high + 1):
             _sunlight(columns, diffuse, r, sun_mu[j], work, bundle.sunlight[j])
-        _add_interpolated(diffuse, s, rays, course, bundle)
+        _add_interpolated(diffuse, k, rays, course, bundle)
 
 
 @kernel
@@ -639,7 +639,7 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
         weigh_cells(diffuse, line.hits_ground, n, course, work)
         rays = _node_rays(r, mu, sun_mu, azimuth, bundle)
         if is_first:
-            lay_gauss(columns, diffuse, line, n, 1, course, work)
+            lay_halves(columns, diffuse, line, n, course, work)
             light_node(columns, diffuse, fine_mu, line, n, rays, course, bundle, work)
             for ray in range(rays):
                 scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
@@ -704,7 +704,7 @@ def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratc
 
 
 @entry
-def look(columns, diffuse, optics, first, field, origins, directions, group, points, scratch,
+def look(columns, diffuse, optics, first, field, origins, directions, group, scratch,
          scattered, reflected, multiple, direct):  # fmt: skip
     """Radiance along rays from a solved field.
 
@@ -720,8 +720,6 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, poi
     origins, directions : (ray, 3)
     group : (group + 1,) int64
         Rays ``group[g]`` to ``group[g + 1]`` share one course; no more of them than the bundle holds.
-    points : int
-        Gauss points in a cell for the first order, 1 or 2.
     scratch : tuple
         Made by `make_sweep_scratch`.
     scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength), output
@@ -739,7 +737,7 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, poi
         if line.leave > line.enter or line.hits_ground:
             n = lay_points(columns, diffuse, line, course, work)
             weigh_cells(diffuse, line.hits_ground, n, course, work)
-            lay_gauss(columns, diffuse, line, n, points, course, work)
+            lay_gauss(columns, diffuse, line, n, course, work)
             for ray in range(rays):
                 o, d = origins[begin + ray], directions[begin + ray]
                 bundle.q[ray] = o[0] * s[0] + o[1] * s[1] + o[2] * s[2]
@@ -749,7 +747,7 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, poi
                     + o[1] * (s[2] * d[0] - s[0] * d[2])
                     + o[2] * (s[0] * d[1] - s[1] * d[0])
                 )
-            light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work)
+            light_bundle(columns, diffuse, line, n, rays, course, bundle, work)
             for ray in range(rays):
                 scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
             if diffuse.peaks.shape[1] > 0 and not line.hits_ground:
