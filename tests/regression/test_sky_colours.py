@@ -23,7 +23,7 @@ def look(scene: skyscatter.Scene, *views: tuple[float, float], **options: Any) -
     """XYZ [cd m-2] of the sky towards (azimuth, elevation) [degree], shape (view, 3)."""
     directions = np.array([direction_from_azimuth_elevation(*view) for view in views])
     origins = np.repeat(scene.observer.position[None, :], len(views), axis=0)
-    answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, **options)
+    answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, "path", **options)
     return spectrum_to_xyz(answer.radiance, WAVELENGTHS)
 
 
