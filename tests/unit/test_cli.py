@@ -265,8 +265,8 @@ def test_defaults(fake, capsys):
 
 def test_everything_given(fake, capsys):
     words = "sky mars --sun-elevation -6 --sun-azimuth 250 --altitude 400km --view fisheye-equisolid --size 30x20"
-    words += " --wavelengths 450,550nm,0.65um --solver path --noise 2% --seed 7 --threads 2 --order-limit 3 --exposure -1.5"
-    words += " --tone linear --space rec2020 --bits 16 -o a.png -o b.exr -o c.fits -o d.nc --quiet"
+    words += " --wavelengths 450,550nm,0.65um --solver path --noise 2% --seed 7 --threads 2 --order-limit 3"
+    words += " --exposure -1.5 --tone linear --space rec2020 --bits 16 -o a.png -o b.exr -o c.fits -o d.nc --quiet"
     assert main(words.split()) == 0
     assert fake.scene == {"sun_elevation_deg": -6.0, "sun_azimuth_deg": 250.0, "altitude": 400e3}
     asked = fake.render

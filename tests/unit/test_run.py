@@ -47,7 +47,7 @@ UP = np.array([0.0, 0.0, 1.0])
         ({"solver": "path", "sampling": "free-flight", "noise": 0.1}, "means nothing"),
         ({"samples": 8}, "samples = 8: means nothing to the solver orders"),
         ({"noise": 0.1}, "noise = 0.1: means nothing to the solver orders"),
-        ({"sampling": "march"}, "sampling = march: means nothing to the solver orders"),
+        ({"sampling": "march"}, "sampling = 'march': means nothing to the solver orders"),
         ({"orders": 2}, "orders = 2: means nothing to the solver orders"),
         ({"tolerance": 5e-5}, "tolerance = 5e-05: at least 1e-4 for solver orders"),
         ({"solver": "single", "samples": 8}, "means nothing"),
