@@ -29,11 +29,15 @@ from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_prob
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
+#: No grid is coarser than this asks for: less would save nothing.
+LOOSEST = 0.01
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
 #: Share of that difference that is reported: methods of second order on half the steps leave a third of it; the rest
 #: is caution.
 ERROR_SHARE = 0.5
+#: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
+LEAST_ERROR = 0.4
 #: Rays of a bundle on which both solutions are compared, at most.
 COMPARED = 4
 #: Rays evaluated together.
@@ -180,6 +184,7 @@ def solve_range(
 ) -> RadianceField:
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
+    tolerance = min(tolerance, LOOSEST)
     coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
@@ -439,5 +444,5 @@ class RadianceField:
         error = np.empty_like(diffuse)
         for k in range(len(sample)):
             rays = order[group[k] : group[k + 1]]
-            error[rays] = ERROR_SHARE * worst[k] * diffuse[rays]
+            error[rays] = (ERROR_SHARE * worst[k] + LEAST_ERROR * self.tolerance) * diffuse[rays]
         return error

@@ -44,6 +44,9 @@ CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.2
+#: Shares of the tolerance for which directions and positions of the Sun are chosen where it may be below the horizon,
+#: and where it is below for nearly all that matters.
+DUSK_SHARE, DEEP_SHARE = 0.3, 0.12
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
@@ -204,10 +207,13 @@ def make_grid(
     mean = depth.mean(axis=1)
     scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
-    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance)
-    count = max(int(np.ceil(7 / grids.fineness(tolerance))), degree + 3)
+    # In twilight light comes from one side, low above the horizon.
+    dusk, deep = sun_zenith[1] > np.pi / 2 + sinking, sun_zenith[0] > np.pi / 2 - 2.5 * sinking
+    finer = tolerance * (DEEP_SHARE if deep else DUSK_SHARE if dusk else 1.0)
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, finer)
+    count = max(int(np.ceil(7 / grids.fineness(finer))), degree + 3)
     azimuths = np.pi * (np.arange(count) + 0.5) / count
-    quadrature = grids.directions(nodes, columns.radius, degree, tolerance)
+    quadrature = grids.directions(nodes, columns.radius, degree, finer)
     return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths)
 
 
