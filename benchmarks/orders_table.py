@@ -35,6 +35,8 @@ DAY_BAR, TWILIGHT_BAR = 0.005, 0.01  #: relative deviations that are allowed wit
 SIGMAS = 3.0  #: a deviation of fewer standard errors of the reference is none
 #: Values of which the reference knows no more than this relative standard error are not judged.
 WORST_NOISE = 0.1
+#: Radiances that count as none [W m-2 sr-1 nm-1]: a tenth or less of what the darkest night sky gives off by itself.
+FAINTEST = 1e-10
 #: Relative standard error after which walking on would judge nothing better.
 ENOUGH = 3e-4
 FIRST_ORDER = 1e-6  #: tolerance of the reference's first order
@@ -158,7 +160,7 @@ def reference(case: Case, folder: Path, budget: float, threads: int | None) -> W
     while kept.seconds < budget:
         if len(kept.walks) >= 4:
             samples = 2048
-            if np.all(kept.error < ENOUGH * kept.mean):
+            if np.all((kept.error < ENOUGH * kept.mean) | (kept.mean < FAINTEST)):
                 break
         seed = 1 + len(kept.walks)
         time, answer = seconds(lambda n=samples, s=seed: skyscatter.radiance(
@@ -196,9 +198,9 @@ class Verdict(NamedTuple):
 def judge(case: Case, walks: Walks, answer: Any) -> Verdict:
     """Compare an answer of `orders` with the walks."""
     bar = DAY_BAR if case.elevation >= 0 else TWILIGHT_BAR
-    mean = np.maximum(walks.mean, 1e-300)
+    mean = np.maximum(walks.mean, FAINTEST)
     deviation, noise, claimed = answer.radiance / mean - 1, walks.error / mean, answer.standard_error / mean
-    judged = noise < WORST_NOISE
+    judged = (noise < WORST_NOISE) & (walks.mean > FAINTEST)
     outside = judged & (np.abs(deviation) > np.maximum(bar, SIGMAS * noise))
     understated = judged & (np.abs(deviation) > claimed + SIGMAS * noise)
     return Verdict(deviation, noise, claimed, judged, outside, understated)
@@ -258,7 +260,7 @@ def text(found: list[tuple[Case, Walks, Verdict]], given: Any) -> list[str]:
     total = sum(v.judged.size for _, _, v in found)
     about = (
         f"{len(found)} skies, {total} values (directions times {', '.join(f'{w:g}' for w in WAVELENGTHS)} nm), "
-        f"{judged} of which the reference knows to {100 * WORST_NOISE:g} % or better and which are judged. Walks of "
+        f"{judged} of which the reference knows to {100 * WORST_NOISE:g} % or better and are brighter than {FAINTEST:g} W m⁻² sr⁻¹ nm⁻¹: these are judged. Walks of "
         f"`path` per ray: {show(int(all_walks.min()))} to {show(int(all_walks.max()))}, "
         f"{sum(walks.seconds for _, walks, _ in found) / 60:.0f} minutes in all. `orders` with tolerance "
         f"{given.tolerance:g}. **Outside**, that is off by more than {100 * DAY_BAR:g} % (Sun at or above the horizon) or "

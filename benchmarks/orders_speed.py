@@ -1,0 +1,319 @@
+"""What the deterministic solver `orders` costs, and how far off it is.
+
+Parts, each with its section in RESULTS.md: `panorama` (pictures of the model `earth`, and the next position of the Sun
+from a solved field), `walks` (time to equal error beside `path`), `sasktran` (upward rays in a Rayleigh sphere beside
+sasktran2), `memory` (of a fresh process), `curves` (cost over wavelengths, tolerance and size of the picture, and a
+drawing of them in docs/).  sasktran2 is needed for its part alone.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from common import WAVELENGTHS, machine, median_seconds, parser, processors, report, rms, seconds, table, versions
+from walks import size
+
+import skyscatter
+
+ELEVATIONS = (60.0, 10.0, 0.0, -6.0)
+PARTS = ("panorama", "walks", "sasktran", "memory", "curves")
+FINE = 0.001  #: tolerance of the solution that judges
+STEP = 0.5  #: to the next position of the Sun [degree]
+NEAR_SUN = np.cos(np.radians(1.0))  #: rays closer to the Sun are not compared: its disk has no error
+DRAWING = Path(__file__).parent.parent / "docs" / "orders-cost.png"
+#: Elevations of the Sun for which the field of the next position is solved, around the first [degree].
+AROUND = 1.0
+
+
+def scene_at(elevation: float) -> skyscatter.Scene:
+    """Model earth, seen from the ground."""
+    return skyscatter.load_model("earth").scene(sun_elevation_deg=elevation)
+
+
+def camera(picture: tuple[int, int]) -> skyscatter.Panorama:
+    """The whole sphere."""
+    return skyscatter.Panorama(width=picture[0], height=picture[1])
+
+
+def sample_rays(scene: skyscatter.Scene, picture: tuple[int, int] = (24, 48)) -> Any:
+    """Directions of the sky's half of a small panorama, away from the Sun's disk; shape (ray, 3)."""
+    rays = camera(picture).directions(scene.observer).reshape(-1, 3)
+    return rays[(rays[:, 2] > 0) & (rays @ scene.sun.direction < NEAR_SUN)]
+
+
+def errors(radiance: Any, judge: Any) -> list[float]:
+    """Root mean square, median and largest relative deviation [%]."""
+    off = np.abs(radiance / judge - 1)
+    return [100 * rms(off), 100 * float(np.median(off)), 100 * float(off.max())]
+
+
+def panorama(given: Any) -> list[str]:
+    """First picture, next position of the Sun, and the error of both."""
+    rows: list[list[Any]] = []
+    picture = size(given.size)
+    skyscatter.render(scene_at(30.0), camera((16, 8)), WAVELENGTHS, threads=given.threads)
+    for elevation in ELEVATIONS:
+        scene = scene_at(elevation)
+        view, observer = camera(picture).directions(scene.observer), scene.observer.position
+        first, _ = median_seconds(
+            lambda s=scene: skyscatter.render(s, camera(picture), WAVELENGTHS, threads=given.threads), given.repeats
+        )
+        field = skyscatter.solve(
+            scene, WAVELENGTHS, sun_elevations_deg=(elevation - AROUND, elevation + AROUND), threads=given.threads
+        )
+        following, _ = median_seconds(
+            lambda f=field, e=elevation: f.radiance(observer, view, sun_elevation_deg=e - STEP, threads=given.threads),
+            given.repeats,
+        )
+        rays = sample_rays(scene)
+        fine, mine = (
+            skyscatter.radiance(scene, observer, rays, WAVELENGTHS, tolerance=t, threads=given.threads)
+            for t in (FINE, None)
+        )
+        stated = 100 * float(np.median(mine.standard_error / mine.radiance))
+        rows.append([f"{elevation:g}", first, following, *errors(mine.radiance, fine.radiance), stated])
+    whole, field = seconds(lambda: skyscatter.solve(scene_at(0.0), WAVELENGTHS, threads=given.threads))
+    moves, _ = median_seconds(
+        lambda: field.radiance(observer, view, sun_elevation_deg=20.0, threads=given.threads), given.repeats
+    )
+    header = [
+        "Sun [°]", "first picture [s]", "next Sun, field solved [s]", "error, rms [%]", "error, median [%]",
+        "error, largest [%]", "stated, median [%]",
+    ]  # fmt: skip
+    about = (
+        f"Model earth from the ground, panorama {given.size}, {WAVELENGTHS.size} wavelengths 380 to 780 nm, tolerance 0.005, "
+        f"{given.threads} threads. First picture: field and picture. Next Sun: `field.radiance` for all pixels with the Sun "
+        f"{STEP:g} degrees lower, the field solved for {AROUND:g} degree either side. Errors against a tolerance of {FINE:g}, in the "
+        "sky, more than a degree from the Sun."
+    )
+    return [
+        about, table(header, rows),
+        f"A field for all elevations of the Sun: solved once in {whole:.1f} s, then {moves:.2f} s for a picture.",
+    ]  # fmt: skip
+
+
+def walks(given: Any) -> list[str]:
+    """Time to equal error beside `path`."""
+    rows: list[list[Any]] = []
+    whole = np.prod(size(given.size)) / 2  # rays of the sky's half
+    for elevation in ELEVATIONS:
+        scene = scene_at(elevation)
+        rays = sample_rays(scene, (64, 32))
+        observer = scene.observer.position
+        judge = skyscatter.radiance(scene, observer, rays, WAVELENGTHS, tolerance=FINE, threads=given.threads).radiance
+        full = camera(size(given.size)).directions(scene.observer)
+        full = full[full[..., 2] > 0]
+        ours, _ = median_seconds(
+            lambda s=scene, d=full: skyscatter.radiance(s, observer, d, WAVELENGTHS, threads=given.threads), given.repeats
+        )
+        mine = skyscatter.radiance(scene, observer, rays, WAVELENGTHS, threads=given.threads)
+        samples = given.samples if elevation >= 0 else 4 * given.samples
+        theirs, answer = median_seconds(
+            lambda s=scene, d=rays, n=samples: skyscatter.radiance(
+                s, observer, d, WAVELENGTHS, "path", samples=n, threads=given.threads
+            ),
+            given.repeats,
+        )
+        scaled = theirs * whole / len(rays)
+        noise, actual, off = 100 * rms(answer.standard_error / answer.radiance), errors(answer.radiance, judge)[0], errors(mine.radiance, judge)[0]
+        equal = scaled * (noise / off) ** 2
+        rows.append([f"{elevation:g}", ours, off, samples, scaled, noise, actual, equal, equal / ours])
+    header = [
+        "Sun [°]", "orders [s]", "its error [%]", "walks of path", "path [s]", "its noise [%]", "its error [%]",
+        "path to the error of orders [s]", "times",
+    ]  # fmt: skip
+    about = (
+        f"The sky's half of a {given.size} panorama of model earth, {WAVELENGTHS.size} wavelengths, {given.threads} threads; path measured "
+        f"on a 64x32 panorama and scaled by the number of rays, then by the square of the errors. Errors: root mean "
+        f"squares against orders with tolerance {FINE:g}; noise: path's own standard error, which says too little at -6 degrees."
+    )
+    return [about, table(header, rows)]
+
+
+def sasktran(given: Any) -> list[str]:
+    """Upward rays in a Rayleigh sphere beside sasktran2, all against one long run of `path`."""
+    import sasktran_rays as sphere
+
+    nodes = np.arange(0.0, sphere.TOP + 1.0, 1000.0)
+    zenith = np.repeat(np.linspace(2.0, 85.0, 10), 10)
+    cosine, azimuth = np.cos(np.radians(zenith)), np.tile(np.linspace(0.0, np.pi, 10), 10)
+    across = np.sqrt(1 - cosine**2)
+    directions = np.stack([across * np.sin(azimuth), across * np.cos(azimuth), cosine], axis=-1)
+    scene = sphere.our_scene(nodes, 60.0)
+    observer = scene.observer.position
+
+    def ours(solver: str, **more: Any) -> Any:
+        return skyscatter.radiance(scene, observer, directions, WAVELENGTHS, solver, threads=given.threads, **more)
+
+    long, judge = seconds(lambda: ours("path", samples=given.reference, seed=2**32, tolerance=1e-7))
+    noise = rms(judge.standard_error / judge.radiance)
+
+    def line(name: str, run: Any) -> list[Any]:
+        run()
+        time, radiance = median_seconds(run, given.repeats)
+        ratio = radiance / judge.radiance - 1
+        error = np.sqrt(max(rms(ratio) ** 2 - noise**2, 0.0))
+        by_zenith = ratio.reshape(10, -1).mean(axis=1)
+        return [name, time, 100 * float(error), f"{100 * ratio.mean():+.3f}", *(f"{100 * by_zenith[k]:+.3f}" for k in (0, 6, 9))]
+
+    rows = [
+        line(f"skyscatter orders, tolerance {t:g}", lambda t=t: ours("orders", tolerance=t).radiance)
+        for t in (0.02, 0.005, 0.002, 0.001, 0.0003)
+    ]
+    rows.append(line("skyscatter path, 1024 walks", lambda: ours("path", samples=1024).radiance))
+    for name, step, source, settings in PEERS:
+        fine = np.arange(0.0, sphere.TOP + 1.0, step)
+        rows.append(line(f"sasktran2, {name}", lambda f=fine, s=settings, m=source: sphere.peer(
+            f, cosine, azimuth, 0.5, given.threads, s, m, np.interp(f, nodes, np.exp(-nodes / sphere.SCALE_HEIGHT))
+        )))  # fmt: skip
+    about = (
+        f"100 rays x {WAVELENGTHS.size} wavelengths, Sun zenith angle 60 degrees, air of optical depth "
+        f"{sphere.COEFFICIENT * sphere.SCALE_HEIGHT:.3f} at 550 nm whose density is linear between nodes 1 km apart (for all, whatever "
+        f"their own nodes), albedo {sphere.ALBEDO}, scalar, {given.threads} threads. Judge: `path`, {given.reference} walks per ray, "
+        f"{long:.0f} s, noise {100 * noise:.3f} %, taken off in quadrature; errors are judged down to a third of it."
+    )
+    header = ["solver", "seconds", "error, rms [%]", "mean [%]", "at 2° [%]", "at 57° [%]", "at 85° from the zenith [%]"]
+    return [about, table(header, rows)]
+
+
+#: Name, distance of its nodes [m], source of multiple scattering, and settings of sasktran2.
+PEERS: tuple[tuple[str, float, str, dict[str, int]], ...] = (
+    ("discrete ordinates, 1 km", 1000.0, "DiscreteOrdinates", {}),
+    ("discrete ordinates, 500 m", 500.0, "DiscreteOrdinates", {}),
+    ("discrete ordinates, 500 m, 5 Sun angles", 500.0, "DiscreteOrdinates", {"num_sza": 5}),
+    ("successive orders, 1 km", 1000.0, "SuccessiveOrders", {}),
+    ("successive orders, 500 m", 500.0, "SuccessiveOrders", {}),
+    ("successive orders, 500 m, 5 Sun angles", 500.0, "SuccessiveOrders", {"num_sza": 5}),
+)
+
+#: What a fresh process does before its peak memory is read.
+CHILD = """
+import resource, skyscatter, numpy as np
+scene = skyscatter.load_model("earth").scene(sun_elevation_deg={elevation})
+wl = np.linspace(380, 780, {wavelengths})
+{work}
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+RENDER = 'skyscatter.render(scene, skyscatter.Panorama(width={0}, height={1}), wl, "{2}"{3})'
+
+
+def memory(given: Any) -> list[str]:
+    """Peak memory of fresh processes."""
+    width, height = size(given.size)
+    works = [
+        ("kernels loaded, one ray", 32, RENDER.format(1, 2, "single", "")),
+        (f"path, {given.size}, 2 walks", 32, RENDER.format(width, height, "path", ", samples=2")),
+        (f"orders, {given.size}", 32, RENDER.format(width, height, "orders", "")),
+        (f"orders, {given.size}, 128 wavelengths", 128, RENDER.format(width, height, "orders", "")),
+        (f"orders, 16x8, tolerance {FINE:g}", 32, RENDER.format(16, 8, "orders", f", tolerance={FINE}")),
+        ("orders, a field for all Suns", 32, "skyscatter.solve(scene, wl)"),
+        ("orders, a field for all Suns, polarised", 32, "skyscatter.solve(scene, wl, stokes=True)"),
+    ]
+    rows: list[list[Any]] = []
+    for name, wavelengths, work in works:
+        code = CHILD.format(elevation=-3, wavelengths=wavelengths, work=work)
+        time, done = seconds(lambda c=code: subprocess.run([sys.executable, "-c", c], check=True, capture_output=True, text=True))
+        unit = 2**20 if sys.platform == "darwin" else 2**10  # bytes there, KiB elsewhere
+        rows.append([name, wavelengths, int(done.stdout.split()[-1]) // unit, time])
+    return [
+        "Peak memory of a fresh process (`ru_maxrss`), model earth, Sun at -3 degrees.",
+        table(["work", "wavelengths", "peak [MiB]", "seconds, start included"], rows),
+    ]
+
+
+def curves(given: Any) -> list[str]:
+    """Cost over wavelengths, tolerance and size of the picture."""
+    def picture(scene: Any, count: int, shape: tuple[int, int]) -> float:
+        wl = np.linspace(380.0, 780.0, count) if count > 1 else np.array([550.0])
+        run = lambda: skyscatter.render(scene, camera(shape), wl, threads=given.threads)  # noqa: E731
+        return median_seconds(run, given.repeats)[0]
+
+    day, dusk = scene_at(30.0), scene_at(-3.0)
+    skyscatter.render(day, camera((16, 8)), WAVELENGTHS, threads=given.threads)
+    by_count = [[n, picture(day, n, (128, 64)), picture(dusk, n, (128, 64))] for n in (1, 2, 4, 8, 16, 32, 64, 128)]
+    by_size = [[f"{w}x{w // 2}", picture(day, 32, (w, w // 2)), picture(dusk, 32, (w, w // 2))] for w in (16, 64, 128, 256, 512, 1024)]
+    by_tolerance: list[list[Any]] = []
+    judges = {}
+    for tolerance in (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05):
+        row: list[Any] = [tolerance]
+        for scene in (day, dusk):
+            rays = sample_rays(scene)
+            time, answer = median_seconds(
+                lambda s=scene, r=rays, t=tolerance: skyscatter.radiance(
+                    s, s.observer.position, r, WAVELENGTHS, tolerance=t, threads=given.threads
+                ), given.repeats if tolerance >= 0.002 else 1,
+            )  # fmt: skip
+            judge = judges.setdefault(id(scene), answer.radiance)
+            error = rms(answer.radiance / judge - 1) if judge is not answer.radiance else float("nan")
+            row += [time, 100 * error, 100 * rms(answer.standard_error / answer.radiance)]
+        by_tolerance.append(row)
+    draw(by_count, by_tolerance, by_size)
+    return [
+        f"Model earth from the ground, the Sun at 30 and -3 degrees, {given.threads} threads; field and picture together. By number "
+        "of wavelengths, 128x64 pixels:",
+        table(["wavelengths", "30° [s]", "-3° [s]"], by_count),
+        f"By tolerance, {WAVELENGTHS.size} wavelengths, the sky's half of a small panorama; errors are root mean squares against the "
+        "finest:",
+        table(["tolerance", "30° [s]", "error [%]", "stated [%]", "-3° [s]", "error [%]", "stated [%]"], by_tolerance),
+        f"By size of the picture, {WAVELENGTHS.size} wavelengths:",
+        table(["pixels", "30° [s]", "-3° [s]"], by_size),
+        "Drawn in `docs/orders-cost.png`.",
+    ]
+
+
+def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
+    """The three curves as a picture."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter, ScalarFormatter
+
+    figure = Figure(figsize=(11, 3.6), layout="constrained", dpi=110)
+    panels = figure.subplots(1, 3)
+    pixels = [int(np.prod([int(n) for n in row[0].split("x")])) for row in by_size]
+    data = (
+        ("wavelengths", [row[0] for row in by_count], [row[1:3] for row in by_count]),
+        ("relative error reached (rms) [%]", None, None),
+        ("pixels", pixels, [row[1:3] for row in by_size]),
+    )
+    for panel, (label, x, y) in zip(panels, data, strict=True):
+        for k, (name, colour, marker) in enumerate((("Sun at 30°", "#c46a00", "o"), ("Sun at -3°", "#3b4f9e", "s"))):
+            if x is None:
+                rows = [row for row in by_tolerance if np.isfinite(row[2])]
+                panel.plot([row[2 + 3 * k] for row in rows], [row[1 + 3 * k] for row in rows], marker + "-", color=colour, label=name)
+            else:
+                panel.plot(x, [row[k] for row in y], marker + "-", color=colour, label=name)
+        panel.set(xscale="log", yscale="log", xlabel=label)
+        panel.grid(alpha=0.3, which="both", linewidth=0.5)
+        panel.yaxis.set_major_formatter(ScalarFormatter())
+        panel.yaxis.set_minor_formatter(NullFormatter())
+    panels[0].set_ylabel("seconds, field and picture")
+    panels[0].set_xscale("log", base=2)
+    panels[0].xaxis.set_major_formatter(ScalarFormatter())
+    panels[0].legend(frameon=False)
+    panels[0].set_title("128x64 pixels, tolerance 0.005", fontsize=10)
+    panels[1].set_title("576 rays, 32 wavelengths", fontsize=10)
+    panels[2].set_title("32 wavelengths, tolerance 0.005", fontsize=10)
+    figure.savefig(DRAWING, metadata={"Software": None})
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument("--parts", default=",".join(PARTS), help="by commas")
+    options.add_argument("--size", default="512x256", help="the picture")
+    options.add_argument("--samples", type=int, default=64, help="walks per ray for path, four times as many in twilight")
+    options.add_argument("--reference", type=int, default=65536, help="walks per ray of the judge beside sasktran2")
+    options.add_argument("--threads", type=int, default=min(2, processors()))
+    given = options.parse_args()
+    where = machine()
+    for part in given.parts.split(","):
+        blocks = {"panorama": panorama, "walks": walks, "sasktran": sasktran, "memory": memory, "curves": curves}[part](given)
+        packages = versions("skyscatter", "numba", "numpy", *(["sasktran2"] if part == "sasktran" else []))
+        words = [w for w in sys.argv[1:] if not w.startswith("--parts") and w not in (given.parts, "--write")]
+        report(f"orders-{part}", where, packages, blocks, ["orders_speed.py", "--parts", part, *words], given.write)
+
+
+if __name__ == "__main__":
+    main()
