@@ -51,7 +51,7 @@ class Solution:
     @cached_property
     def loaded(self) -> Field:
         """Moments on rows and fine Sun nodes."""
-        sweeper = Sweeper(self.problem, 0.0, 1)
+        sweeper = Sweeper(self.problem, 1)
         with ThreadPoolExecutor(1) as pool:
             return sweeper.load(pool, self.sums.moments, self.sums.flux)
 
@@ -69,7 +69,7 @@ def solve_once(
 ) -> Solution:
     """One solution on one grid."""
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance)
-    sweeper = Sweeper(problem, tolerance, threads)
+    sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, tolerance, max_order, progress))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 #: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
-BASE_TOLERANCE = 0.005
+BASE_TOLERANCE = 0.002
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
 HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
@@ -54,8 +54,8 @@ class Grid:
 
 
 def fineness(tolerance: float) -> float:
-    """Factor on every spacing: the square root of the tolerance, between 1/4 and 2."""
-    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 2.0))
+    """Factor on every spacing: the square root of the tolerance, between 1/4 and 3.2."""
+    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 3.2))
 
 
 def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float) -> Array:
@@ -73,10 +73,9 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float)
     """
     f = fineness(tolerance)
     top = altitude[-1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = -np.gradient(depth, altitude, axis=0)
-        scale = np.nanmin(np.where((depth > 0) & (slope > 0), depth / slope, np.nan), axis=1)
-    scale = np.clip(np.nan_to_num(scale, nan=top / 10), top / 50, top / 5)
+    slope = -np.gradient(depth, altitude, axis=0)
+    scale = np.where(slope > 0, depth / np.where(slope > 0, slope, 1.0), np.inf).min(axis=1)
+    scale = np.clip(scale, top / 50, top / 5)
     step = f * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
     density = np.maximum(1 / step, np.max(slope / (f * (DEPTH_STEP + DEPTH_GROWTH * inside)), axis=1))

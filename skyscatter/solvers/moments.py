@@ -83,7 +83,7 @@ def angular_functions(degree: int, orders: int, mu: ArrayLike) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _expansion_weights(degree: int, cells: int) -> Array:
+def _expansion_weights(degree: int, cells: int, scalar: bool) -> Array:
     """Weights with which tabulated functions are integrated against d_00, d_02, d_22 and d_2-2; (4, l, angle).
 
     The table's nodes are mu = 1 - 2 (k / cells)^2, and between them it is linear in mu, as the kernels read it; three
@@ -94,8 +94,9 @@ def _expansion_weights(degree: int, cells: int) -> Array:
     width = node[:-1] - node[1:]
     share = (x + 1) / 2
     mu = (node[:-1, None] - width[:, None] * share).ravel()
-    weights = np.empty((4, degree + 1, cells + 1))
-    for k, (m, n) in enumerate(((0, 0), (0, 2), (2, 2), (2, -2))):
+    functions = ((0, 0), (0, 2), (2, 2), (2, -2))[: 1 if scalar else 4]
+    weights = np.empty((len(functions), degree + 1, cells + 1))
+    for k, (m, n) in enumerate(functions):
         d = wigner(degree, m, n, mu).reshape(degree + 1, cells, 3) * (np.pi * width[:, None] * w)
         weights[k] = 0.0
         weights[k, :, :-1] += d @ (1 - share)
@@ -119,7 +120,7 @@ def expand(matrix: Array, degree: int) -> Array:
         chi_l = 2 pi Int a(mu) d^l(mu) dmu: of a1 and a4 with d_00, of b1 and b2 with d_02; those of a2 and a3 from the sums
         and differences with d_22 and d_2-2.  The coefficients of the literature are (2 l + 1) times these.
     """
-    weights = _expansion_weights(degree, matrix.shape[2] - 1)
+    weights = _expansion_weights(degree, matrix.shape[2] - 1, matrix.shape[1] == 1)
 
     def moments(function: int, values: Array) -> Array:
         return np.einsum("lk,ckw->clw", weights[function], values, optimize=True)

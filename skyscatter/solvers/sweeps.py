@@ -23,7 +23,7 @@ from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.kernels.course import Diffuse
-from skyscatter.solvers.kernels.lookup import densities, outward_columns
+from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import Field, look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
@@ -36,14 +36,14 @@ DEGREES = ((0.02, 6), (0.004, 8), (0.002, 12), (0.0, 16))
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
 LEAST_PEAK = 1e-4
+#: Degrees to which cut forward peaks are followed.
+PEAK_DEGREES = 300
 #: Largest angle at the planet's centre that a cell spans [rad], and its largest optical depth.
 CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Orders after which a solution that has not converged is given up.
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.2
-#: Moments that add less than this share of the tolerance to the source are not gathered.
-PRUNE_SHARE = 0.2
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
@@ -131,14 +131,29 @@ def make_problem(
     grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
+    peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
     diffuse = Diffuse(
-        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light,
+        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light, peaks=np.ascontiguousarray(peaks),
         tilt=tilt, share=share, shell=grid.rows, index=grid.index,
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
     orders = int(moments.order.max())
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
     return Problem(table, diffuse, grid, moments, grids.recurrence(kept, orders), cut, whole, kinds)
+
+
+def _peaks(phase: Array, peak: Array, kept: int) -> Array:
+    """(2 l + 1) / (4 pi) r_l of what delta-M cuts off, (component, l, wavelength); no degrees where nothing is cut.
+
+    r_l is the cut share up to the kept degree, and the phase function's own coefficient beyond.
+    """
+    if not (peak > 0).any():
+        return np.zeros((len(phase), 0, phase.shape[3]))
+    beyond = expand(phase, PEAK_DEGREES)[:, 0]
+    beyond[:, : kept + 1] = peak[:, None]
+    beyond = np.where(peak[:, None] > 0, np.maximum(beyond, 0.0), 0.0)
+    last = int(np.flatnonzero((beyond > LEAST_PEAK).any(axis=(0, 2))).max())
+    return beyond[:, : last + 1] * ((2 * np.arange(last + 1) + 1) / (4 * np.pi))[:, None]
 
 
 def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, Array]:
@@ -198,16 +213,18 @@ def make_grid(
 class Sweeper:
     """Runs the kernels over the heights of a problem in a pool of threads."""
 
-    def __init__(self, problem: Problem, tolerance: float, threads: int) -> None:
+    def __init__(self, problem: Problem, threads: int) -> None:
         self.problem, self.threads = problem, threads
-        self.least = PRUNE_SHARE * tolerance
         grid, moments = problem.grid, problem.moments
-        wavelengths = problem.diffuse.sigma_t.shape[1]
         m = np.arange(problem.recurrence.shape[1])
         self.azimuth = np.stack([np.cos(grid.azimuths[:, None] * m), np.sin(grid.azimuths[:, None] * m)], axis=-1)
         self.take = np.stack([take_moments(moments, problem.stokes, d[:, 0]) for d in grid.directions])
-        self.share = _share_of_degrees(problem)
-        self.field = self._field(np.arange(moments.degree.size))
+        suns, wavelengths = grid.fine_sun_zenith.size, problem.diffuse.sigma_t.shape[1]
+        self.field = Field(
+            np.empty((grid.rows.size, suns, moments.degree.size, wavelengths), np.float32),
+            np.zeros((suns, wavelengths), np.float32),
+            moments.degree, moments.order, moments.gives, problem.recurrence,
+        )  # fmt: skip
         self.row_node, self.row_weight = grids.cubic_weights(grid.altitudes, grid.rows)
         number = np.arange(grid.sun_zenith.size, dtype=float)
         fine = np.linspace(0, max(number[-1], 0), grid.fine_sun_zenith.size)
@@ -252,29 +269,12 @@ class Sweeper:
             pass
         return moments, flux
 
-    def _field(self, kept: NDArray[np.int64]) -> Field:
-        """Room for a field of some of the moments."""
-        p, grid = self.problem, self.problem.grid
-        suns, wavelengths = grid.fine_sun_zenith.size, p.diffuse.sigma_t.shape[1]
-        return Field(
-            np.empty((grid.rows.size, suns, kept.size, wavelengths), np.float32),
-            np.zeros((suns, wavelengths), np.float32),
-            p.moments.degree[kept], p.moments.order[kept], p.moments.gives[kept], p.recurrence,
-        )  # fmt: skip
-
     def load(self, pool: ThreadPoolExecutor, moments: Array, flux: Array) -> Field:
-        """Interpolate moments and the ground's light into the field from which rays gather.
-
-        Moments that add less than the tolerance can see to the source anywhere are left out: after the first order the
-        light is smooth, and few are needed.
-        """
+        """Interpolate moments and the ground's light into the field from which rays gather."""
         mean = np.maximum(moments[:, :, :1], FLOOR)
         packed = np.clip(moments / mean, -2.0, 2.0)
-        adds = np.percentile(np.max(np.abs(packed) * self.share[:, None], axis=3), 95, axis=(0, 1))
-        kept = np.flatnonzero((adds > self.least) | (np.arange(adds.size) == 0))
-        packed = np.ascontiguousarray(packed[:, :, kept])
         packed[:, :, :1] = np.log(mean)
-        self.field = field = self._field(kept)
+        field = self.field
         suns = field.ground.shape[0]
         edges = np.linspace(0, suns, min(4 * self.threads, suns) + 1).astype(int)
 
@@ -291,21 +291,6 @@ class Sweeper:
         logarithm = np.log(np.maximum(ground, FLOOR))
         field.ground[:] = np.exp(np.einsum("fa,faw->fw", self.sun_weight, logarithm[self.sun_node]))
         return field
-
-
-def _share_of_degrees(problem: Problem) -> Array:
-    """Largest factor of each moment in the source relative to that of the mean radiance; (node, moment, wavelength)."""
-    columns, greek, moments = problem.table.columns, problem.diffuse.greek, problem.moments
-    density = np.zeros((problem.grid.altitudes.size, greek.shape[1]))
-    for k, h in enumerate(problem.grid.altitudes):
-        densities(columns, min(h, columns.top * (1 - 1e-9)), density[k])
-    total = np.abs(np.einsum("nc,bclw->nblw", density, greek))
-    relative = total / np.maximum(total[:, :1, :1], 1e-300)
-    share = np.zeros((len(density), moments.degree.size, greek.shape[3]))
-    for k, degree in enumerate(moments.degree):
-        blocks = np.unique(moments.gives[k, :, 0])
-        share[:, k] = relative[:, blocks, degree].max(axis=1) * (1 if moments.order[k] == 0 else 2)
-    return share
 
 
 def sum_orders(
@@ -338,7 +323,8 @@ def sum_orders(
         # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
         last = MOST_ORDERS if max_order is None else max_order - 1
         left, order = 1.0, 1
-        for order in range(2, last + 1):
+        while order < last:
+            order += 1
             before = moments[:, :, 0]
             moments, flux = sweeper.next(pool, moments, flux)
             total += moments
@@ -357,7 +343,6 @@ def sum_orders(
                 if left < goal:
                     break
         else:
-            order = last
             if max_order is None:
                 raise ConvergenceError(
                     f"orders: after {MOST_ORDERS} orders of scattering still {left:.1e} of the light is missing; "

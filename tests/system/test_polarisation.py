@@ -123,9 +123,9 @@ def test_thin_mixture_against_the_closed_form(sun: float) -> None:
     chi = bearing_to_sun(sights, sun, 110.0)
     expected = np.stack([a1, b1 * np.cos(2 * chi), b1 * np.sin(2 * chi), 0 * a1], axis=-1) * length[:, None] / 1000.0
     found = look(scene, sights, [550.0], solver="single").stokes[:, 0]
-    # Extinction of 1e-6 times the air mass, and tables between nodes 0.1 degrees apart at least.
+    # Extinction of 1e-6 times the air mass, and chords of the phase table where spheres send light straight back.
     assert np.max(np.abs(expected[:, 2]) / expected[:, 0]) > 0.2
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3 * expected[:, :1].min())
+    assert np.all(np.abs(found - expected) < 2e-4 * expected[:, :1])
 
 
 def test_zenith_is_referred_to_north() -> None:
@@ -348,7 +348,7 @@ def test_black_medium_sends_nothing(solver: str) -> None:
 
 
 def test_scalar_light_misses_the_radiance() -> None:
-    """Chandrasekhar & Elbert (1954): errors of up to 10 % in Rayleigh slabs, of either sign, that average out."""
+    """Mishchenko, Lacis & Travis (1994), JQSRT 51, 491: up to 10 % in Rayleigh slabs, of either sign."""
     slab = Slab(1.0, 1.0, Rayleigh(), 0.6)
     mu, phi = -np.array([0.1, 0.4, 0.8])[:, None], np.array([0.3, np.pi / 2, 2.8])
     polarised = slab.radiance(1.0, mu, phi, samples=4096, stokes=True)

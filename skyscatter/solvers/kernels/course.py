@@ -3,10 +3,13 @@
 Rays of one height and zenith cosine, whatever their azimuth and their Sun, share one course: its points, the
 transmittances to them and the weights of the sources there are computed once for all of them.
 
-Along a cell the source per optical depth is taken as linear in optical depth, so the attenuation within a cell is exact
-and thick cells are as good as thin ones: with x the share of the cell's depth D that lies before a point,
+Along a cell the source per optical depth is taken as a parabola in optical depth, so the attenuation within a cell is
+exact and thick cells are as good as thin ones: with x the share of the cell's depth D that lies before a point,
 
-    Int T J dt = T_start sum_c (column_c) beta_c [S_start Int (1 - x) e^(-D x) dx + S_end Int x e^(-D x) dx].
+    Int T J dt = T_start sum_c (column_c) beta_c Int S(x) e^(-D x) dx,
+    S(x) = S_start (1 - x) + S_end x - S'' x (1 - x) / 2,
+
+where S'' follows from the neighbouring point.
 
 Sunlight that is scattered once changes faster and has Gauss points of its own in every cell.
 """
@@ -31,9 +34,8 @@ ALIVE = 1e-3
 MOST_PARTS = 40
 #: Share of the gap between two rows within which a point counts as lying on one.
 ON_ROW = 1e-5
-#: Gauss points in a cell, and their places and weights on [0, 1]: one where the source is averaged, two on view rays.
-GAUSS_X = np.array([[0.5, 0.0], [0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12)]])
-GAUSS_W = np.array([[1.0, 0.0], [0.5, 0.5]])
+#: Places of the two Gauss points in a cell, on [0, 1].
+GAUSS_X = np.array([0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12)])
 
 
 class Diffuse(NamedTuple):
@@ -42,6 +44,7 @@ class Diffuse(NamedTuple):
     sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density without the peaks [m-1]
     scatters: np.ndarray  #: (component,) bool
     greek: np.ndarray  #: (block, component, degree, wavelength) scattering times (2 l + 1) / (4 pi) chi_l [m-1 sr-1]
+    peaks: np.ndarray  #: (component, degree, wavelength) scattering times (2 l + 1) / (4 pi) r_l of the forward peaks
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     light: np.ndarray  #: (3, wavelength): radiance from outside, the ground's own radiance, the ground's albedo
     tilt: np.ndarray  #: (3, 2): cosine and sine of zenith offsets: the Sun's middle, and two that stand for its disk
@@ -61,6 +64,8 @@ class Course(NamedTuple):
     row: np.ndarray  #: (point,) int64 lower row
     columns: np.ndarray  #: (point, component) from the entry [m]
     through: np.ndarray  #: (point, wavelength) transmittance from the entry
+    depth: np.ndarray  #: (point, wavelength) optical depth of the cell that begins there
+    bend: np.ndarray  #: (point, wavelength) what the curvature of the source adds to that cell
     weight: np.ndarray  #: (point, block, degree, wavelength) of the moments there
     gauss: np.ndarray  #: (2 point, 2): distance and radius of the Gauss points [m]
     source: np.ndarray  #: (2 point, component, wavelength): step times transmittance times density [m]
@@ -74,7 +79,7 @@ def make_course(shells: int, blocks: int, components: int, degrees: int, wavelen
     return Course(
         np.zeros(raw), np.zeros(points), np.zeros((points, 4)), np.zeros(points, np.int64),
         np.zeros((points, components)), np.zeros((points, wavelengths)),
-        np.zeros((points, blocks, degrees, wavelengths)), np.zeros((2 * points, 2)),
+        np.zeros((points, wavelengths)), np.zeros((points, wavelengths)), np.zeros((points, blocks, degrees, wavelengths)), np.zeros((2 * points, 2)),
         np.zeros((2 * points, components, wavelengths)), np.zeros(wavelengths),
     )  # fmt: skip
 
@@ -179,11 +184,25 @@ def lay_points(columns, diffuse, line, course, work):
     return n
 
 
+@inlined
+def _cell_integrals(depth):
+    """Integrals over x from 0 to 1 of e^(-D x) (1 - x), e^(-D x) x and e^(-D x) x (1 - x)."""
+    d = max(depth, 1e-30)
+    e = fast_exp(-d)
+    mean = (1.0 - e) / d
+    far = (1.0 - (1.0 + d) * e) / (d * d)
+    square = (2.0 - (2.0 + d * (2.0 + d)) * e) / (d * d * d)
+    if depth < 0.05:  # Taylor series: what is left out is below 1e-9
+        mean = 1.0 - d * (1 / 2 - d * (1 / 6 - d * (1 / 24 - d / 120)))
+        far = 1 / 2 - d * (1 / 3 - d * (1 / 8 - d * (1 / 30 - d / 144)))
+        square = 1 / 3 - d * (1 / 4 - d * (1 / 10 - d * (1 / 36 - d / 168)))
+    return mean - far, far, far - square
+
+
 @kernel
 def weigh_cells(diffuse, hits_ground, n, course, work):
     """Weights of the moments at the points of a course, and the light that is on the line without scattering."""
-    blocks, degrees = course.weight.shape[1], course.weight.shape[2]
-    wavelengths = course.glow.size
+    blocks, degrees, wavelengths = course.weight.shape[1], course.weight.shape[2], course.glow.size
     for s in range(n):
         for b in range(blocks):
             for d in range(degrees):
@@ -196,25 +215,57 @@ def weigh_cells(diffuse, hits_ground, n, course, work):
             depth = 0.0
             for c in range(course.columns.shape[1]):
                 depth += (course.columns[s + 1, c] - course.columns[s, c]) * diffuse.sigma_t[c, i]
-            depth = max(depth, 0.0)
-            e, d = fast_exp(-depth), max(depth, 1e-30)
-            mean = (1.0 - e) / d
-            far = (1.0 - (1.0 + d) * e) / (d * d)
-            if depth < 0.05:  # Taylor series: what is left out is below 1e-9
-                mean = 1.0 - d * (1 / 2 - d * (1 / 6 - d * (1 / 24 - d / 120)))
-                far = 1 / 2 - d * (1 / 3 - d * (1 / 8 - d * (1 / 30 - d / 144)))
-            work.fine[i] = course.through[s, i] * (mean - far)
+            near, far, bend = _cell_integrals(max(depth, 0.0))
+            course.depth[s, i] = max(depth, 1e-30)
+            course.bend[s, i] = course.through[s, i] * bend
+            work.fine[i] = course.through[s, i] * near
             work.coarse[i] = course.through[s, i] * far
         for c in range(course.columns.shape[1]):
             column = max(course.columns[s + 1, c] - course.columns[s, c], 0.0)
             for i in range(wavelengths):
                 course.glow[i] += (work.fine[i] + work.coarse[i]) * column * diffuse.emission[c, i]
-            for b in range(blocks):
-                for d in range(degrees):
-                    for i in range(wavelengths):
-                        beta = column * diffuse.greek[b, c, d, i]
-                        course.weight[s, b, d, i] += work.fine[i] * beta
-                        course.weight[s + 1, b, d, i] += work.coarse[i] * beta
+            if diffuse.scatters[c]:
+                for b in range(blocks):
+                    for d in range(degrees):
+                        for i in range(wavelengths):
+                            beta = column * diffuse.greek[b, c, d, i]
+                            course.weight[s, b, d, i] += work.fine[i] * beta
+                            course.weight[s + 1, b, d, i] += work.coarse[i] * beta
+    for s in range(1, n - 1, 2):
+        _bend_cells(diffuse, s, 0, course, work)
+    if n > 2 and n % 2 == 0:
+        _bend_cells(diffuse, n - 2, 1, course, work)
+
+
+@kernel
+def _bend_cells(diffuse, s, first, course, work):
+    """Correct the weights for the curvature of the source over the two cells that meet at point s.
+
+    Between its ends the source differs from the straight line by -S'' u (w - u) / 2, with u the optical depth into the
+    cell and w its whole depth; S'' is that of the parabola through the three points.  `first` leaves out cell s - 1,
+    which has been corrected already.
+    """
+    for i in range(course.glow.size):
+        total = course.depth[s - 1, i] + course.depth[s, i]
+        work.fine[i] = course.depth[s - 1, i] / total
+        # Very unlike cells say nothing of the curvature.
+        alike = 0.15 < work.fine[i] < 0.85
+        work.coarse[i] = 1.0 if alike else 0.0
+        work.fine[i] = work.fine[i] if alike else 0.5
+    for cell in range(first, 2):
+        k = s - 1 + cell
+        for c in range(course.columns.shape[1]):
+            column = max(course.columns[k + 1, c] - course.columns[k, c], 0.0)
+            if diffuse.scatters[c] and column > 0.0:
+                for b in range(course.weight.shape[1]):
+                    for d in range(course.weight.shape[2]):
+                        for i in range(course.glow.size):
+                            u = work.fine[i]
+                            width = u if cell == 0 else 1.0 - u
+                            f = work.coarse[i] * width * width * course.bend[k, i] * column * diffuse.greek[b, c, d, i]
+                            course.weight[s - 1, b, d, i] -= f / u
+                            course.weight[s, b, d, i] += f / (u * (1.0 - u))
+                            course.weight[s + 1, b, d, i] -= f / (1.0 - u)
 
 
 @inlined
@@ -231,9 +282,26 @@ def put_gauss(columns, diffuse, line, t, step, q, course, work):
 
 @kernel
 def lay_gauss(columns, diffuse, line, n, points, course, work):
-    """Gauss points, `points` of them (1 or 2) in each of the n - 1 cells."""
+    """Gauss points, `points` of them (1 or 2) in each of the n - 1 cells.
+
+    A single point stands where the light that leaves the cell comes from on average, and takes the attenuation within
+    the cell exactly; two are good enough without.
+    """
     for s in range(n - 1):
         width = course.t[s + 1] - course.t[s]
-        for g in range(points):
-            t = course.t[s] + width * GAUSS_X[points - 1, g]
-            put_gauss(columns, diffuse, line, t, width * GAUSS_W[points - 1, g], s * points + g, course, work)
+        if points == 2:
+            for g in range(2):
+                t = course.t[s] + width * GAUSS_X[g]
+                put_gauss(columns, diffuse, line, t, 0.5 * width, 2 * s + g, course, work)
+            continue
+        centre = 0.0
+        for i in range(course.glow.size):
+            near, far, _ = _cell_integrals(course.depth[s, i])
+            work.through[i] = course.through[s, i] * (near + far)
+            centre += far / (near + far)
+        t = course.t[s] + width * centre / course.glow.size
+        course.gauss[s, 0], course.gauss[s, 1] = t, math.sqrt(line.p * line.p + t * t)
+        for c in range(course.columns.shape[1]):
+            column = max(course.columns[s + 1, c] - course.columns[s, c], 0.0)
+            for i in range(course.glow.size):
+                course.source[s, c, i] = column * work.through[i]

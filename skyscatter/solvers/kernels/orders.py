@@ -35,6 +35,8 @@ HIGH_SUN = 0.12
 #: Spacing in the Sun's cosine of the table of sunlight for a large bundle: in units of 1, near the horizon, and what
 #: it grows by with the cosine's distance from there; and the most entries of that table.
 SMOOTH_STEP, SMOOTH_GROWTH, MOST_SUNS = 0.002, 0.05, 128
+#: Cosines of the angle from the Sun down to which the widening of forward peaks counts in full, and where it ends.
+AUREOLE_FULL, AUREOLE_END = math.cos(math.radians(30.0)), math.cos(math.radians(60.0))
 #: Degrees with less than this share of the isotropic part of a source are left out of it.
 LEAST_SHARE = 1e-3
 #: Halvings with which the edge of the planet's shadow is found within a cell.
@@ -63,6 +65,7 @@ class Bundle(NamedTuple):
     gathered: np.ndarray  #: (ray, stokes, wavelength) float32 light of all but the first order
     scattered: np.ndarray  #: (ray, stokes, wavelength) sunlight scattered once
     reflected: np.ndarray  #: (ray, wavelength) sunlight reflected once
+    spread: np.ndarray  #: (component, degree, wavelength) float32 what forward peaks lose by widening
     here: np.ndarray  #: (wavelength,) float32 irradiance at a ray
     step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
     many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
@@ -74,14 +77,15 @@ class Bundle(NamedTuple):
     fourier: np.ndarray  #: (sun, order, stokes, wavelength) float32 source at a point
 
 
-def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int) -> Bundle:
+def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int, peaks: int) -> Bundle:
     """An empty bundle for a field."""
     moments, wavelengths = field.moments.shape[2:]
     orders, degrees = field.recurrence.shape[1:3]
     return Bundle(
         np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 6), np.float32),
         np.zeros((rays, stokes, wavelengths), np.float32), np.zeros((rays, stokes, wavelengths)),
-        np.zeros((rays, wavelengths)), np.zeros(wavelengths, np.float32),
+        np.zeros((rays, wavelengths)), np.zeros((components, peaks, wavelengths), np.float32),
+        np.zeros(wavelengths, np.float32),
         np.zeros((components, wavelengths), np.float32), np.zeros((rays, components, wavelengths), np.float32), np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
         np.zeros((components, wavelengths)),
         np.zeros((3, orders, degrees)), np.zeros(moments, np.int64), np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
@@ -331,6 +335,58 @@ def scatter_once(columns, diffuse, first, line, n, ray, lit, course, bundle, wor
         sunlit_ground(columns, diffuse, mu_s, work, bundle.reflected[ray])
         for i in range(wavelengths):
             bundle.reflected[ray, i] *= course.through[n - 1, i]
+
+
+@kernel
+def spread_peaks(diffuse, n, course, bundle):
+    """What first-order light in the forward peaks loses, because peaks that follow one another widen.
+
+    Delta-M counts what the peaks scatter as unscattered, and gives all of that the whole phase function once more when
+    it is scattered to the observer.  Near the Sun, where the chain of scatterings runs along one line of optical depth
+    sum s_c, the moments of the light are exp(A_l) - 1 with A_l = sum s_c r_cl instead of A_l exp(F), F = sum s_c f_c:
+    the moments of the peaks count only by (exp(A_l) - 1) / (A_l exp(F)).  To second order in s this is the correction of
+    Nakajima & Tanaka (1988), J. Quant. Spectrosc. Radiat. Transfer 40, 51.
+
+    Fills ``bundle.spread`` (component, degree, wavelength) with the lost part.
+    """
+    wavelengths = course.glow.size
+    for d in range(diffuse.peaks.shape[1]):
+        for i in range(wavelengths):
+            peak, moment = 0.0, 0.0
+            for c in range(diffuse.peaks.shape[0]):
+                column = course.columns[n - 1, c]
+                # Degree 0 belongs to the cut part: there r_l = f.
+                peak += column * diffuse.peaks[c, 0, i]
+                moment += column * diffuse.peaks[c, d, i] / (2 * d + 1)
+            peak *= 4.0 * math.pi
+            moment = max(4.0 * math.pi * moment, 1e-12)
+            lost = 1.0 - (math.exp(moment - peak) - math.exp(-peak)) / moment
+            for c in range(diffuse.peaks.shape[0]):
+                bundle.spread[c, d, i] = np.float32(lost * diffuse.peaks[c, d, i])
+
+
+@kernel
+def narrow_aureole(diffuse, ray, bundle):
+    """Take from a ray's first order what `spread_peaks` found."""
+    nu = bundle.nu[ray]
+    if nu <= AUREOLE_END:
+        return
+    # Far from the Sun there is no one line along which the chain runs; the correction is small there, and fades.
+    x = min((nu - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 1.0)
+    fade = np.float32(x * x * (3.0 - 2.0 * x))
+    components, degrees, wavelengths = bundle.spread.shape
+    for c in range(components):
+        if diffuse.scatters[c]:
+            for i in range(wavelengths):
+                bundle.here[i] = np.float32(0.0)
+            below, legendre = 0.0, 1.0
+            for d in range(degrees):
+                f = np.float32(legendre)
+                for i in range(wavelengths):
+                    bundle.here[i] += f * bundle.spread[c, d, i]
+                below, legendre = legendre, ((2 * d + 1) * nu * legendre - d * below) / (d + 1)
+            for i in range(wavelengths):
+                bundle.scattered[ray, 0, i] -= fade * bundle.here[i] * bundle.many_lit[ray, c, i]
 
 
 @inlined
@@ -621,6 +677,12 @@ def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratc
                 for k in range(count):
                     for i in range(wavelengths):
                         scratch[node, k, i] += f * packed[node, b, k, i]
+            # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
+            b = sun_node[j]
+            for i in range(wavelengths):
+                p, q = packed[node, b[0], 0, i], packed[node, b[1], 0, i]
+                r, s = packed[node, b[2], 0, i], packed[node, b[3], 0, i]
+                scratch[node, 0, i] = min(max(scratch[node, 0, i], min(p, q, r, s)), max(p, q, r, s))
         for row in range(moments.shape[0]):
             n, f = row_node[row], row_weight[row]
             for k in range(count):
@@ -630,7 +692,8 @@ def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratc
                         + f[2] * scratch[n[2], k, i] + f[3] * scratch[n[3], k, i]
                     )  # fmt: skip
             for i in range(wavelengths):
-                mean = fast_exp(moments[row, j, 0, i])
+                p, q, r, s = scratch[n[0], 0, i], scratch[n[1], 0, i], scratch[n[2], 0, i], scratch[n[3], 0, i]
+                mean = fast_exp(min(max(moments[row, j, 0, i], min(p, q, r, s)), max(p, q, r, s)))
                 moments[row, j, 0, i] = np.float32(mean)
                 for k in range(1, count):
                     moments[row, j, k, i] *= np.float32(mean)
@@ -685,6 +748,10 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, poi
             light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work)
             for ray in range(rays):
                 scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
+            if diffuse.peaks.shape[1] > 0 and not line.hits_ground:
+                spread_peaks(diffuse, n, course, bundle)
+                for ray in range(rays):
+                    narrow_aureole(diffuse, ray, bundle)
             gather(diffuse, field, line, n, rays, course, bundle)
         for ray in range(rays):
             to = begin + ray
@@ -713,6 +780,6 @@ def make_sweep_scratch(diffuse: Diffuse, field: Field, stokes: int, rays: int) -
     return (
         make_work(components, wavelengths),
         make_course(diffuse.shell.size, blocks, components, degrees, wavelengths),
-        make_bundle(rays, field.moments.shape[1], field, stokes, components),
+        make_bundle(rays, field.moments.shape[1], field, stokes, components, diffuse.peaks.shape[1]),
         np.zeros((orders, stokes, wavelengths)),
     )

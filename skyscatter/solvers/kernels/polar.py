@@ -111,32 +111,37 @@ def begin(polar, ray, batch):
         polar.batch[0] = batch
 
 
-@kernel
+@inlined
 def polarise(polar, sigma_s, density, dx, dy, dz, e):
     """M and v after scattering from the direction d into e."""
     if polar is not None:
-        c2, s2, nx, ny, nz = plane(polar.across, dx, dy, dz, e[0], e[1], e[2])
-        cosine = min(max(dx * e[0] + dy * e[1] + dz * e[2], -1.0), 1.0)
-        f, m = polar.element, polar.matrix
-        for k in range(6):
-            mix_element(polar, k, cosine, sigma_s, density)
-        for i in range(polar.gain.size):
-            share = 1.0 / max(f[A1, i], 1e-300)
-            for k in range(A2, B2 + 1):
-                f[k, i] *= share
-        for r in range(4):
-            for i in range(polar.gain.size):
-                q, u = m[r, 1, i] * c2 + m[r, 2, i] * s2, m[r, 2, i] * c2 - m[r, 1, i] * s2
-                lead, v = m[r, 0, i], m[r, 3, i]
-                m[r, 0, i] = lead + q * f[B1, i]
-                m[r, 1, i] = lead * f[B1, i] + q * f[A2, i]
-                m[r, 2, i] = u * f[A3, i] - v * f[B2, i]
-                m[r, 3, i] = u * f[B2, i] + v * f[A4, i]
-        across = polar.across
-        across[0], across[1], across[2] = e[1] * nz - e[2] * ny, e[2] * nx - e[0] * nz, e[0] * ny - e[1] * nx
+        _scatter(polar, sigma_s, density, dx, dy, dz, e)
 
 
 @kernel
+def _scatter(polar, sigma_s, density, dx, dy, dz, e):
+    c2, s2, nx, ny, nz = plane(polar.across, dx, dy, dz, e[0], e[1], e[2])
+    cosine = min(max(dx * e[0] + dy * e[1] + dz * e[2], -1.0), 1.0)
+    f, m = polar.element, polar.matrix
+    for k in range(6):
+        mix_element(polar, k, cosine, sigma_s, density)
+    for i in range(polar.gain.size):
+        share = 1.0 / max(f[A1, i], 1e-300)
+        for k in range(A2, B2 + 1):
+            f[k, i] *= share
+    for r in range(4):
+        for i in range(polar.gain.size):
+            q, u = m[r, 1, i] * c2 + m[r, 2, i] * s2, m[r, 2, i] * c2 - m[r, 1, i] * s2
+            lead, v = m[r, 0, i], m[r, 3, i]
+            m[r, 0, i] = lead + q * f[B1, i]
+            m[r, 1, i] = lead * f[B1, i] + q * f[A2, i]
+            m[r, 2, i] = u * f[A3, i] - v * f[B2, i]
+            m[r, 3, i] = u * f[B2, i] + v * f[A4, i]
+    across = polar.across
+    across[0], across[1], across[2] = e[1] * nz - e[2] * ny, e[2] * nx - e[0] * nz, e[0] * ny - e[1] * nx
+
+
+@inlined
 def depolarise(polar, e):
     """M and v after a Lambertian reflection into e: what arrives polarised leaves as plain light."""
     if polar is not None:
