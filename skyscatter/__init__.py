@@ -38,6 +38,7 @@ _HOME = {
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
     "transmittance": "skyscatter.columns",
+    "CorrectionTerms": "skyscatter.solvers.terms",
     "RadianceField": "skyscatter.solvers.field",
     "radiance": "skyscatter.solvers.run",
     "solve": "skyscatter.solvers.field",
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from skyscatter.solvers.field import RadianceField, solve
     from skyscatter.solvers.render import render
     from skyscatter.solvers.run import radiance
+    from skyscatter.solvers.terms import CorrectionTerms
     from skyscatter.spectra.table import SpectralTable
 
 

@@ -91,7 +91,8 @@ def sky(
         str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
     ] = DEFAULT_WAVELENGTHS,
     solver: Annotated[
-        str, typer.Option(metavar="NAME", help="orders (all orders of scattering, no noise), path (the same by Monte Carlo) or single.")
+        str,
+        typer.Option(metavar="NAME", help="orders (all orders, no noise), path (the same by Monte Carlo) or single."),
     ] = "orders",
     samples: Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path).")] = None,
     noise: Annotated[

@@ -133,7 +133,8 @@ class Options:
         plain = Options()
         for name in names:
             if getattr(self, name) != getattr(plain, name):
-                raise DomainError(name, getattr(self, name), f"means nothing to the solver {solver}; leave it out, or choose another solver")
+                rule = f"means nothing to the solver {solver}; leave it out, or choose another solver"
+                raise DomainError(name, getattr(self, name), rule)
 
 
 def _at_least(name: str, value: Any, lowest: int) -> None:

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import Field
@@ -28,11 +29,15 @@ from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_prob
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
+#: No grid is coarser than this asks for: less would save nothing.
+LOOSEST = 0.01
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
 #: Share of that difference that is reported: methods of second order on half the steps leave a third of it; the rest
 #: is caution.
 ERROR_SHARE = 0.5
+#: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
+LEAST_ERROR = 0.4
 #: Rays of a bundle on which both solutions are compared, at most.
 COMPARED = 4
 #: Rays evaluated together.
@@ -179,6 +184,7 @@ def solve_range(
 ) -> RadianceField:
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
+    tolerance = min(tolerance, LOOSEST)
     coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
@@ -265,13 +271,126 @@ class RadianceField:
         with ThreadPoolExecutor(workers) as pool:
             answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts), chunks))
         empty = np.zeros((0, self.wavelengths.size))
-        joined = {name: np.concatenate([a.layers[name] for a in answers]) for name in answers[0].layers} if answers else {}
+        joined = (
+            {name: np.concatenate([a.layers[name] for a in answers]) for name in answers[0].layers} if answers else {}
+        )
         return Answer(
             np.concatenate([a.radiance for a in answers] or [empty]).reshape(*shape, -1),
             np.concatenate([a.standard_error for a in answers] or [empty]).reshape(*shape, -1),
             {name: values.reshape(*shape, -1) for name, values in joined.items()},
             np.zeros(shape, np.int64),
         )
+
+    def fluxes(self, altitude: ArrayLike, *, sun_elevation_deg: ArrayLike | None = None) -> Fluxes:
+        """Fluxes through a horizontal plane, and the actinic flux, at altitudes inside the atmosphere.
+
+        Parameters
+        ----------
+        altitude : array_like
+            Above the ground, to the top of the atmosphere [m].
+        sun_elevation_deg : array_like, optional
+            Of the Sun there [degree]; the scene's when not given.  Broadcast against the altitudes.
+
+        Returns
+        -------
+        Fluxes
+            Each of the broadcast shape with a last axis of wavelengths [W m-2 nm-1].
+
+        Raises
+        ------
+        DomainError
+            Outside the atmosphere, or for a Sun that the field does not cover.
+        """
+        elevation = self.scene.sun.elevation_deg if sun_elevation_deg is None else sun_elevation_deg
+        if hasattr(altitude, "to_value"):
+            altitude = altitude.to_value("m")
+        h, e = np.broadcast_arrays(np.asarray(altitude, float), np.asarray(elevation, float))
+        top = self.scene.medium.top
+        if h.size and not (h.min() >= 0 and h.max() <= top):
+            raise DomainError("altitude", float(h.max()), f"lies between 0 and the atmosphere's top, {top:g} m")
+        zenith = np.radians(90 - e)
+        if h.size and (zenith.min() < self.zenith[0] - 1e-6 or zenith.max() > self.zenith[1] + 1e-6):
+            have = tuple(round(90 - float(np.degrees(z)), 1) for z in self.zenith[::-1])
+            raise DomainError("sun_elevation_deg", elevation, f"the field covers {have}; solve a wider range")
+        return fluxes(self.fine.problem, self.fine.sums, h, zenith)
+
+    def irradiance(
+        self,
+        altitude: float,
+        normal: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        sun_elevation_deg: float | None = None,
+        sun_azimuth_deg: float | None = None,
+    ) -> Array:
+        """Global spectral irradiance on a plane of any tilt, on the z axis; (wavelength,) [W m-2 nm-1].
+
+        Direct sunlight by the transmittance, all other light by quadrature over the directions in front of the plane.
+
+        Parameters
+        ----------
+        altitude : float
+            Of the plane above the ground [m].
+        normal : array_like, shape (3,)
+            Unit vector out of the plane's front (east, north, up).
+        sun_elevation_deg, sun_azimuth_deg : float, optional
+            As for `radiance`.
+        """
+        n = np.asarray(normal, float)
+        if n.shape != (3,) or abs(np.linalg.norm(n) - 1) > 1e-6:
+            raise DomainError("normal", normal, "a unit vector of three numbers")
+        sun = self.sun(sun_elevation_deg, sun_azimuth_deg)
+        directions, weights = sphere_rule(sun.azimuth_deg)
+        weights = weights * np.maximum(directions @ n, 0.0)
+        seen = weights > 0
+        origin = np.array([0.0, 0.0, self.scene.medium.planet_radius + altitude])
+        answer = self.radiance(
+            origin, directions[seen], sun_elevation_deg=sun.elevation_deg, sun_azimuth_deg=sun.azimuth_deg, parts=True
+        )
+        diffuse = np.asarray(weights[seen] @ (answer.radiance - answer.layers["direct"]))
+        beam = direct_beam(
+            self.at(sun).columns, self.fine.problem, np.array(altitude), np.radians(90 - sun.elevation_deg)
+        )
+        # Delta-M's beam takes the light of the forward peaks along, which the diffuse radiance has as well.
+        return diffuse + beam.true * max(float(sun.direction @ n), 0.0)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the field to an .npz file, whole or not at all."""
+        content = {
+            "version": FILE_VERSION, "scene": self.scene.model_dump_json(), "zenith": self.zenith,
+            "wavelengths": self.wavelengths, "tolerance": self.tolerance, "stokes": self.stokes,
+        }  # fmt: skip
+        for name in ("fine", "coarse"):
+            sums = getattr(self, name).sums
+            content |= {f"{name}_moments": sums.moments, f"{name}_flux": sums.flux, f"{name}_orders": sums.orders}
+        arrays: dict[str, Any] = {name: np.asarray(value) for name, value in content.items()}
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            np.savez(file, **arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> RadianceField:
+        """Read a field that `save` wrote."""
+        if not Path(path).is_file():
+            raise MissingDataError(path, "no such file; check the path")
+        wrong = f"{path}: not a radiance field of this version; solve again"
+        try:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+            if int(content["version"]) != FILE_VERSION:
+                raise SkyscatterError(wrong)
+            scene = Scene.model_validate_json(str(content["scene"]))
+            wl, zenith = content["wavelengths"], (float(content["zenith"][0]), float(content["zenith"][1]))
+            tolerance, stokes = float(content["tolerance"]), bool(content["stokes"])
+            solutions = []
+            for name, factor in (("fine", 1.0), ("coarse", COARSER)):
+                problem = make_problem(scene, wl, zenith, factor * tolerance, stokes)
+                sums = Sums(content[f"{name}_moments"], content[f"{name}_flux"], int(content[f"{name}_orders"]))
+                grid = problem.grid
+                if sums.moments.shape[:3] != (grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size):
+                    raise SkyscatterError(wrong)
+                solutions.append(Solution(problem, sums))
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise SkyscatterError(wrong) from error
+        return cls(scene, wl, zenith, tolerance, stokes, *solutions)
 
     def sun(self, elevation_deg: float | None, azimuth_deg: float | None) -> Sun:
         """The scene's Sun, moved."""
@@ -293,9 +412,7 @@ class RadianceField:
 
     def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
         """`radiance` of a few rays, in one thread and without checks."""
-        scattered, multiple, ground, direct = view(
-            self.fine.problem, self.fine.loaded, table, origins, directions
-        )
+        scattered, multiple, ground, direct = view(self.fine.problem, self.fine.loaded, table, origins, directions)
         stokes = scattered + multiple
         radiance = stokes[:, 0] + ground + direct
         error = self._error(table, origins, directions, stokes[:, 0] + ground)
@@ -314,7 +431,7 @@ class RadianceField:
         order, group = bundles(origins, directions, table.columns.radius)
         sample = [
             order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))]
-            for a, b in zip(group[:-1], group[1:], strict=True)
+            for a, b in pairwise(group)
         ]
         chosen = np.concatenate([*sample, np.zeros(0, np.int64)])
         scattered, multiple, ground, _ = view(
@@ -327,5 +444,5 @@ class RadianceField:
         error = np.empty_like(diffuse)
         for k in range(len(sample)):
             rays = order[group[k] : group[k + 1]]
-            error[rays] = ERROR_SHARE * worst[k] * diffuse[rays]
+            error[rays] = (ERROR_SHARE * worst[k] + LEAST_ERROR * self.tolerance) * diffuse[rays]
         return error

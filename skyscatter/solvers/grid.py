@@ -1,4 +1,4 @@
-"""Where a field is computed: heights, positions of the Sun, and directions, as fine as the asked accuracy wants them."""
+"""Where a field is computed: heights, positions of the Sun, directions; as fine as the asked accuracy wants."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ class Grid:
 
 
 def fineness(tolerance: float) -> float:
-    """Factor on every spacing: the square root of the tolerance, between 1/4 and 3.2."""
-    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 3.2))
+    """Factor on every spacing: the square root of the tolerance, between 1/4 and 4.5."""
+    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 4.5))
 
 
 def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float) -> Array:

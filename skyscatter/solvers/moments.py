@@ -10,7 +10,7 @@ and scattering multiplies every degree l by a number: the radiance scattered by 
     J(omega) = sum_lm (2 - delta_m0) sigma_s (2 l + 1) / (4 pi) chi_l L_lm f_lm(mu) cos(m phi).
 
 For intensity alone f is the normalised associated Legendre function.  With polarisation there are four kinds of
-moments: I, the two parities E and B of linear polarisation (Q and U through f built of d^l_{m,2} and d^l_{m,-2}), and V.
+moments: I, the two parities E and B of linear polarisation (Q and U, through f built of d^l_m2 and d^l_m,-2), and V.
 Hovenier, van der Mee & Domke (2004), Transfer of Polarized Light, chapters 2 and 4; Mishchenko et al. (2002),
 Scattering, Absorption and Emission of Light by Small Particles, appendix B.
 """
@@ -33,7 +33,7 @@ I_KIND, E_KIND, B_KIND, V_KIND = range(4)
 #: Angular functions: d_m0, and half the sum and the difference of d_m2 and d_m,-2.
 D_ZERO, D_SUM, D_DIFFERENCE = range(3)
 
-#: What a moment of each kind gives: (block, angular function, sign, Stokes parameter), for I, Q, U, V in the meridian frame.
+#: What a moment of each kind gives, in the meridian frame: (block, angular function, sign, Stokes parameter).
 _GIVES = {
     I_KIND: ((A1, D_ZERO, 1, 0), (B1, D_SUM, 1, 1), (B1, D_DIFFERENCE, 1, 2)),
     E_KIND: ((B1, D_ZERO, 1, 0), (A2, D_SUM, 1, 1), (A2, D_DIFFERENCE, 1, 2)),
@@ -117,8 +117,8 @@ def expand(matrix: Array, degree: int) -> Array:
     Returns
     -------
     ndarray
-        chi_l = 2 pi Int a(mu) d^l(mu) dmu: of a1 and a4 with d_00, of b1 and b2 with d_02; those of a2 and a3 from the sums
-        and differences with d_22 and d_2-2.  The coefficients of the literature are (2 l + 1) times these.
+        chi_l = 2 pi Int a(mu) d^l(mu) dmu: of a1 and a4 with d_00, of b1 and b2 with d_02; those of a2 and a3 from the
+        sums and differences with d_22 and d_2-2.  The coefficients of the literature are (2 l + 1) times these.
     """
     weights = _expansion_weights(degree, matrix.shape[2] - 1, matrix.shape[1] == 1)
 
@@ -167,7 +167,8 @@ def moment_table(chi: Array, orders: int, least: float = 1e-7) -> MomentTable:
     table = np.array(rows, np.int64)
     uses = 3 if polarised else 1
     gives = np.array([[_GIVES[kind][u] for u in range(uses)] for kind in table[:, 2]], np.int64)
-    return MomentTable(*(np.ascontiguousarray(table[:, k]) for k in range(3)), gives)
+    degrees, orders_of, kinds_of = (np.ascontiguousarray(table[:, k]) for k in range(3))
+    return MomentTable(degrees, orders_of, kinds_of, gives)
 
 
 def take_moments(table: MomentTable, stokes: int, mu: ArrayLike) -> Array:

@@ -59,9 +59,7 @@ def prepare(
     twilight = float(np.clip((np.degrees(high) - 80) / 10, 0, 1))
     zenith = (low - margin * (0.5 + 0.5 * twilight), high + 0.25 * margin)
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-    field = solve_range(
-        scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress
-    )
+    field = solve_range(scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress)
     return Context(field, table)
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.base import Answer, Options, Rays, Tables, prepare_tables
 from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
-from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.solvers.kernels.polar import make_polar
 from skyscatter.solvers.single import single_parts, single_polarisation

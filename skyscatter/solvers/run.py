@@ -250,8 +250,9 @@ def radiance(
     max_order : int, optional
         Leave out light that was scattered or reflected more often than this (``orders`` and ``path``).
     tolerance : float, optional
-        For ``orders`` the relative accuracy that is aimed at, 5e-3 when not given.  For the others the largest disagreement of the quadrature rules on a piece of a ray, relative to its radiance; when not given,
-        5e-5 for ``single`` and 5e-4 for the first order in ``path``.  The error is as a rule a tenth of it.
+        For ``orders`` the relative accuracy that is aimed at, 5e-3 when not given.  For the others the largest
+        disagreement of the quadrature rules on a piece of a ray, relative to its radiance: 5e-5 for ``single`` and
+        5e-4 for the first order in ``path`` when not given; the error is as a rule a tenth of it.
     sampling : {"march", "free-flight"}, optional
         How walks find their vertices; "free-flight" is the plain, slow way, kept for tests (``path``).
     parts : bool

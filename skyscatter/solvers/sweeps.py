@@ -44,6 +44,9 @@ CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.2
+#: Shares of the tolerance for which directions and positions of the Sun are chosen where it may be below the horizon,
+#: and where it is below for nearly all that matters.
+DUSK_SHARE, DEEP_SHARE = 0.3, 0.12
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
@@ -116,7 +119,7 @@ def make_problem(
     matrix = matrices(scene, table, wavelengths, stokes)
     most = DEGREES[-1][1] if degree is None else degree
     chi = expand(matrix, most + 1)
-    scatters = (optics.sigma_s > 0).any(axis=1)
+    scatters = np.asarray((optics.sigma_s > 0).any(axis=1))
     chi = chi * scatters[:, None, None, None]
     kept = kept_degree(chi, tolerance) if degree is None else degree
     peak = chi[:, 0, kept + 1]
@@ -133,8 +136,10 @@ def make_problem(
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
     diffuse = Diffuse(
-        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)), emission=optics.emission, light=light, peaks=np.ascontiguousarray(peaks),
-        tilt=tilt, share=share, shell=grid.rows, index=grid.index,
+        sigma_t=sigma_t, scatters=scatters, greek=np.ascontiguousarray(np.moveaxis(greek, 1, 0)),
+        emission=optics.emission,
+        light=light, peaks=np.ascontiguousarray(peaks),
+        tilt=tilt, share=share, shell=grid.rows, sun_index=grid.index,
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
     orders = int(moments.order.max())
@@ -174,17 +179,16 @@ def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, A
 def _disk(optics: Any) -> tuple[Array, Array]:
     """Zenith offsets that stand for the Sun (its middle, then two for its disk), and the irradiance of each.
 
-    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off its
-    middle are exact to the third degree; a uniform disk has half its radius, <x^2> = <rho^2> / 2, a darkened one less.
+    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off
+    its middle are exact to the third degree: <x^2> = <rho^2> / 2, half the radius of a uniform disk.
     """
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))
     radiance = optics.disk_radiance.mean(axis=1)
-    if optics.disk_radius <= 0:
-        spread = 0.0
-    else:
-        mean_square = np.trapezoid(radiance * square, square) / np.trapezoid(radiance, square)
-        spread = np.sqrt(mean_square / 2) * optics.disk_radius
+    bright = np.trapezoid(radiance, square)
+    spread = 0.0
+    if optics.disk_radius > 0 and bright > 0:
+        spread = np.sqrt(np.trapezoid(radiance * square, square) / bright / 2) * optics.disk_radius
     offset = np.array([0.0, spread, -spread])
     return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.stack([total, total / 2, total / 2])
 
@@ -203,10 +207,13 @@ def make_grid(
     mean = depth.mean(axis=1)
     scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
-    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance)
-    count = max(int(np.ceil(7 / grids.fineness(tolerance))), degree + 3)
+    # In twilight light comes from one side, low above the horizon.
+    dusk, deep = sun_zenith[1] > np.pi / 2 + sinking, sun_zenith[0] > np.pi / 2 - 2.5 * sinking
+    finer = tolerance * (DEEP_SHARE if deep else DUSK_SHARE if dusk else 1.0)
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, finer)
+    count = max(int(np.ceil(7 / grids.fineness(finer))), degree + 3)
     azimuths = np.pi * (np.arange(count) + 0.5) / count
-    quadrature = grids.directions(nodes, columns.radius, degree, tolerance)
+    quadrature = grids.directions(nodes, columns.radius, degree, finer)
     return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths)
 
 

@@ -50,7 +50,7 @@ class Diffuse(NamedTuple):
     tilt: np.ndarray  #: (3, 2): cosine and sine of zenith offsets: the Sun's middle, and two that stand for its disk
     share: np.ndarray  #: (3, wavelength) irradiance of the whole disk, and of each of the two [W m-2 nm-1]
     shell: np.ndarray  #: (row,) altitudes at which the field is known, rising, from the ground to the top [m]
-    index: np.ndarray  #: number of the field's Sun node over the Sun's cosine, on even steps from -1 to 1
+    sun_index: np.ndarray  #: number of the field's Sun node over the Sun's cosine, on even steps from -1 to 1
     max_angle: float  #: largest angle at the planet's centre that a cell spans [rad]
     max_depth: float  #: largest optical depth of a cell from which light arrives
 
@@ -79,7 +79,9 @@ def make_course(shells: int, blocks: int, components: int, degrees: int, wavelen
     return Course(
         np.zeros(raw), np.zeros(points), np.zeros((points, 4)), np.zeros(points, np.int64),
         np.zeros((points, components)), np.zeros((points, wavelengths)),
-        np.zeros((points, wavelengths)), np.zeros((points, wavelengths)), np.zeros((points, blocks, degrees, wavelengths)), np.zeros((2 * points, 2)),
+        np.zeros((points, wavelengths)), np.zeros((points, wavelengths)),
+        np.zeros((points, blocks, degrees, wavelengths)),
+        np.zeros((2 * points, 2)),
         np.zeros((2 * points, components, wavelengths)), np.zeros(wavelengths),
     )  # fmt: skip
 

@@ -77,6 +77,9 @@ class Bundle(NamedTuple):
     fourier: np.ndarray  #: (sun, order, stokes, wavelength) float32 source at a point
 
 
+Scratch = tuple[Work, Course, Bundle, np.ndarray]
+
+
 def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int, peaks: int) -> Bundle:
     """An empty bundle for a field."""
     moments, wavelengths = field.moments.shape[2:]
@@ -86,9 +89,12 @@ def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int
         np.zeros((rays, stokes, wavelengths), np.float32), np.zeros((rays, stokes, wavelengths)),
         np.zeros((rays, wavelengths)), np.zeros((components, peaks, wavelengths), np.float32),
         np.zeros(wavelengths, np.float32),
-        np.zeros((components, wavelengths), np.float32), np.zeros((rays, components, wavelengths), np.float32), np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
+        np.zeros((components, wavelengths), np.float32),
+        np.zeros((rays, components, wavelengths), np.float32),
+        np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
         np.zeros((components, wavelengths)),
-        np.zeros((3, orders, degrees)), np.zeros(moments, np.int64), np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
+        np.zeros((3, orders, degrees)), np.zeros(moments, np.int64),
+        np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
         np.zeros((suns, orders, stokes, wavelengths), np.float32),
     )  # fmt: skip
 
@@ -165,7 +171,7 @@ def _sunlit_cell(columns, diffuse, line, s, points, q, nu, course, lit, work):
 
 @inlined
 def _sunlight(columns, diffuse, r, sun_mu, work, out):
-    """Irradiance of the Sun's disk at radius r under a zenith cosine of its middle, into `out` (wavelength,) float32."""
+    """Irradiance of the Sun's disk at radius r under a zenith cosine of its middle, into `out` (wavelength,)."""
     for i in range(out.size):
         out[i] = np.float32(0.0)
     first, last = _disk_nodes(diffuse, sun_mu)
@@ -239,7 +245,7 @@ def light_bundle(columns, diffuse, line, n, points, rays, course, bundle, work):
     """Sunlight that reaches the rays' start after one scattering, without the phase function, into ``bundle.many_lit``.
 
     Int T n_c E dt, per ray and component [m W m-2 nm-1].  Where all rays of a large bundle are in full sunlight, it is
-    interpolated from a few positions of the Sun; elsewhere every ray is followed by itself, edge of the shadow included.
+    interpolated from a few positions of the Sun; elsewhere every ray is followed by itself, with the shadow's edge.
     """
     for ray in range(rays):
         for c in range(bundle.step.shape[0]):
@@ -344,8 +350,8 @@ def spread_peaks(diffuse, n, course, bundle):
     Delta-M counts what the peaks scatter as unscattered, and gives all of that the whole phase function once more when
     it is scattered to the observer.  Near the Sun, where the chain of scatterings runs along one line of optical depth
     sum s_c, the moments of the light are exp(A_l) - 1 with A_l = sum s_c r_cl instead of A_l exp(F), F = sum s_c f_c:
-    the moments of the peaks count only by (exp(A_l) - 1) / (A_l exp(F)).  To second order in s this is the correction of
-    Nakajima & Tanaka (1988), J. Quant. Spectrosc. Radiat. Transfer 40, 51.
+    the moments of the peaks count only by (exp(A_l) - 1) / (A_l exp(F)).  To second order in s that is the correction
+    of Nakajima & Tanaka (1988), J. Quant. Spectrosc. Radiat. Transfer 40, 51.
 
     Fills ``bundle.spread`` (component, degree, wavelength) with the lost part.
     """
@@ -402,9 +408,7 @@ def _fill_functions(recurrence, mu, polarised, functions):
             functions[0, m, m] = recurrence[0, m, m, 2] * (half_plus * half_minus) ** m
         for d in range(m, degrees - 1):
             before = functions[0, m, d - 1] if d > m else 0.0
-            functions[0, m, d + 1] = (
-                recurrence[0, m, d, 0] * mu * functions[0, m, d] - recurrence[0, m, d, 1] * before
-            )
+            functions[0, m, d + 1] = recurrence[0, m, d, 0] * mu * functions[0, m, d] - recurrence[0, m, d, 1] * before
     if polarised:
         for m in range(orders):
             low = max(m, 2)
@@ -432,13 +436,13 @@ def _fill_functions(recurrence, mu, polarised, functions):
 def _place_rays(diffuse, line, t, r, suns, rays, bundle):
     """Sun nodes and azimuth from the Sun of every ray at distance t; returns the lowest and the highest node."""
     mu, sine, shift = t / r, line.p / r, t - line.start
-    steps = diffuse.index.size - 1
+    steps = diffuse.sun_index.size - 1
     low, high = suns - 4, 0
     for ray in range(rays):
         x = min(max((bundle.q[ray] + shift * bundle.nu[ray]) / r, -1.0), 1.0)
         y = (x + 1.0) * 0.5 * steps
         k = min(int(y), steps - 1)
-        f = diffuse.index[k] + (y - k) * (diffuse.index[k + 1] - diffuse.index[k])
+        f = diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
         j = min(max(int(f) - 1, 0), suns - 4)
         bundle.sun[ray] = j
         low, high = min(low, j), max(high, j)
@@ -591,8 +595,8 @@ def _project(field, suns, mu, weight, take, azimuth, bundle, fourier, moments, f
 
 
 @entry
-def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, is_first, scratch,
-                 moments, flux):  # fmt: skip
+def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, is_first,
+                 scratch, moments, flux):  # fmt: skip
     """One order of scattering at one node height.
 
     Parameters
@@ -773,7 +777,9 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, poi
                     direct[to, i] += work.sun[i] * work.through[i]
 
 
-def make_sweep_scratch(diffuse: Diffuse, field: Field, stokes: int, rays: int) -> tuple[Work, Course, Bundle, np.ndarray]:
+def make_sweep_scratch(
+    diffuse: Diffuse, field: Field, stokes: int, rays: int
+) -> tuple[Work, Course, Bundle, np.ndarray]:
     """Scratch of `sweep_height` and `look` for bundles of so many rays; a thread needs its own."""
     blocks, components, degrees, wavelengths = diffuse.greek.shape
     orders = field.recurrence.shape[1]
