@@ -149,11 +149,11 @@ def sasktran(given: Any) -> list[str]:
     def ours(solver: str, **more: Any) -> Any:
         return skyscatter.radiance(scene, observer, directions, WAVELENGTHS, solver, threads=given.threads, **more)
 
+    ours("orders"), ours("path", samples=16)  # kernels are loaded
     long, judge = seconds(lambda: ours("path", samples=given.reference, seed=2**32, tolerance=1e-7))
     noise = rms(judge.standard_error / judge.radiance)
 
     def line(name: str, run: Any) -> list[Any]:
-        run()
         time, radiance = median_seconds(run, given.repeats)
         ratio = radiance / judge.radiance - 1
         error = np.sqrt(max(rms(ratio) ** 2 - noise**2, 0.0))
@@ -187,7 +187,7 @@ PEERS: tuple[tuple[str, float, str, dict[str, int]], ...] = (
     ("discrete ordinates, 500 m, 5 Sun angles", 500.0, "DiscreteOrdinates", {"num_sza": 5}),
     ("successive orders, 1 km", 1000.0, "SuccessiveOrders", {}),
     ("successive orders, 500 m", 500.0, "SuccessiveOrders", {}),
-    ("successive orders, 500 m, 5 Sun angles", 500.0, "SuccessiveOrders", {"num_sza": 5}),
+    ("successive orders, 1 km, 5 Sun angles", 1000.0, "SuccessiveOrders", {"num_sza": 5}),
 )
 
 #: What a fresh process does before its peak memory is read.
@@ -234,11 +234,11 @@ def curves(given: Any) -> list[str]:
 
     day, dusk = scene_at(30.0), scene_at(-3.0)
     skyscatter.render(day, camera((16, 8)), WAVELENGTHS, threads=given.threads)
-    by_count = [[n, picture(day, n, (128, 64)), picture(dusk, n, (128, 64))] for n in (1, 2, 4, 8, 16, 32, 64, 128)]
+    by_count = [[n, picture(day, n, (128, 64)), picture(dusk, n, (128, 64))] for n in (1, 4, 16, 32, 64, 128)]
     by_size = [[f"{w}x{w // 2}", picture(day, 32, (w, w // 2)), picture(dusk, 32, (w, w // 2))] for w in (16, 64, 128, 256, 512, 1024)]
     by_tolerance: list[list[Any]] = []
     judges = {}
-    for tolerance in (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05):
+    for tolerance in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05):
         row: list[Any] = [tolerance]
         for scene in (day, dusk):
             rays = sample_rays(scene)
