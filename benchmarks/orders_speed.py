@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +61,13 @@ def panorama(given: Any) -> list[str]:
         scene = scene_at(elevation)
         view, observer = camera(picture).directions(scene.observer), scene.observer.position
         first, _ = median_seconds(
-            lambda s=scene: skyscatter.render(s, camera(picture), WAVELENGTHS, threads=given.threads), given.repeats
+            partial(skyscatter.render, scene, camera(picture), WAVELENGTHS, threads=given.threads), given.repeats
         )
         field = skyscatter.solve(
             scene, WAVELENGTHS, sun_elevations_deg=(elevation - AROUND, elevation + AROUND), threads=given.threads
         )
         following, _ = median_seconds(
-            lambda f=field, e=elevation: f.radiance(observer, view, sun_elevation_deg=e - STEP, threads=given.threads),
+            partial(field.radiance, observer, view, sun_elevation_deg=elevation - STEP, threads=given.threads),
             given.repeats,
         )
         rays = sample_rays(scene)
@@ -85,10 +86,10 @@ def panorama(given: Any) -> list[str]:
         "error, largest [%]", "stated, median [%]",
     ]  # fmt: skip
     about = (
-        f"Model earth from the ground, panorama {given.size}, {WAVELENGTHS.size} wavelengths 380 to 780 nm, tolerance 0.005, "
-        f"{given.threads} threads. First picture: field and picture. Next Sun: `field.radiance` for all pixels with the Sun "
-        f"{STEP:g} degrees lower, the field solved for {AROUND:g} degree either side. Errors against a tolerance of {FINE:g}, in the "
-        "sky, more than a degree from the Sun."
+        f"Model earth from the ground, panorama {given.size}, {WAVELENGTHS.size} wavelengths 380 to 780 nm, tolerance "
+        f"0.005, {given.threads} threads. First picture: field and picture. Next Sun: `field.radiance` for all pixels "
+        f"with the Sun {STEP:g} degrees lower, the field solved for {AROUND:g} degree either side. Errors against a "
+        f"tolerance of {FINE:g}, in the sky, more than a degree from the Sun."
     )
     return [
         about, table(header, rows),
@@ -108,18 +109,19 @@ def walks(given: Any) -> list[str]:
         full = camera(size(given.size)).directions(scene.observer)
         full = full[full[..., 2] > 0]
         ours, _ = median_seconds(
-            lambda s=scene, d=full: skyscatter.radiance(s, observer, d, WAVELENGTHS, threads=given.threads), given.repeats
+            partial(skyscatter.radiance, scene, observer, full, WAVELENGTHS, threads=given.threads), given.repeats
         )
         mine = skyscatter.radiance(scene, observer, rays, WAVELENGTHS, threads=given.threads)
         samples = given.samples if elevation >= 0 else 4 * given.samples
         theirs, answer = median_seconds(
-            lambda s=scene, d=rays, n=samples: skyscatter.radiance(
-                s, observer, d, WAVELENGTHS, "path", samples=n, threads=given.threads
+            partial(
+                skyscatter.radiance, scene, observer, rays, WAVELENGTHS, "path", samples=samples, threads=given.threads
             ),
             given.repeats,
         )
         scaled = theirs * whole / len(rays)
-        noise, actual, off = 100 * rms(answer.standard_error / answer.radiance), errors(answer.radiance, judge)[0], errors(mine.radiance, judge)[0]
+        noise = 100 * rms(answer.standard_error / answer.radiance)
+        actual, off = errors(answer.radiance, judge)[0], errors(mine.radiance, judge)[0]
         equal = scaled * (noise / off) ** 2
         rows.append([f"{elevation:g}", ours, off, samples, scaled, noise, actual, equal, equal / ours])
     header = [
@@ -127,9 +129,10 @@ def walks(given: Any) -> list[str]:
         "path to the error of orders [s]", "times",
     ]  # fmt: skip
     about = (
-        f"The sky's half of a {given.size} panorama of model earth, {WAVELENGTHS.size} wavelengths, {given.threads} threads; path measured "
-        f"on a 64x32 panorama and scaled by the number of rays, then by the square of the errors. Errors: root mean "
-        f"squares against orders with tolerance {FINE:g}; noise: path's own standard error, which says too little at -6 degrees."
+        f"The sky's half of a {given.size} panorama of model earth, {WAVELENGTHS.size} wavelengths, {given.threads} "
+        "threads; path measured on a 64x32 panorama and scaled by the number of rays, then by the square of the "
+        f"errors. Errors: root mean squares against orders with tolerance {FINE:g}; noise: path's own standard error, "
+        "which says too little at -6 degrees."
     )
     return [about, table(header, rows)]
 
@@ -158,7 +161,8 @@ def sasktran(given: Any) -> list[str]:
         ratio = radiance / judge.radiance - 1
         error = np.sqrt(max(rms(ratio) ** 2 - noise**2, 0.0))
         by_zenith = ratio.reshape(10, -1).mean(axis=1)
-        return [name, time, 100 * float(error), f"{100 * ratio.mean():+.3f}", *(f"{100 * by_zenith[k]:+.3f}" for k in (0, 6, 9))]
+        means = [ratio.mean(), *(by_zenith[k] for k in (0, 6, 9))]
+        return [name, time, 100 * float(error), *(f"{100 * mean:+.3f}" for mean in means)]
 
     rows = [
         line(f"skyscatter orders, tolerance {t:g}", lambda t=t: ours("orders", tolerance=t).radiance)
@@ -172,11 +176,12 @@ def sasktran(given: Any) -> list[str]:
         )))  # fmt: skip
     about = (
         f"100 rays x {WAVELENGTHS.size} wavelengths, Sun zenith angle 60 degrees, air of optical depth "
-        f"{sphere.COEFFICIENT * sphere.SCALE_HEIGHT:.3f} at 550 nm whose density is linear between nodes 1 km apart (for all, whatever "
-        f"their own nodes), albedo {sphere.ALBEDO}, scalar, {given.threads} threads. Judge: `path`, {given.reference} walks per ray, "
-        f"{long:.0f} s, noise {100 * noise:.3f} %, taken off in quadrature; errors are judged down to a third of it."
+        f"{sphere.COEFFICIENT * sphere.SCALE_HEIGHT:.3f} at 550 nm whose density is linear between nodes 1 km apart "
+        f"(for all, whatever their own nodes), albedo {sphere.ALBEDO}, scalar, {given.threads} threads. Judge: `path`, "
+        f"{given.reference} walks per ray, {long:.0f} s, noise {100 * noise:.3f} %, taken off in quadrature; errors "
+        "are judged down to a third of it."
     )
-    header = ["solver", "seconds", "error, rms [%]", "mean [%]", "at 2° [%]", "at 57° [%]", "at 85° from the zenith [%]"]
+    header = ["solver", "seconds", "error, rms [%]", "mean [%]", "zenith angle 2° [%]", "57° [%]", "85° [%]"]
     return [about, table(header, rows)]
 
 
@@ -216,7 +221,8 @@ def memory(given: Any) -> list[str]:
     rows: list[list[Any]] = []
     for name, wavelengths, work in works:
         code = CHILD.format(elevation=-3, wavelengths=wavelengths, work=work)
-        time, done = seconds(lambda c=code: subprocess.run([sys.executable, "-c", c], check=True, capture_output=True, text=True))
+        command = [sys.executable, "-c", code]
+        time, done = seconds(partial(subprocess.run, command, check=True, capture_output=True, text=True))
         unit = 2**20 if sys.platform == "darwin" else 2**10  # bytes there, KiB elsewhere
         rows.append([name, wavelengths, int(done.stdout.split()[-1]) // unit, time])
     return [
@@ -227,6 +233,7 @@ def memory(given: Any) -> list[str]:
 
 def curves(given: Any) -> list[str]:
     """Cost over wavelengths, tolerance and size of the picture."""
+
     def picture(scene: Any, count: int, shape: tuple[int, int]) -> float:
         wl = np.linspace(380.0, 780.0, count) if count > 1 else np.array([550.0])
         run = lambda: skyscatter.render(scene, camera(shape), wl, threads=given.threads)  # noqa: E731
@@ -235,16 +242,20 @@ def curves(given: Any) -> list[str]:
     day, dusk = scene_at(30.0), scene_at(-3.0)
     skyscatter.render(day, camera((16, 8)), WAVELENGTHS, threads=given.threads)
     by_count = [[n, picture(day, n, (128, 64)), picture(dusk, n, (128, 64))] for n in (1, 4, 16, 32, 64, 128)]
-    by_size = [[f"{w}x{w // 2}", picture(day, 32, (w, w // 2)), picture(dusk, 32, (w, w // 2))] for w in (16, 64, 128, 256, 512, 1024)]
+    by_size = [
+        [f"{w}x{w // 2}", picture(day, 32, (w, w // 2)), picture(dusk, 32, (w, w // 2))]
+        for w in (16, 64, 128, 256, 512, 1024)
+    ]
     by_tolerance: list[list[Any]] = []
-    judges = {}
+    judges: dict[int, Any] = {}
     for tolerance in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05):
         row: list[Any] = [tolerance]
         for scene in (day, dusk):
             rays = sample_rays(scene)
             time, answer = median_seconds(
-                lambda s=scene, r=rays, t=tolerance: skyscatter.radiance(
-                    s, s.observer.position, r, WAVELENGTHS, tolerance=t, threads=given.threads
+                partial(
+                    skyscatter.radiance, scene, scene.observer.position, rays, WAVELENGTHS, tolerance=tolerance,
+                    threads=given.threads,
                 ), given.repeats if tolerance >= 0.002 else 1,
             )  # fmt: skip
             judge = judges.setdefault(id(scene), answer.radiance)
@@ -253,11 +264,11 @@ def curves(given: Any) -> list[str]:
         by_tolerance.append(row)
     draw(by_count, by_tolerance, by_size)
     return [
-        f"Model earth from the ground, the Sun at 30 and -3 degrees, {given.threads} threads; field and picture together. By number "
-        "of wavelengths, 128x64 pixels:",
+        f"Model earth from the ground, the Sun at 30 and -3 degrees, {given.threads} threads; field and picture "
+        "together. By number of wavelengths, 128x64 pixels:",
         table(["wavelengths", "30° [s]", "-3° [s]"], by_count),
-        f"By tolerance, {WAVELENGTHS.size} wavelengths, the sky's half of a small panorama; errors are root mean squares against the "
-        "finest:",
+        f"By tolerance, {WAVELENGTHS.size} wavelengths, the sky's half of a small panorama; errors are root mean "
+        "squares against the finest:",
         table(["tolerance", "30° [s]", "error [%]", "stated [%]", "-3° [s]", "error [%]", "stated [%]"], by_tolerance),
         f"By size of the picture, {WAVELENGTHS.size} wavelengths:",
         table(["pixels", "30° [s]", "-3° [s]"], by_size),
@@ -273,18 +284,15 @@ def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
     figure = Figure(figsize=(11, 3.6), layout="constrained", dpi=110)
     panels = figure.subplots(1, 3)
     pixels = [int(np.prod([int(n) for n in row[0].split("x")])) for row in by_size]
-    data = (
-        ("wavelengths", [row[0] for row in by_count], [row[1:3] for row in by_count]),
-        ("relative error reached (rms) [%]", None, None),
-        ("pixels", pixels, [row[1:3] for row in by_size]),
+    reached = [row for row in by_tolerance if np.isfinite(row[2])]
+    data: tuple[tuple[str, list[list[float]], list[list[float]]], ...] = (
+        ("wavelengths", [[row[0]] * 2 for row in by_count], [row[1:3] for row in by_count]),
+        ("error reached, root mean square [%]", [row[2::3] for row in reached], [row[1::3] for row in reached]),
+        ("pixels", [[count] * 2 for count in pixels], [row[1:3] for row in by_size]),
     )
     for panel, (label, x, y) in zip(panels, data, strict=True):
         for k, (name, colour, marker) in enumerate((("Sun at 30°", "#c46a00", "o"), ("Sun at -3°", "#3b4f9e", "s"))):
-            if x is None:
-                rows = [row for row in by_tolerance if np.isfinite(row[2])]
-                panel.plot([row[2 + 3 * k] for row in rows], [row[1 + 3 * k] for row in rows], marker + "-", color=colour, label=name)
-            else:
-                panel.plot(x, [row[k] for row in y], marker + "-", color=colour, label=name)
+            panel.plot([row[k] for row in x], [row[k] for row in y], marker + "-", color=colour, label=name)
         panel.set(xscale="log", yscale="log", xlabel=label)
         panel.grid(alpha=0.3, which="both", linewidth=0.5)
         panel.yaxis.set_major_formatter(ScalarFormatter())
@@ -303,13 +311,14 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument("--parts", default=",".join(PARTS), help="by commas")
     options.add_argument("--size", default="512x256", help="the picture")
-    options.add_argument("--samples", type=int, default=64, help="walks per ray for path, four times as many in twilight")
+    options.add_argument("--samples", type=int, default=64, help="walks per ray for path, in twilight four times")
     options.add_argument("--reference", type=int, default=65536, help="walks per ray of the judge beside sasktran2")
     options.add_argument("--threads", type=int, default=min(2, processors()))
     given = options.parse_args()
     where = machine()
+    work = {"panorama": panorama, "walks": walks, "sasktran": sasktran, "memory": memory, "curves": curves}
     for part in given.parts.split(","):
-        blocks = {"panorama": panorama, "walks": walks, "sasktran": sasktran, "memory": memory, "curves": curves}[part](given)
+        blocks = work[part](given)
         packages = versions("skyscatter", "numba", "numpy", *(["sasktran2"] if part == "sasktran" else []))
         words = [w for w in sys.argv[1:] if not w.startswith("--parts") and w not in (given.parts, "--write")]
         report(f"orders-{part}", where, packages, blocks, ["orders_speed.py", "--parts", part, *words], given.write)

@@ -1,8 +1,8 @@
 """The deterministic solver `orders` beside the Monte Carlo solver `path`: the table of docs/validation-orders.md.
 
 Atmospheres from pure air to desert dust and Mars, the Sun from 60 degrees above to 12 below the horizon, observers from
-the ground to an orbit, directions over the sky and the planet's disk and limb.  Walks are kept in a folder (--cache), so
-that a new `orders` is compared without walking again; a larger --budget adds walks to those that are there.
+the ground to an orbit, directions over the sky and the planet's disk and limb.  Walks are kept in a folder (--cache),
+so that a new `orders` is compared without walking again; a larger --budget adds walks to those that are there.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,8 +64,10 @@ class Case(NamedTuple):
 
 
 def dust() -> skyscatter.Component:
-    """Desert dust: sizes of the accumulation mode of mineral dust in OPAC (Hess et al. 1998, Bull. Am. Met. Soc. 79, 831)."""
-    index = skyscatter.SpectralTable(wavelengths=(350, 400, 450, 500, 550, 800), values=(0.017, 0.013, 0.0085, 0.0078, 0.0055, 0.004))
+    """Desert dust: mineral accumulation mode of OPAC (Hess et al. 1998, Bull. Am. Met. Soc. 79, 831), recalled."""
+    index = skyscatter.SpectralTable(
+        wavelengths=(350, 400, 450, 500, 550, 800), values=(0.017, 0.013, 0.0085, 0.0078, 0.0055, 0.004)
+    )
     optics = MieAerosol(
         optical_depth=0.5, wavelength=550.0, refractive_index_real=1.53, refractive_index_imag=index,
         modes=(LogNormalMode(median_radius=0.39e-6, geometric_standard_deviation=2.0, max_radius=5e-6),),
@@ -163,12 +166,13 @@ def reference(case: Case, folder: Path, budget: float, threads: int | None) -> W
             if np.all((kept.error < ENOUGH * kept.mean) | (kept.mean < FAINTEST)):
                 break
         seed = 1 + len(kept.walks)
-        time, answer = seconds(lambda n=samples, s=seed: skyscatter.radiance(
-            case.scene, case.scene.observer.position, case.directions, WAVELENGTHS, "path",
-            samples=n, seed=s << 32, tolerance=FIRST_ORDER, threads=threads,
+        time, answer = seconds(partial(
+            skyscatter.radiance, case.scene, case.scene.observer.position, case.directions, WAVELENGTHS, "path",
+            samples=samples, seed=seed << 32, tolerance=FIRST_ORDER, threads=threads,
         ))  # fmt: skip
         kept = Walks(
-            np.concatenate([kept.means, answer.radiance[None]]), np.concatenate([kept.errors, answer.standard_error[None]]),
+            np.concatenate([kept.means, answer.radiance[None]]),
+            np.concatenate([kept.errors, answer.standard_error[None]]),
             np.append(kept.walks, samples), kept.seconds + time,
         )  # fmt: skip
         np.savez(path, means=kept.means, errors=kept.errors, walks=kept.walks, seconds=kept.seconds)
@@ -213,10 +217,11 @@ def row(case: Case, v: Verdict) -> list[Any]:
     if not off.size:
         return [*start, *["-"] * 10]
     mean, error = v.mean
+    stated = 100 * v.claimed[v.judged]
     return [
         *start, f"{100 * np.median(v.noise[v.judged]):.2f}", f"{np.median(off):.2f}", f"{off.max():.2f}",
         f"{np.median(sigma):.1f}", f"{sigma.max():.1f}", int(v.outside.sum()), f"{100 * mean:+.2f} ± {100 * error:.2f}",
-        f"{100 * np.median(v.claimed[v.judged]):.2f}", f"{100 * v.claimed[v.judged].max():.2f}", int(v.understated.sum()),
+        f"{np.median(stated):.2f}", f"{stated.max():.2f}", int(v.understated.sum()),
     ]  # fmt: skip
 
 
@@ -260,12 +265,12 @@ def text(found: list[tuple[Case, Walks, Verdict]], given: Any) -> list[str]:
     total = sum(v.judged.size for _, _, v in found)
     about = (
         f"{len(found)} skies, {total} values (directions times {', '.join(f'{w:g}' for w in WAVELENGTHS)} nm), "
-        f"{judged} of which the reference knows to {100 * WORST_NOISE:g} % or better and are brighter than {FAINTEST:g} W m⁻² sr⁻¹ nm⁻¹: these are judged. Walks of "
-        f"`path` per ray: {show(int(all_walks.min()))} to {show(int(all_walks.max()))}, "
-        f"{sum(walks.seconds for _, walks, _ in found) / 60:.0f} minutes in all. `orders` with tolerance "
-        f"{given.tolerance:g}. **Outside**, that is off by more than {100 * DAY_BAR:g} % (Sun at or above the horizon) or "
-        f"{100 * TWILIGHT_BAR:g} % (below) and by more than {SIGMAS:g} standard errors: **{outside}**. Off by more than "
-        f"the stated error and {SIGMAS:g} standard errors together: **{understated}**."
+        f"{judged} of which are brighter than {FAINTEST:g} W m⁻² sr⁻¹ nm⁻¹ and known to {100 * WORST_NOISE:g} % or "
+        f"better by the reference: these are judged. Walks of `path` per ray: {show(int(all_walks.min()))} to "
+        f"{show(int(all_walks.max()))}, {sum(walks.seconds for _, walks, _ in found) / 60:.0f} minutes in all. "
+        f"`orders` with tolerance {given.tolerance:g}. **Outside**, that is off by more than {100 * DAY_BAR:g} % (Sun "
+        f"at or above the horizon) or {100 * TWILIGHT_BAR:g} % (below) and by more than {SIGMAS:g} standard errors: "
+        f"**{outside}**. Off by more than the stated error and {SIGMAS:g} standard errors together: **{understated}**."
     )
     meaning = (
         "Noise: median standard error of the reference. Median and largest: of the deviations' sizes, relative and in "
@@ -286,7 +291,8 @@ def main() -> None:
     options.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "skyscatter-walks")
     options.add_argument("--tolerance", type=float, default=0.005, help="of orders")
     options.add_argument("--atmospheres", default="air,hazy,dusty,mars", help="by commas")
-    options.add_argument("--suns", default=",".join(f"{e:g}" for e in ELEVATIONS), help="elevations [degree] (write --suns=-3)")
+    suns = ",".join(f"{e:g}" for e in ELEVATIONS)
+    options.add_argument("--suns", default=suns, help="elevations [degree], with an equals sign: --suns=-3,-6")
     options.add_argument("--altitudes", default=",".join(f"{a:g}" for a in ALTITUDES), help="of observers [m]")
     options.add_argument("--details", action="store_true", help="also print every value that is outside")
     options.add_argument("--threads", type=int)
@@ -296,15 +302,18 @@ def main() -> None:
     found, lines = [], []
     for case in cases(given.atmospheres.split(","), numbers(given.suns), numbers(given.altitudes)):
         walks = reference(case, given.cache, given.budget, given.threads)
-        time, answer = seconds(lambda c=case: skyscatter.radiance(
-            c.scene, c.scene.observer.position, c.directions, WAVELENGTHS, tolerance=given.tolerance, threads=given.threads
+        time, answer = seconds(partial(
+            skyscatter.radiance, case.scene, case.scene.observer.position, case.directions, WAVELENGTHS,
+            tolerance=given.tolerance, threads=given.threads,
         ))  # fmt: skip
         verdict = judge(case, walks, answer)
         found.append((case, walks, verdict))
         lines += details(case, walks, verdict)
         print(" | ".join(show(cell) for cell in row(case, verdict)), f"| {time:.1f} s", file=sys.stderr, flush=True)
     packages = versions("skyscatter", "numba", "numpy")
-    command = " ".join(["python benchmarks/orders_table.py", *(w for w in sys.argv[1:] if not w.startswith("--cache"))])
+    chosen = {name: getattr(given, name) for name in ("budget", "tolerance", "atmospheres", "suns", "altitudes")}
+    asked = [f" --{name}={value}" for name, value in chosen.items() if value != options.get_default(name)]
+    command = "python benchmarks/orders_table.py" + "".join(asked)
     body = "\n\n".join([f"`{command}`; {packages}; {where.split(',')[0]}.", *text(found, given)])
     print(body)
     if given.details:

@@ -98,7 +98,14 @@ def main() -> None:
 
     def ours(samples: int, **more: Any) -> Any:
         return skyscatter.radiance(
-            scene, scene.observer.position, directions, WAVELENGTHS, "path", samples=samples, threads=given.threads, **more
+            scene,
+            scene.observer.position,
+            directions,
+            WAVELENGTHS,
+            "path",
+            samples=samples,
+            threads=given.threads,
+            **more,
         )
 
     ours(16)
