@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers import grid as grids
-from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
+from skyscatter.solvers.direct import slant_columns
+from skyscatter.solvers.kernels.lookup import ColumnTable
 from skyscatter.solvers.sweeps import FLOOR, Problem, Sums
 
 Array = NDArray[np.float64]
@@ -33,22 +34,6 @@ class Beam(NamedTuple):
 
     true: Array  #: of what was never scattered
     cut: Array  #: together with what delta-M's forward peaks scatter
-
-
-def slant_columns(columns: ColumnTable, altitude: float, mu: float) -> Array | None:
-    """Columns [m] from an altitude towards a light at zenith cosine mu; None where the planet is in the way."""
-    fields = columns.value.shape[2]
-    radius = columns.radius + altitude
-    out = np.zeros(fields)
-    outward_columns(columns, altitude, abs(mu), out)
-    if mu >= 0:
-        return out
-    low = radius * np.sqrt((1 - mu) * (1 + mu))
-    if low <= columns.radius:
-        return None
-    across = np.zeros(fields)
-    outward_columns(columns, float(low - columns.radius), 0.0, across)
-    return np.maximum(2 * across - out, 0.0)
 
 
 def direct_beam(columns: ColumnTable, problem: Problem, altitude: Array, zenith: Array | float) -> Beam:

@@ -25,7 +25,7 @@ from skyscatter.solvers.kernels.course import (
     weigh_cells,
 )
 from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.lookup import columns_along, columns_to_light, start_columns, trace_line
 from skyscatter.solvers.kernels.optics import disk_radiance, phase_at, transmittance
 from skyscatter.solvers.kernels.work import Work, make_work
@@ -113,7 +113,7 @@ def _disk_nodes(diffuse, mu):
     return 1, 3
 
 
-@inlined
+@kernel
 def _add_sunlight(columns, diffuse, r, mu, node, q, course, lit, work):
     """Add what Gauss point number q scatters of the light of one node of the disk, per component, to `lit`."""
     if columns_to_light(columns, r, mu, work.spare, work.to_sun):
@@ -169,7 +169,7 @@ def _sunlit_cell(columns, diffuse, line, s, points, q, nu, course, lit, work):
             _half_lit_cell(columns, diffuse, line, s, q, nu, node, lit_0, course, lit, work)
 
 
-@inlined
+@kernel
 def _sunlight(columns, diffuse, r, sun_mu, work, out):
     """Irradiance of the Sun's disk at radius r under a zenith cosine of its middle, into `out` (wavelength,)."""
     for i in range(out.size):
@@ -224,7 +224,7 @@ def _sun_range(line, t, r, rays, bundle):
     return low, high
 
 
-@kernel
+@merged
 def _smooth_point(columns, diffuse, line, k, rays, count, course, bundle, work):
     """Sunlight at Gauss point k for many rays in full sunlight: interpolated from `count` positions of the Sun."""
     t, r = course.gauss[k, 0], course.gauss[k, 1]
@@ -343,7 +343,7 @@ def scatter_once(columns, diffuse, first, line, n, ray, lit, course, bundle, wor
             bundle.reflected[ray, i] *= course.through[n - 1, i]
 
 
-@kernel
+@merged
 def spread_peaks(diffuse, n, course, bundle):
     """What first-order light in the forward peaks loses, because peaks that follow one another widen.
 
@@ -371,7 +371,7 @@ def spread_peaks(diffuse, n, course, bundle):
                 bundle.spread[c, d, i] = np.float32(lost * diffuse.peaks[c, d, i])
 
 
-@kernel
+@merged
 def narrow_aureole(diffuse, ray, bundle):
     """Take from a ray's first order what `spread_peaks` found."""
     nu = bundle.nu[ray]
@@ -395,7 +395,7 @@ def narrow_aureole(diffuse, ray, bundle):
                 bundle.scattered[ray, 0, i] -= fade * bundle.here[i] * bundle.many_lit[ray, c, i]
 
 
-@inlined
+@merged
 def _fill_functions(recurrence, mu, polarised, functions):
     """Angular functions of all degrees and orders at a zenith cosine; see `skyscatter.solvers.moments.wigner`."""
     orders, degrees = functions.shape[1], functions.shape[2]
@@ -432,7 +432,7 @@ def _fill_functions(recurrence, mu, polarised, functions):
                 functions[1, m, d], functions[2, m, d] = 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
-@inlined
+@kernel
 def _place_rays(diffuse, line, t, r, suns, rays, bundle):
     """Sun nodes and azimuth from the Sun of every ray at distance t; returns the lowest and the highest node."""
     mu, sine, shift = t / r, line.p / r, t - line.start
