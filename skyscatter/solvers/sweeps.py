@@ -19,19 +19,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.course import Diffuse
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.orders import Field, look, make_sweep_scratch, refine, sweep_height
+from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
 
 Array = NDArray[np.float64]
 
-#: Degrees to which phase functions may be kept, with the tolerances from which on down they may, and must at least, be; what
-#: is more forward-peaked is cut off (delta-M).
+#: Degrees to which phase functions may be kept, each with the tolerances below which it may be chosen, and no lower one
+#: may; what is more forward-peaked is cut off (delta-M).
 DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.01, 0.003), (16, 0.01, 0.001), (24, 0.001, 0.0))
 #: Optical depth of the cut peaks that is good enough, in units of the tolerance.
 PEAK_SHARE = 1.5
@@ -54,6 +56,8 @@ DUSK_SHARE, DEEP_SHARE = 0.3, 0.12
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
 FAINTEST = 1e-12
+#: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
+HAIR = 1e-6
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.
 SAME_COURSE, MOST_RAYS = 1e-10, 512
 
@@ -398,6 +402,8 @@ def view(
     scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength)
         See `skyscatter.solvers.kernels.orders.look`.
     """
+    if problem.stokes > 1:
+        directions = off_vertical(origins, directions)
     order, group = bundles(origins, directions, table.columns.radius)
     rays, wavelengths = len(origins), problem.diffuse.sigma_t.shape[1]
     scattered, multiple = (np.empty((rays, problem.stokes, wavelengths)) for _ in range(2))
@@ -410,6 +416,20 @@ def view(
     back = np.empty_like(order)
     back[order] = np.arange(rays)
     return scattered[back], multiple[back], reflected[back], direct[back]
+
+
+def off_vertical(origins: Array, directions: Array) -> Array:
+    """Directions, with vertical ones tilted by a hair so that their meridian plane is that of the conventions."""
+    up = origins / np.linalg.norm(origins, axis=1, keepdims=True)
+    vertical = np.linalg.norm(np.cross(up, directions), axis=1) < HAIR
+    if not vertical.any():
+        return directions
+    out = directions.copy()
+    v, _ = meridian_frame(origins[vertical], directions[vertical])
+    side = np.sign(np.einsum("rk,rk->r", up[vertical], directions[vertical]))[:, None]
+    tilted = directions[vertical] - side * HAIR * v
+    out[vertical] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+    return out
 
 
 def bundles(origins: Array, directions: Array, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from plane_parallel import THICKNESS, WAVELENGTH, IsotropicLayers, Slab, legendre_phase
+from plane_parallel import WAVELENGTH, Slab
 
 import skyscatter
-from skyscatter.media.fields import Exponential, Uniform
-from skyscatter.optics.particles import Particles
-from skyscatter.optics.phase import GreekPhase, Isotropic, Rayleigh
-from skyscatter.optics.rayleigh import RayleighPowerLaw
+from skyscatter.optics.phase import GreekPhase, Rayleigh
 
 Array = NDArray[np.float64]
 SLOW = pytest.mark.slow
