@@ -353,7 +353,7 @@ def sum_orders(
     with ThreadPoolExecutor(max_workers=sweeper.threads) as pool:
         moments, flux = sweeper.first(pool)
         total, total_flux = moments.copy(), flux.copy()
-        change_before = 1.0
+        change_before, shrinks_before = 1.0, 1.0
         previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
         # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
         last = MOST_ORDERS if max_order is None else max_order - 1
@@ -372,7 +372,11 @@ def sum_orders(
                 change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
                 previous_sum = new_sum
                 # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
-                left, change_before = change * min(change / change_before, 1.0), change
+                # The worse of two: after one step that was huge, because an order outshone the one before, the next
+                # is small beside it and means nothing.
+                shrinks = change / change_before
+                left = change * min(max(shrinks, shrinks_before), 1.0)
+                change_before, shrinks_before = change, shrinks
                 if progress is not None:
                     progress(min(0.95, float(np.log(min(max(left, 1e-12), 0.99)) / np.log(goal))))
                 if left < goal:
