@@ -73,7 +73,7 @@ def solve_once(
     ground_radiance: float = 0.0,
 ) -> Solution:
     """One solution on one grid."""
-    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance)
+    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, cut=max_order != 1)
     sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, tolerance, max_order, progress))
 
@@ -143,7 +143,8 @@ def solve(
     stokes : bool
         Solve for polarised light.
     max_order : int, optional
-        Leave out light that was scattered or reflected more often than this.
+        Leave out light that was scattered or reflected more often than this; scatterings into a cut forward peak do
+        not count, unless it is 1.
     threads : int, optional
         All processors when not given.
     progress : callable, optional

@@ -40,7 +40,7 @@ def direct_beam(columns: ColumnTable, problem: Problem, altitude: Array, zenith:
     """Direct sunlight at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape."""
     diffuse, sigma_t = problem.diffuse, problem.table.optics.sigma_t
     h, angle = np.broadcast_arrays(np.asarray(altitude, float), np.asarray(zenith, float))
-    spread = float(np.arcsin(diffuse.tilt[1, 1]))
+    spread = float(np.arcsin(abs(diffuse.tilt[1, 1])))
     true, cut = np.zeros((h.size, sigma_t.shape[1])), np.zeros((h.size, sigma_t.shape[1]))
     for k, (height, z) in enumerate(zip(h.ravel(), angle.ravel(), strict=True)):
         for offset in (spread, -spread):

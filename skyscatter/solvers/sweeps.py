@@ -138,8 +138,12 @@ def make_problem(
     stokes: bool = False,
     ground_radiance: float = 0.0,
     degree: int | None = None,
+    cut: bool = True,
 ) -> Problem:
-    """Tables and grid for a scene with the Sun between two zenith angles [rad]."""
+    """Tables and grid for a scene with the Sun between two zenith angles [rad].
+
+    Without `cut` forward peaks stay where they are: right for the first order alone.
+    """
     table = compile_scene(scene, wavelengths)
     optics = table.optics
     matrix = matrices(scene, table, wavelengths, stokes)
@@ -151,7 +155,7 @@ def make_problem(
     outward_columns(table.columns, 0.0, 1.0, column)
     kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance) if degree is None else degree
     peak = chi[:, 0, kept + 1]
-    peak = np.where(peak > LEAST_PEAK, np.minimum(peak, 0.999), 0.0)
+    peak = np.where((peak > LEAST_PEAK) & cut, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
     chi = chi[:, :, : kept + 1] - peak[:, None, None] * identity[None, :, None, None]
     chi[:, 1:4, :2] *= np.array([0.0, 0.0, 1.0])[None, : chi.shape[1] - 1, None, None]  # a2 and a3 begin at degree 2
@@ -205,20 +209,25 @@ def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, A
 
 
 def _disk(optics: Any) -> tuple[Array, Array]:
-    """Zenith offsets that stand for the Sun (its middle, then two for its disk), and the irradiance of each.
+    """Zenith offsets that stand for the Sun, as cosine and sine, and the irradiance of each: middle, two, four.
 
-    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off
-    its middle are exact to the third degree: <x^2> = <rho^2> / 2, half the radius of a uniform disk.
+    What reaches a point depends on the zenith angle alone.  Over it a uniform disk weighs as a semicircle, whose rules are
+    those of Gauss-Chebyshev of the second kind: nodes cos(k pi / (n + 1)), weights 2 sin^2(k pi / (n + 1)) / (n + 1).  The
+    nodes are drawn together by as much as limb darkening lessens the second moment.
     """
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))
     radiance = optics.disk_radiance.mean(axis=1)
     bright = np.trapezoid(radiance, square)
-    spread = 0.0
+    radius = 0.0
     if optics.disk_radius > 0 and bright > 0:
-        spread = np.sqrt(np.trapezoid(radiance * square, square) / bright / 2) * optics.disk_radius
-    offset = np.array([0.0, spread, -spread])
-    return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.stack([total, total / 2, total / 2])
+        radius = np.sqrt(2 * np.trapezoid(radiance * square, square) / bright) * optics.disk_radius
+    offset, weight = [0.0], [1.0]
+    for n in (2, 4):
+        angle = np.arange(1, n + 1) * np.pi / (n + 1)
+        offset += list(radius * np.cos(angle))
+        weight += list(2 / (n + 1) * np.sin(angle) ** 2)
+    return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.array(weight)[:, None] * total
 
 
 def make_grid(

@@ -47,8 +47,8 @@ class Diffuse(NamedTuple):
     peaks: np.ndarray  #: (component, degree, wavelength) scattering times (2 l + 1) / (4 pi) r_l of the forward peaks
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     light: np.ndarray  #: (3, wavelength): radiance from outside, the ground's own radiance, the ground's albedo
-    tilt: np.ndarray  #: (3, 2): cosine and sine of zenith offsets: the Sun's middle, and two that stand for its disk
-    share: np.ndarray  #: (3, wavelength) irradiance of the whole disk, and of each of the two [W m-2 nm-1]
+    tilt: np.ndarray  #: (7, 2): cosine and sine of zenith offsets: the Sun's middle; two that stand for its disk; four
+    share: np.ndarray  #: (7, wavelength) irradiance that each carries in its rule [W m-2 nm-1]
     shell: np.ndarray  #: (row,) altitudes at which the field is known, rising, from the ground to the top [m]
     sun_index: np.ndarray  #: number of the field's Sun node over the Sun's cosine, on even steps from -1 to 1
     max_angle: float  #: largest angle at the planet's centre that a cell spans [rad]

@@ -78,6 +78,10 @@ def _sunlit_cell(columns, diffuse, line, s, q, nu, course, lit, work):
     mu_0 = (q + (course.t[s] - line.start) * nu) / course.place[s, 0]
     mu_1 = (q + (course.t[s + 1] - line.start) * nu) / course.place[s + 1, 0]
     first, last = _disk_nodes(diffuse, min(mu_0, mu_1))
+    height_0, height_1 = mu_0 + course.place[s, 2], mu_1 + course.place[s + 1, 2]
+    edge = 2.0 * abs(diffuse.tilt[1, 1])
+    if first == 1 and min(height_0, height_1) < edge and max(height_0, height_1) > -edge:
+        first, last = 3, 7  # the disk sets within the cell or near it
     for node in range(first, last):
         cosine, sine = diffuse.tilt[node, 0], diffuse.tilt[node, 1]
         lit_0 = _tilted(mu_0, cosine, sine) + course.place[s, 2] >= 0.0
@@ -169,7 +173,7 @@ def light_bundle(columns, diffuse, line, n, rays, course, bundle, work):
     for s in range(n - 1):
         low_0, high_0 = low_1, high_1
         low_1, high_1 = _sun_range(line, course.t[s + 1], course.place[s + 1, 0], rays, bundle)
-        edge = diffuse.tilt[1, 1]
+        edge = 2.0 * abs(diffuse.tilt[1, 1])
         if max(high_0 + course.place[s, 2], high_1 + course.place[s + 1, 2]) < -edge:
             continue  # night
         above = min(low_0 + course.place[s, 2], low_1 + course.place[s + 1, 2])
@@ -210,6 +214,8 @@ def sunlit_ground(columns, diffuse, mu, work, out):
     for i in range(out.size):
         out[i] = 0.0
     first, last = _disk_nodes(diffuse, mu)
+    if first == 1 and mu < 2.0 * abs(diffuse.tilt[1, 1]):
+        first, last = 3, 7
     for node in range(first, last):
         mu_s = min(_tilted(mu, diffuse.tilt[node, 0], diffuse.tilt[node, 1]), 1.0)
         if mu_s > 0.0 and columns_to_light(columns, columns.radius, mu_s, work.spare, work.to_sun):
