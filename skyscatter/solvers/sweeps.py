@@ -48,10 +48,10 @@ CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Orders after which a solution that has not converged is given up.
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
-ORDERS_SHARE = 0.2
+ORDERS_SHARE = 0.3
 #: Shares of the tolerance for which directions and positions of the Sun are chosen where it may be below the horizon,
 #: and where it is below for nearly all that matters.
-DUSK_SHARE, DEEP_SHARE = 0.3, 0.12
+DUSK_SHARE, DEEP_SHARE = 0.5, 0.25
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
@@ -349,7 +349,7 @@ def sum_orders(
     ----------
     sweeper : Sweeper
     tolerance : float
-        Relative; a fifth of it is left to the sum over the orders.
+        Relative; three tenths of it are left to the sum over the orders.
     max_order : int, optional
         Leave out light scattered or reflected more often.
 
