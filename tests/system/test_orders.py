@@ -89,12 +89,13 @@ def test_the_first_order_is_that_of_single(sun: float, altitude: float) -> None:
     scene = scene_of(sun=sun)
     sights = SIGHTS if altitude < 1e5 else LIMB
     options: dict[str, Any] = {"altitude": altitude, "parts": True}
-    found = look(scene, sights, max_order=1, **options)
+    found = look(scene, sights, max_order=1, tolerance=3e-3, **options)
     expected = look(scene, sights, solver="single", **options)
     for name in ("scattered", "ground"):
         one, other = found.layers[name], expected.layers[name]
-        # Measured 6e-4 on cells of the default tolerance, `single` being good to 1e-4; the faintest rays, in the edge
-        # of the planet's shadow, are held to 1e-6 of the brightest.
+        # A third of the tolerance at most may go to the first order (measured: a fifth, where air is thick along the
+        # horizon); `single` is good to 1e-4.  The faintest rays, in the edge of the planet's shadow, are held to 1e-6
+        # of the brightest.
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-6 * other.max())
     assert found.layers["multiple"].max() < FLOOR
     np.testing.assert_allclose(found.layers["direct"], expected.layers["direct"], rtol=TABLES)
@@ -120,7 +121,7 @@ def test_polarisation_of_the_first_order_is_that_of_single(sun: float) -> None:
     scene = scene_of(sun=sun, albedo=0.0)
     found, expected = (
         look(scene, solver=solver, stokes=True, **more).stokes
-        for solver, more in (("orders", {"max_order": 1}), ("single", {}))
+        for solver, more in (("orders", {"max_order": 1, "tolerance": 3e-3}), ("single", {}))
     )
     # As above; Q and U against I.
     assert np.all(np.abs(found - expected) < 1e-3 * expected[..., :1])
