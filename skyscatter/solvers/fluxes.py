@@ -65,8 +65,8 @@ def interpolate(problem: Problem, values: Array, altitude: Array, zenith: Array)
 def fluxes(problem: Problem, sums: Sums, altitude: Array, zenith: Array) -> Fluxes:
     """Fluxes at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape (...)."""
     h, z = altitude.ravel(), zenith.ravel()
-    # From day to night the mean radiance falls by decades, but never to nought as fluxes do at the edges: it is taken in
-    # its logarithm, and they as shares of it.
+    # From day to night the mean radiance falls by decades, but never to nought as fluxes do at the edges: it is taken
+    # in its logarithm, and they as shares of it.
     mean_at_nodes = np.maximum(sums.moments[:, :, 0], FLOOR)
     mean = np.exp(interpolate(problem, np.log(mean_at_nodes), h, z))
     up, down = (mean * interpolate(problem, sums.flux[:, k] / mean_at_nodes, h, z) for k in (0, 1))
