@@ -97,16 +97,20 @@ def report(section: str, where: str, packages: str, blocks: Sequence[str], comma
     words = shlex.join(word for word in command if word != "--write")
     body = "\n\n".join([f"{today}; {where}; {packages}.", f"Command: `python benchmarks/{words} --write`", *blocks])
     print(body)
-    if not write:
-        return
+    if write:
+        replace_section(RESULTS, section, body)
+
+
+def replace_section(page: Path, section: str, body: str) -> None:
+    """Put `body` between the markers of a section of a Markdown page."""
     from skyscatter.atomic import atomic_path
 
     begin, end = f"<!-- begin {section} -->", f"<!-- end {section} -->"
-    text = RESULTS.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
     pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
     if not pattern.search(text):
-        raise SystemExit(f"{RESULTS}: no section {section}; put the lines {begin} and {end} back")
+        raise SystemExit(f"{page}: no section {section}; put the lines {begin} and {end} back")
     new = pattern.sub(lambda _: f"{begin}\n\n{body}\n\n{end}", text)
-    with atomic_path(RESULTS) as temporary:
+    with atomic_path(page) as temporary:
         temporary.write_text(new, encoding="utf-8")
-    print(f"\nwritten to {RESULTS}")
+    print(f"\nwritten to {page}")

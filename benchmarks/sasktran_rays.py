@@ -29,13 +29,19 @@ SETTINGS: dict[str, dict[str, int]] = {
 }  # fmt: skip
 
 
-def peer(nodes: Any, cos_view: Any, azimuth: Any, cos_sun: float, threads: int, settings: dict[str, Any]) -> Any:
-    """Radiance by sasktran2, shape (ray, wavelength); everything from an empty configuration on is part of the time."""
+def peer(
+    nodes: Any, cos_view: Any, azimuth: Any, cos_sun: float, threads: int, settings: dict[str, Any],
+    source: str = "SuccessiveOrders", density: Any = None,
+) -> Any:  # fmt: skip
+    """Radiance by sasktran2, shape (ray, wavelength); everything from an empty configuration on is part of the time.
+
+    The density at the nodes is exponential unless given.
+    """
     import sasktran2 as sk
 
     config = sk.Config()
     config.num_threads, config.num_stokes = threads, 1
-    config.multiple_scatter_source = sk.MultipleScatterSource.SuccessiveOrders
+    config.multiple_scatter_source = getattr(sk.MultipleScatterSource, source)
     for name, value in settings.items():
         setattr(config, name, value)
     geometry = sk.Geometry1D(
@@ -46,7 +52,8 @@ def peer(nodes: Any, cos_view: Any, azimuth: Any, cos_sun: float, threads: int, 
     for c, a in zip(cos_view, azimuth, strict=True):
         view.add_ray(sk.SolarAnglesObserverLocation(cos_sun, a, c, OBSERVER))
     air = sk.Atmosphere(geometry, config, wavelengths_nm=WAVELENGTHS, calculate_derivatives=False)
-    extinction = COEFFICIENT * np.exp(-nodes / SCALE_HEIGHT)[:, None] * (550.0 / WAVELENGTHS) ** 4
+    density = np.exp(-nodes / SCALE_HEIGHT) if density is None else density
+    extinction = COEFFICIENT * density[:, None] * (550.0 / WAVELENGTHS) ** 4
     moments = np.zeros((config.num_singlescatter_moments, *extinction.shape))
     moments[0], moments[2] = 1.0, 0.5  # 3/4 (1 + mu^2) = P0 + P2 / 2
     air["air"] = sk.constituent.Manual(extinction, np.ones_like(extinction), moments)
@@ -91,7 +98,14 @@ def main() -> None:
 
     def ours(samples: int, **more: Any) -> Any:
         return skyscatter.radiance(
-            scene, scene.observer.position, directions, WAVELENGTHS, samples=samples, threads=given.threads, **more
+            scene,
+            scene.observer.position,
+            directions,
+            WAVELENGTHS,
+            "path",
+            samples=samples,
+            threads=given.threads,
+            **more,
         )
 
     ours(16)

@@ -75,9 +75,9 @@ class Slab:
         origin = np.broadcast_to(np.array([0.0, 0.0, FLATNESS * THICKNESS + altitude]), sight.shape)
         return origin, sight
 
-    def radiance(self, tau: float, mu: ArrayLike, phi: ArrayLike, **options: Any) -> Answer:
+    def radiance(self, tau: float, mu: ArrayLike, phi: ArrayLike, solver: str = "path", **options: Any) -> Answer:
         """Diffuse radiance by the solver; arrays of the shape of mu and phi, one wavelength."""
-        return skyscatter.radiance(self.scene(), *self.rays(tau, mu, phi), [WAVELENGTH], **options)
+        return skyscatter.radiance(self.scene(), *self.rays(tau, mu, phi), [WAVELENGTH], solver, **options)
 
     def flux(
         self, tau: float, upwards: bool, nodes: int = 16, azimuths: int = 1, **options: Any

@@ -21,9 +21,9 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
+from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.orders import Field
 from skyscatter.solvers.run import check_rays, check_wavelengths, default_threads
 from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_problem, sum_orders, view
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
+from skyscatter.solvers.direct import disk_light
 from skyscatter.solvers.run import Interrupted, RenderState, check_wavelengths, solve_rays
 
 if TYPE_CHECKING:
@@ -129,7 +130,6 @@ def _picture(scene: Scene, grid: Array, inside: NDArray[np.bool_], wl: Array, st
 def _sun_correction(scene: Scene, grid: Array, wl: Array) -> tuple[NDArray[np.bool_], Array] | None:
     """Pixels near the Sun, and what averaging its disk over them adds to the radiance along their middle."""
     from skyscatter.solvers.compile import compile_scene
-    from skyscatter.solvers.single import single_parts
 
     radius = float(np.arcsin(scene.star.radius / scene.star_distance))
     step_x, step_y = _steps(grid, axis=1), _steps(grid, axis=0)
@@ -148,11 +148,7 @@ def _sun_correction(scene: Scene, grid: Array, wl: Array) -> tuple[NDArray[np.bo
     fine /= np.linalg.norm(fine, axis=-1, keepdims=True)
     flat = fine.reshape(-1, 3)
     table = compile_scene(scene, wl)
-    # Only direct light is needed: a scene without scattering would do, but the kernel is quick enough here.
-    everything = np.concatenate([flat, grid[near]])
-    origins = np.broadcast_to(scene.observer.position, everything.shape)
-    rays = Rays(np.array(origins, order="C"), everything, np.zeros(len(everything), np.int64))
-    direct = single_parts(table, rays, 0.1)[2]
+    direct = disk_light(table, scene.observer.position, np.concatenate([flat, grid[near]]))
     mean = direct[: len(flat)].reshape(int(near.sum()), -1, wl.size).mean(axis=1)
     return near, mean - direct[len(flat) :]
 

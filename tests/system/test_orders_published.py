@@ -51,7 +51,7 @@ def slabs(beam_mu: float, thickness: ArrayLike, ground_albedo: ArrayLike, phase:
 def rays(share: ArrayLike, mu: ArrayLike, phi: ArrayLike) -> tuple[Array, Array]:
     """As `Slab.rays`, at a share of the optical thickness below the top; everything broadcasts.
 
-    Vertical rays are tilted by 1e-5, so that they have a plane of reference, and those into the beam turned by as much.
+    Vertical rays are tilted by 1e-5, so that they have a plane of reference, and those into the beam turned by 1e-9.
     """
     share, mu, phi = np.broadcast_arrays(*(np.asarray(a, float) for a in (share, mu, phi)))
     flat = [
@@ -79,13 +79,12 @@ def cds(reference: Path, parameter: str, upwards: bool, tau: str) -> tuple[Array
 def cds_deviations(reference: Path, sun: int, tolerance: float) -> tuple[Array, Array]:
     """Deviations of I, Q and U as shares of I, (side, tau, albedo, mu, phi, 3), and the cosines."""
     # The tables' Q and U are ours with the other sign: their r is upright.
-    expected = np.array([
-        [
-            np.stack([sign * cds(reference, name, up, tau)[2][:, sun] for name, sign in (("I", 1), ("Q", -1), ("U", -1))], -1)
-            for tau in CDS_DEPTHS
-        ]
-        for up in (True, False)
-    ])  # fmt: skip
+    signs = {"I": 1.0, "Q": -1.0, "U": -1.0}
+
+    def table(upwards: bool, tau: str) -> Array:
+        return np.stack([sign * cds(reference, name, upwards, tau)[2][:, sun] for name, sign in signs.items()], axis=-1)
+
+    expected = np.array([[table(upwards, tau) for tau in CDS_DEPTHS] for upwards in (True, False)])
     mu0, mu, _ = cds(reference, "I", True, "1")
     pairs = np.array(list(product([float(t) for t in CDS_DEPTHS], CDS_ALBEDOS)))
     scene, wavelengths = slabs(float(mu0[sun]), pairs[:, 0], pairs[:, 1], Rayleigh())

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.jit import inlined, kernel, merged
 from skyscatter.solvers.kernels.lookup import columns_along, densities, start_columns
 from skyscatter.solvers.kernels.optics import transmittance
 
@@ -86,7 +86,7 @@ def make_course(shells: int, blocks: int, components: int, degrees: int, wavelen
     )  # fmt: skip
 
 
-@kernel
+@merged
 def cross_shells(shell, radius, line, raw):
     """Where the line enters, crosses shells, turns upwards and leaves, into `raw`; returns how many points."""
     # The top lies high enough above rounding at planetary radii, and far below any cell.
@@ -132,7 +132,7 @@ def _greatest_depth(diffuse, before, after, through):
     return depth
 
 
-@inlined
+@kernel
 def _put_point(columns, diffuse, line, t, n, course, work):
     """Write down point number n of a course."""
     r = columns_along(columns, line, t, work.from_start, work.across, work.along)
@@ -164,16 +164,16 @@ def lay_points(columns, diffuse, line, course, work):
     raw = course.raw
     gaps = cross_shells(diffuse.shell, columns.radius, line, raw) - 1
     start_columns(columns, line, work.from_start, work.across)
-    _put_point(columns, diffuse, line, raw[0], 0, course, work)
-    n = 1
-    for k in range(gaps):
-        a, b = raw[k], raw[k + 1]
-        r_b = columns_along(columns, line, b, work.from_start, work.across, work.along)
-        depth = _greatest_depth(diffuse, course.columns[n - 1], work.along, course.through[n - 1])
-        # The angle at the centre by the sine rule; it is small.
-        angle = (b - a) * line.p / (r_b * course.place[n - 1, 0])
-        wanted = math.ceil(max(angle / diffuse.max_angle, depth / diffuse.max_depth))
-        parts = int(min(max(wanted, 1.0), MOST_PARTS, course.t.size - n - (gaps - k)))
+    n, parts = 0, 1
+    for k in range(-1, gaps):
+        a, b = raw[max(k, 0)], raw[k + 1]
+        if k >= 0:  # before the first gap comes the entry itself
+            r_b = columns_along(columns, line, b, work.from_start, work.across, work.along)
+            depth = _greatest_depth(diffuse, course.columns[n - 1], work.along, course.through[n - 1])
+            # The angle at the centre by the sine rule; it is small.
+            angle = (b - a) * line.p / (r_b * course.place[n - 1, 0])
+            wanted = math.ceil(max(angle / diffuse.max_angle, depth / diffuse.max_depth))
+            parts = int(min(max(wanted, 1.0), MOST_PARTS, course.t.size - n - (gaps - k)))
         for j in range(1, parts + 1):
             t = b if j == parts else a + (b - a) * j / parts
             _put_point(columns, diffuse, line, t, n, course, work)
@@ -233,10 +233,11 @@ def weigh_cells(diffuse, hits_ground, n, course, work):
                             beta = column * diffuse.greek[b, c, d, i]
                             course.weight[s, b, d, i] += work.fine[i] * beta
                             course.weight[s + 1, b, d, i] += work.coarse[i] * beta
-    for s in range(1, n - 1, 2):
-        _bend_cells(diffuse, s, 0, course, work)
-    if n > 2 and n % 2 == 0:
-        _bend_cells(diffuse, n - 2, 1, course, work)
+    if n < 3:
+        return
+    for k in range(1, n - n % 2, 2):
+        # An odd cell at the end has the point before it in common with the last pair.
+        _bend_cells(diffuse, min(k, n - 2), k - min(k, n - 2), course, work)
 
 
 @kernel
@@ -270,7 +271,7 @@ def _bend_cells(diffuse, s, first, course, work):
                             course.weight[s + 1, b, d, i] -= f / (1.0 - u)
 
 
-@inlined
+@kernel
 def put_gauss(columns, diffuse, line, t, step, q, course, work):
     """Write down Gauss point number q of a course."""
     r = columns_along(columns, line, t, work.from_start, work.across, work.along)
@@ -283,27 +284,40 @@ def put_gauss(columns, diffuse, line, t, step, q, course, work):
 
 
 @kernel
-def lay_gauss(columns, diffuse, line, n, points, course, work):
-    """Gauss points, `points` of them (1 or 2) in each of the n - 1 cells.
-
-    A single point stands where the light that leaves the cell comes from on average, and takes the attenuation within
-    the cell exactly; two are good enough without.
-    """
+def lay_gauss(columns, diffuse, line, n, course, work):
+    """Two Gauss points in each of the n - 1 cells."""
     for s in range(n - 1):
         width = course.t[s + 1] - course.t[s]
-        if points == 2:
-            for g in range(2):
-                t = course.t[s] + width * GAUSS_X[g]
-                put_gauss(columns, diffuse, line, t, 0.5 * width, 2 * s + g, course, work)
-            continue
-        centre = 0.0
-        for i in range(course.glow.size):
-            near, far, _ = _cell_integrals(course.depth[s, i])
-            work.through[i] = course.through[s, i] * (near + far)
-            centre += far / (near + far)
-        t = course.t[s] + width * centre / course.glow.size
-        course.gauss[s, 0], course.gauss[s, 1] = t, math.sqrt(line.p * line.p + t * t)
-        for c in range(course.columns.shape[1]):
-            column = max(course.columns[s + 1, c] - course.columns[s, c], 0.0)
-            for i in range(course.glow.size):
-                course.source[s, c, i] = column * work.through[i]
+        for g in range(2):
+            put_gauss(columns, diffuse, line, course.t[s] + width * GAUSS_X[g], 0.5 * width, 2 * s + g, course, work)
+
+
+@kernel
+def lay_halves(columns, diffuse, line, n, course, work):
+    """Two points in each of the n - 1 cells, where the light of either half comes from on average.
+
+    Each takes the attenuation within its half exactly: for sums over many rays, which cells may be long for.
+    """
+    wavelengths = course.glow.size
+    for s in range(n - 1):
+        middle = 0.5 * (course.t[s] + course.t[s + 1])
+        columns_along(columns, line, middle, work.from_start, work.across, work.along)
+        transmittance(work.along, diffuse.sigma_t, work.sun)
+        for half in range(2):
+            centre = 0.0
+            for i in range(wavelengths):
+                depth = 0.0
+                for c in range(work.along.size):
+                    depth += diffuse.sigma_t[c, i] * (
+                        work.along[c] - course.columns[s, c] if half == 0 else course.columns[s + 1, c] - work.along[c]
+                    )
+                near, far, _ = _cell_integrals(max(depth, 0.0))
+                work.through[i] = (course.through[s, i] if half == 0 else work.sun[i]) * (near + far)
+                centre += far / (near + far)
+            t = (course.t[s] if half == 0 else middle) + 0.5 * (course.t[s + 1] - course.t[s]) * centre / wavelengths
+            k = 2 * s + half
+            course.gauss[k, 0], course.gauss[k, 1] = t, math.sqrt(line.p * line.p + t * t)
+            for c in range(work.along.size):
+                column = work.along[c] - course.columns[s, c] if half == 0 else course.columns[s + 1, c] - work.along[c]
+                for i in range(wavelengths):
+                    course.source[k, c, i] = max(column, 0.0) * work.through[i]
