@@ -73,7 +73,7 @@ def solve_once(
     ground_radiance: float = 0.0,
 ) -> Solution:
     """One solution on one grid."""
-    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, cut=max_order != 1)
+    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, cut_peaks=max_order != 1)
     sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, tolerance, max_order, progress))
 

@@ -138,11 +138,11 @@ def make_problem(
     stokes: bool = False,
     ground_radiance: float = 0.0,
     degree: int | None = None,
-    cut: bool = True,
+    cut_peaks: bool = True,
 ) -> Problem:
     """Tables and grid for a scene with the Sun between two zenith angles [rad].
 
-    Without `cut` forward peaks stay where they are: right for the first order alone.
+    Without `cut_peaks` forward peaks stay where they are: right for the first order alone.
     """
     table = compile_scene(scene, wavelengths)
     optics = table.optics
@@ -155,7 +155,7 @@ def make_problem(
     outward_columns(table.columns, 0.0, 1.0, column)
     kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance) if degree is None else degree
     peak = chi[:, 0, kept + 1]
-    peak = np.where((peak > LEAST_PEAK) & cut, np.minimum(peak, 0.999), 0.0)
+    peak = np.where((peak > LEAST_PEAK) & cut_peaks, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
     chi = chi[:, :, : kept + 1] - peak[:, None, None] * identity[None, :, None, None]
     chi[:, 1:4, :2] *= np.array([0.0, 0.0, 1.0])[None, : chi.shape[1] - 1, None, None]  # a2 and a3 begin at degree 2
@@ -211,9 +211,9 @@ def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, A
 def _disk(optics: Any) -> tuple[Array, Array]:
     """Zenith offsets that stand for the Sun, as cosine and sine, and the irradiance of each: middle, two, four.
 
-    What reaches a point depends on the zenith angle alone.  Over it a uniform disk weighs as a semicircle, whose rules are
-    those of Gauss-Chebyshev of the second kind: nodes cos(k pi / (n + 1)), weights 2 sin^2(k pi / (n + 1)) / (n + 1).  The
-    nodes are drawn together by as much as limb darkening lessens the second moment.
+    What reaches a point depends on the zenith angle alone.  Over it a uniform disk weighs as a semicircle, whose rules
+    are those of Gauss-Chebyshev of the second kind: nodes cos(k pi / (n + 1)), weights 2 sin^2(k pi / (n + 1)) / (n + 1).
+    The nodes are drawn together by as much as limb darkening lessens the second moment.
     """
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))
