@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 #: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
-BASE_TOLERANCE = 0.003
+BASE_TOLERANCE = 0.002
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
 HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
 #: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
 DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.06, 0.25, 0.5
+#: Cosine of the Sun's zenith angle below which steps in optical depth shrink with it, and how far.
+STEEP_SUN, LEAST_SLANT = 0.7, 0.3
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
@@ -58,7 +60,7 @@ def fineness(tolerance: float) -> float:
     return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 4.5))
 
 
-def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float) -> Array:
+def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float, tolerance: float) -> Array:
     """Node heights [m].
 
     Parameters
@@ -69,6 +71,8 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float)
         Vertical optical depth above them.
     breaks : (break,)
         Altitudes at which a density or its slope jumps; they become nodes unless there are many.
+    lowest_sun : float
+        Cosine of the largest zenith angle of the Sun: a slanting beam fades over less height.
     tolerance : float
     """
     f = fineness(tolerance)
@@ -78,7 +82,8 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float)
     scale = np.clip(scale, top / 50, top / 5)
     step = f * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
-    by_depth = f * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
+    slant = float(np.clip(lowest_sun / STEEP_SUN, LEAST_SLANT, 1.0))
+    by_depth = f * slant * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
     count = int(np.clip(np.ceil(number[-1]), 6, 160))

@@ -240,7 +240,7 @@ def make_grid(
     for k, h in enumerate(altitude):
         outward_columns(columns, h, 1.0, vertical[k])
     depth = vertical @ sigma_t
-    nodes = grids.height_nodes(altitude, depth, table.breaks, tolerance)
+    nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance)
     mean = depth.mean(axis=1)
     scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))

@@ -39,7 +39,7 @@ def profile(depth: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("depth", [1e-4, 0.3, 30.0])
 def test_heights_increase_and_fill_the_atmosphere(depth: float, tolerance: float) -> None:
     altitude, above = profile(depth)
-    nodes = grids.height_nodes(altitude, above, np.array([1e4, 2.5e4]), tolerance)
+    nodes = grids.height_nodes(altitude, above, np.array([1e4, 2.5e4]), 0.5, tolerance)
     assert nodes[0] == 0
     assert nodes[-1] == 1e5
     assert np.all(np.diff(nodes) > 0)
@@ -51,9 +51,9 @@ def test_heights_increase_and_fill_the_atmosphere(depth: float, tolerance: float
 
 def test_many_breaks_are_left_out_and_those_at_the_ends_too() -> None:
     altitude, above = profile(0.3)
-    plain = grids.height_nodes(altitude, above, np.zeros(0), 0.005)
+    plain = grids.height_nodes(altitude, above, np.zeros(0), 0.5, 0.005)
     many = np.linspace(1e3, 9.9e4, 40)
-    np.testing.assert_array_equal(grids.height_nodes(altitude, above, many, 0.005), plain)
+    np.testing.assert_array_equal(grids.height_nodes(altitude, above, many, 0.5, 0.005), plain)
     np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 50.0, 1e5]), 0.005), plain)
 
 
