@@ -319,8 +319,7 @@ def test_isotropic_layers_of_discrete_ordinates(name: str, tolerance: float, ref
     ("name", "tolerance", "flux_bar", "radiance_bar", "median_bar"),
     [
         ("2a", 5e-4, 5e-4, 2e-3, 2e-4),
-        # Thickness 5 under a beam at 4.6 degrees: the fluxes miss 0.05 %, on the finest grid too.
-        pytest.param("2c", FINE, 1e-3, 2e-3, 1e-3, marks=SLOW),
+        pytest.param("2c", FINE, 5e-4, 2e-3, 1e-3, marks=SLOW),
         # Published radiances are DISORT's corrected ones (Nakajima & Tanaka 1988), which swing about the truth from
         # stream to stream by 0.2 to 0.5 %, and by 1 % near the horizontal.
         pytest.param("3a", 5e-4, 5e-4, 5e-3, 1e-3, marks=SLOW),
@@ -398,7 +397,7 @@ def test_neutral_points_of_a_clear_sky(sun: float) -> None:
         star=skyscatter.Star(spectrum=1.0),
         sun=skyscatter.Sun(elevation_deg=sun, azimuth_deg=0.0),
     )
-    angle = np.radians(np.arange(1.125, 179.0, 0.25))
+    angle = np.radians(np.arange(1.0, 179.1, 0.25))
     sight = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=-1)
     answer = skyscatter.radiance(scene, scene.observer.position, sight, [450.0, 650.0], stokes=True, tolerance=0.004)
     share = answer.layers["Q"] / answer.radiance
