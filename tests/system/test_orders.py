@@ -344,7 +344,7 @@ def test_stokes_vectors_against_path() -> None:
     allowed = 4.5 * expected.stokes_error + DEFAULT_TOLERANCE * expected.stokes[..., :1]
     # 4.5 standard errors of 15 degrees of freedom: one of 72 values lies beyond by chance in 3 % of all seeds.
     assert np.all(np.abs(found.stokes - expected.stokes) < allowed)
-    assert np.abs(expected.stokes[..., 1]).max() > 0.05 * expected.stokes[..., 0].max()
+    assert np.max(np.abs(expected.stokes[..., 1]) / expected.stokes[..., 0]) > 0.2
 
 
 def test_mars_against_path() -> None:
@@ -368,8 +368,16 @@ def test_max_order_is_that_of_path(order: int) -> None:
 # Errors
 
 
-@pytest.mark.parametrize("sun", [40.0, 2.0, -4.0])
-@pytest.mark.parametrize("hazy", [False, True], ids=["air", "haze"])
+@pytest.mark.parametrize(
+    ("sun", "hazy"),
+    [
+        (40.0, False),
+        (40.0, True),
+        pytest.param(2.0, False, marks=pytest.mark.slow),
+        pytest.param(2.0, True, marks=pytest.mark.slow),
+        pytest.param(-4.0, False, marks=pytest.mark.slow),
+    ],
+)
 def test_the_stated_error_covers_the_difference_from_a_finer_solution(sun: float, hazy: bool) -> None:
     sights = [(a, e) for a in (0.0, 60.0, 120.0, 180.0) for e in (3.0, 10.0, 30.0, 60.0, 85.0)]
     origin, directions = np.array([0.0, 0.0, R]), towards(sights)
