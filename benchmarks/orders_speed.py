@@ -105,8 +105,8 @@ def panorama(given: Any) -> list[str]:
         f"Model earth from the ground, panorama {given.size}, {WAVELENGTHS.size} wavelengths 380 to 780 nm, tolerance "
         f"0.005, {given.threads} threads. First picture: field and picture. Next Sun: `field.radiance` for all pixels "
         f"with the Sun {STEP:g} degrees lower, the field solved for {AROUND:g} degree either side. Seconds of the "
-        "clock, in brackets of the processor in each thread: what an idle machine takes at best. Errors against a tolerance "
-        f"of {FINE:g} at {FEW.size} wavelengths, in the sky, more than a degree from the Sun."
+        "clock, in brackets of the processor in each thread: what an idle machine takes at best. Errors against a "
+        f"tolerance of {FINE:g} at {FEW.size} wavelengths, in the sky, more than a degree from the Sun."
     )
     return [
         about, table(header, rows),

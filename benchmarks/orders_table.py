@@ -300,6 +300,8 @@ def main() -> None:
     where = machine()
     given.cache.mkdir(parents=True, exist_ok=True)
     found, lines = [], []
+    first = next(cases(["air"], [60.0], [0.0]))  # so that compilation is not taken for walking
+    skyscatter.radiance(first.scene, first.scene.observer.position, first.directions, WAVELENGTHS, "path", samples=2)
     for case in cases(given.atmospheres.split(","), numbers(given.suns), numbers(given.altitudes)):
         walks = reference(case, given.cache, given.budget, given.threads)
         time, answer = seconds(partial(
