@@ -212,8 +212,8 @@ def _disk(optics: Any) -> tuple[Array, Array]:
     """Zenith offsets that stand for the Sun, as cosine and sine, and the irradiance of each: middle, two, four.
 
     What reaches a point depends on the zenith angle alone.  Over it a uniform disk weighs as a semicircle, whose rules
-    are Gauss-Chebyshev's of the second kind: nodes cos(k pi / (n + 1)), weights 2 sin^2(k pi / (n + 1)) / (n + 1).  They
-    are drawn together by as much as limb darkening lessens the second moment.
+    are Gauss-Chebyshev's of the second kind: nodes cos(k pi / (n + 1)), weights 2 sin^2(k pi / (n + 1)) / (n + 1).
+    They are drawn together by as much as limb darkening lessens the second moment.
     """
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))
