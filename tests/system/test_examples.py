@@ -13,8 +13,10 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WRITES = {
     "air_mass.py": (),
     "first_sky.py": ("first_sky.png",),
+    "neutral_points.py": ("neutral_points.png",),
     "own_planet.py": ("my-planet.toml", "my-planet.png"),
     "twilight_ozone.py": ("twilight_ozone.png",),
+    "twilight_sequence.py": ("twilight_sequence.png",),
     "zenith_and_horizon.py": ("zenith_and_horizon.png",),
 }
 
