@@ -189,7 +189,7 @@ def test_net_flux_of_a_conservative_slab_is_the_same_at_all_heights(name: str) -
 
 @pytest.mark.parametrize(
     ("optical_thickness", "albedo", "beam_mu", "tolerance"),
-    [(0.03125, 0.2, 0.1, 1e-3), (0.5, 1.0, 0.6, 1e-3), (1, 0.9, 1.0, 1e-3), (5.0, 0.99, 0.4, DEFAULT_TOLERANCE)],
+    [(0.03125, 0.2, 0.1, 1e-3), (0.5, 1.0, 0.6, 1e-3), (1, 0.9, 1.0, 1e-3), (5.0, 0.99, 0.4, 2e-3)],
 )
 def test_fluxes_of_isotropic_slabs_against_the_integral_equation(
     optical_thickness: float, albedo: float, beam_mu: float, tolerance: float
