@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.scene import Scene, Sun
-from skyscatter.solvers.base import Answer, Array
+from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.run import check_rays, check_wavelengths, default_threads
+from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_problem, sum_orders, view
 
 #: Relative accuracy when nothing else is said.
@@ -167,9 +167,10 @@ def solve(
         raise DomainError("sun_elevations_deg", (low, high), "lowest and highest, between -90 and 90 degrees")
     if not 1e-4 <= tolerance <= 0.1:
         raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
+    Options(max_order=max_order).check()
     margin = 2 * reach(scene.medium.planet_radius, scene.medium.top)
     zenith = (np.radians(90 - high) - margin, np.radians(90 - low) + margin)
-    workers = default_threads() if threads is None else threads
+    workers = worker_count(threads)
     return solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress)
 
 
@@ -267,7 +268,7 @@ class RadianceField:
         table = self.at(sun)
         flat_o, flat_d = (np.ascontiguousarray(a.reshape(-1, 3)) for a in (o, d))
         self.check_coverage(flat_o, flat_d, sun)
-        workers = default_threads() if threads is None else threads
+        workers = worker_count(threads)
         chunks = [slice(k, k + CHUNK) for k in range(0, len(flat_o), CHUNK)]
         with ThreadPoolExecutor(workers) as pool:
             answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts), chunks))
@@ -276,9 +277,9 @@ class RadianceField:
             {name: np.concatenate([a.layers[name] for a in answers]) for name in answers[0].layers} if answers else {}
         )
         return Answer(
-            np.concatenate([a.radiance for a in answers] or [empty]).reshape(*shape, -1),
-            np.concatenate([a.standard_error for a in answers] or [empty]).reshape(*shape, -1),
-            {name: values.reshape(*shape, -1) for name, values in joined.items()},
+            np.concatenate([a.radiance for a in answers] or [empty]).reshape(*shape, self.wavelengths.size),
+            np.concatenate([a.standard_error for a in answers] or [empty]).reshape(*shape, self.wavelengths.size),
+            {name: values.reshape(*shape, self.wavelengths.size) for name, values in joined.items()},
             np.zeros(shape, np.int64),
         )
 

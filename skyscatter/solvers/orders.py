@@ -20,6 +20,8 @@ from skyscatter.solvers.kernels.optics import SceneTable
 
 #: Rays in a tile at most: those of a picture's row share their geometry.
 TILE_RAYS = 1024
+#: Tiles of a picture at least, whatever the threads: rays of a tile share work, and so their last digits depend on it.
+TILES = 16
 
 
 class Context(NamedTuple):

@@ -110,6 +110,15 @@ def default_threads() -> int:
     return os.cpu_count() or 1
 
 
+def worker_count(threads: int | None) -> int:
+    """Threads to use: those that were asked for, or all."""
+    if threads is None:
+        return default_threads()
+    if threads < 1:
+        raise DomainError("threads", threads, "at least 1")
+    return threads
+
+
 def load_solver(name: str) -> Any:
     """The module of a solver."""
     if name not in SOLVERS:
@@ -165,11 +174,10 @@ def solve_rays(
     module = load_solver(solver)
     options.check()
     module.check(options)
-    workers = default_threads() if threads is None else threads
-    if workers < 1:
-        raise DomainError("threads", threads, "at least 1")
+    workers = worker_count(threads)
     n = len(rays.origins)
-    size = min(max(n // (TILES_PER_THREAD * workers), 1), getattr(module, "TILE_RAYS", TILE_RAYS))
+    count = getattr(module, "TILES", TILES_PER_THREAD * workers)
+    size = min(max(n // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
     tiles = [slice(k, min(k + size, n)) for k in range(0, n, size)]
     waiting = [tile for tile in tiles if not state.done[tile].all()]
     if not waiting:
@@ -290,8 +298,8 @@ def radiance(
     if not solve_rays(scene, rays, wl, solver, options, state, threads, progress):
         raise KeyboardInterrupt
     return Answer(
-        state.radiance.reshape(*shape, -1),
-        state.standard_error.reshape(*shape, -1),
-        {name: values.reshape(*shape, -1) for name, values in state.layers.items()},
+        state.radiance.reshape(*shape, wl.size),
+        state.standard_error.reshape(*shape, wl.size),
+        {name: values.reshape(*shape, wl.size) for name, values in state.layers.items()},
         state.samples.reshape(shape),
     )

@@ -20,7 +20,7 @@ from skyscatter.errors import DomainError
 from skyscatter.scene import Ground, Scene
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, Solution, solve, solve_once
-from skyscatter.solvers.run import check_wavelengths, default_threads
+from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import view
 
 
@@ -69,7 +69,7 @@ class CorrectionTerms:
             threads=threads,
         )  # fmt: skip
         dark = black.model_copy(update={"star": black.star.model_copy(update={"spectrum": 0.0}), "background": 0.0})
-        workers = default_threads() if threads is None else threads
+        workers = worker_count(threads)
         self.shining: Solution = solve_once(
             dark, self.wavelengths, (0.5, 0.5), tolerance, stokes, None, workers, ground_radiance=1.0
         )

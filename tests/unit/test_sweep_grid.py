@@ -135,20 +135,25 @@ def test_no_direction_lies_across_the_horizon() -> None:
 
 
 @pytest.mark.parametrize("limb_darkening", [True, False])
-def test_two_points_stand_for_the_disk(limb_darkening: bool) -> None:
-    """Their spread in zenith angle is that of the disk's light; a uniform disk of radius a has half of a."""
+def test_a_few_points_stand_for_the_disk(limb_darkening: bool) -> None:
+    """Over zenith angles a uniform disk of radius a has the moments <x^2> = a^2 / 4 and <x^4> = a^4 / 8."""
     it = scene(radius=2e9)
     it = it.model_copy(update={"star": it.star.model_copy(update={"limb_darkening": limb_darkening})})
-    optics = compile_scene(it, np.array([550.0])).optics
-    tilt, share = _disk(optics)
-    spread = np.arctan2(tilt[1, 1], tilt[1, 0])
-    radius = np.arcsin(2e9 / it.star_distance)
-    if limb_darkening:
-        assert 0.8 * radius / 2 < spread < radius / 2
-    else:
-        assert spread == pytest.approx(radius / 2, rel=1e-4)  # the rings' trapezoids are exact; sine for angle
-    assert tilt[2, 1] == -tilt[1, 1]
-    np.testing.assert_allclose(share[1] + share[2], share[0], rtol=1e-12)
+    tilt, share = _disk(compile_scene(it, np.array([550.0])).optics)
+    offset, weight = np.arctan2(tilt[:, 1], tilt[:, 0]), share[:, 0] / share[0, 0]
+    a = np.arcsin(2e9 / it.star_distance)
+    assert offset[0] == 0
+    for nodes in (slice(1, 3), slice(3, 7)):
+        x, w = offset[nodes], weight[nodes]
+        assert w.sum() == pytest.approx(1.0, rel=1e-12)
+        assert w @ x == pytest.approx(0.0, abs=1e-12 * a)
+        second, fourth = w @ x**2, w @ x**4
+        if limb_darkening:
+            assert 0.8 * a**2 / 4 < second < a**2 / 4
+            continue
+        assert second == pytest.approx(a**2 / 4, rel=2e-4)  # trapezoids over 65 rings
+        if x.size == 4:
+            assert fourth == pytest.approx(a**4 / 8, rel=4e-4)
     np.testing.assert_allclose(share[0], it.star.irradiance([550.0], it.star_distance), rtol=1e-9)
 
 
@@ -189,15 +194,17 @@ def test_a_forward_peak_is_cut_and_a_smooth_phase_function_is_not() -> None:
     np.testing.assert_allclose(peaked.diffuse.sigma_t - left, optics.sigma_t - optics.sigma_s, atol=1e-9 * left.max())
 
 
-def test_degrees_follow_the_tolerance_and_what_is_there() -> None:
-    chi = np.zeros((1, 1, 18, 1))
-    chi[0, 0, :, 0] = 0.9 ** np.arange(18)
-    degrees = [kept_degree(chi, tolerance) for tolerance in (0.05, 0.005, 0.003, 1e-4)]
+def test_degrees_follow_the_tolerance_the_depth_and_what_is_there() -> None:
+    chi, deep = np.zeros((1, 1, 26, 1)), np.full((1, 1), 0.3)
+    chi[0, 0, :, 0] = 0.9 ** np.arange(26)
+    degrees = [kept_degree(chi, deep, tolerance) for tolerance in (0.02, 0.005, 0.002, 1e-4)]
     assert degrees == sorted(degrees)
-    assert degrees[-1] == 16
+    assert degrees[0] < degrees[-1]
+    # A peak of hardly any depth needs no more degrees than the tolerance demands.
+    assert kept_degree(chi, deep / 1e4, 0.005) < kept_degree(chi, deep, 0.005)
     chi[0, 0, 4:] = 0.0
-    assert kept_degree(chi, 1e-4) == 3
-    assert kept_degree(np.zeros((1, 1, 18, 1)), 1e-4) == 2
+    assert kept_degree(chi, deep, 1e-4) == 3
+    assert kept_degree(np.zeros((1, 1, 26, 1)), deep, 1e-4) == 2
 
 
 def test_bundles_hold_each_ray_once_and_only_rays_of_one_course() -> None:
