@@ -49,7 +49,7 @@ def main() -> None:
         return skyscatter.radiance(scene, scene.observer.position, directions, wl, solver, **more)
 
     one = WAVELENGTHS[[WAVELENGTHS.size // 2]]
-    first, _ = seconds(lambda: skyscatter.radiance(scene, scene.observer.position, directions[:1], WAVELENGTHS))
+    first, _ = seconds(lambda: skyscatter.radiance(scene, scene.observer.position, directions[:1], WAVELENGTHS, "path"))
     for wl in (one, WAVELENGTHS):
         run(wl, samples=4)
     rates: list[list[Any]] = []

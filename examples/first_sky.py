@@ -13,7 +13,7 @@ width = int(os.environ.get("SKYSCATTER_EXAMPLE_SIZE", "256"))
 model = skyscatter.load_model("earth")
 scene = model.scene(sun_elevation_deg=10, sun_azimuth_deg=250)
 camera = skyscatter.Panorama(width=width, height=width // 4, elevation_min_deg=0, centre_azimuth_deg=250)
-image = skyscatter.render(scene, camera, np.arange(380, 781, 10), samples=32)
+image = skyscatter.render(scene, camera, np.arange(380, 781, 10))
 image.save("first_sky.png")
 
 luminance = image.luminance()

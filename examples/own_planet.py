@@ -43,7 +43,7 @@ assert again == model
 
 scene = again.scene(sun_elevation_deg=12)
 camera = skyscatter.Perspective(width=width, height=width * 5 // 8, azimuth_deg=180, elevation_deg=20, fov_deg=80)
-skyscatter.render(scene, camera, np.arange(380, 781, 10), samples=64).save("my-planet.png")
+skyscatter.render(scene, camera, np.arange(380, 781, 10)).save("my-planet.png")
 
 ground = scene.observer.position
 tau = skyscatter.optical_depth(scene, ground, ground + np.array([0, 0, again.top]), [550.0])[0]

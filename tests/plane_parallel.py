@@ -75,9 +75,9 @@ class Slab:
         origin = np.broadcast_to(np.array([0.0, 0.0, FLATNESS * THICKNESS + altitude]), sight.shape)
         return origin, sight
 
-    def radiance(self, tau: float, mu: ArrayLike, phi: ArrayLike, **options: Any) -> Answer:
+    def radiance(self, tau: float, mu: ArrayLike, phi: ArrayLike, solver: str = "path", **options: Any) -> Answer:
         """Diffuse radiance by the solver; arrays of the shape of mu and phi, one wavelength."""
-        return skyscatter.radiance(self.scene(), *self.rays(tau, mu, phi), [WAVELENGTH], **options)
+        return skyscatter.radiance(self.scene(), *self.rays(tau, mu, phi), [WAVELENGTH], solver, **options)
 
     def flux(
         self, tau: float, upwards: bool, nodes: int = 16, azimuths: int = 1, **options: Any
@@ -119,27 +119,71 @@ def legendre_phase(moments: ArrayLike, cells: int = 4000) -> TabulatedPhase:
     return TabulatedPhase(cos_theta=tuple(cosine), wavelengths=(WAVELENGTH,), values=rows)
 
 
-def isotropic_fluxes(slab: Slab, cells: int = 600) -> tuple[float, float]:
-    """Diffuse fluxes up at the top and down at the bottom of an isotropically scattering slab over a black ground.
+@dataclass(frozen=True)
+class IsotropicLayers:
+    """Light of a stack of isotropically scattering layers over a black ground, by an integral equation.
 
-    Independent of every sampling: the integral equation of the source function (Chandrasekhar 1950, chapter III),
+    Independent of every solver.  The source function obeys (Chandrasekhar 1950, chapter III)
 
-        S(tau) = omega / 2 int E1(|tau - t|) S(t) dt + omega F exp(-tau / mu0) / (4 pi),
+        S(tau) = omega / 2 int E1(|tau - t|) S(t) dt + omega F exp(-tau / mu0) / (4 pi) + omega B E2(tau) / 2
 
-    with S constant in cells that close in on both faces; integrals of the exponential integrals are exact.
+    under a beam F and isotropic light B from outside.  S is constant in cells that close in on both faces of every
+    layer, and integrals of the exponential integrals are exact.
+
+    Attributes
+    ----------
+    edge : (cell + 1,) optical depths.
+    source : (cell,)
+    background : float
     """
-    from scipy.special import expn
 
-    depth, omega = slab.optical_thickness, slab.single_scattering_albedo
-    edge = 0.5 * depth * (1 - np.cos(np.pi * np.arange(cells + 1) / cells))
-    middle = 0.5 * (edge[1:] + edge[:-1])
+    edge: Array
+    source: Array
+    background: float
 
-    def kernel_integral(distance: Array) -> Array:
-        return np.asarray(np.sign(distance) * (1 - expn(2, np.abs(distance))))
+    @classmethod
+    def solve(
+        cls, depths: ArrayLike, albedos: ArrayLike, beam_mu: float, irradiance: float, background: float = 0.0,
+        cells: int = 600,
+    ) -> IsotropicLayers:  # fmt: skip
+        """Layers that end at cumulative optical `depths`; `cells` in each."""
+        from scipy.special import expn
 
-    matrix = kernel_integral(middle[:, None] - edge[:-1]) - kernel_integral(middle[:, None] - edge[1:])
-    beam = omega * slab.irradiance / (4 * np.pi) * np.exp(-middle / slab.beam_mu)
-    source = np.linalg.solve(np.eye(cells) - 0.5 * omega * matrix, beam)
-    up = 2 * np.pi * source @ (expn(3, edge[:-1]) - expn(3, edge[1:]))
-    down = 2 * np.pi * source @ (expn(3, depth - edge[1:]) - expn(3, depth - edge[:-1]))
-    return float(up), float(down)
+        faces = np.concatenate([[0.0], np.atleast_1d(np.asarray(depths, float))])
+        share = 0.5 * (1 - np.cos(np.pi * np.arange(cells) / cells))
+        edge = np.append((faces[:-1, None] + np.diff(faces)[:, None] * share).ravel(), faces[-1])
+        omega = np.repeat(np.atleast_1d(np.asarray(albedos, float)), cells)
+        middle = 0.5 * (edge[1:] + edge[:-1])
+
+        def integral(distance: Array) -> Array:
+            return np.asarray(np.sign(distance) * (1 - expn(2, np.abs(distance))))
+
+        matrix = integral(middle[:, None] - edge[:-1]) - integral(middle[:, None] - edge[1:])
+        light = irradiance / (4 * np.pi) * np.exp(-middle / beam_mu) + 0.5 * background * expn(2, middle)
+        source = np.linalg.solve(np.eye(middle.size) - 0.5 * omega[:, None] * matrix, omega * light)
+        return cls(edge, source, background)
+
+    def flux(self, tau: float, upwards: bool) -> float:
+        """Diffuse flux through a horizontal plane at optical depth tau."""
+        from scipy.special import expn
+
+        below, above = np.maximum(self.edge - tau, 0.0), np.maximum(tau - self.edge, 0.0)
+        if upwards:
+            return float(2 * np.pi * self.source @ (expn(3, below[:-1]) - expn(3, below[1:])))
+        scattered = self.source @ (expn(3, above[1:]) - expn(3, above[:-1]))
+        return float(2 * np.pi * (scattered + self.background * expn(3, tau)))
+
+    def radiance(self, tau: float, mu: ArrayLike) -> Array:
+        """Diffuse radiance of light that travels at cosines mu (upwards positive, not nought) at optical depth tau."""
+        cosine = np.atleast_1d(np.asarray(mu, float))
+        side = np.where(cosine[:, None] > 0, self.edge - tau, tau - self.edge)
+        fading = np.exp(-np.maximum(side, 0.0) / np.abs(cosine[:, None]))
+        scattered = np.abs(np.diff(fading, axis=1)) @ self.source
+        return np.asarray(scattered + np.where(cosine < 0, self.background * np.exp(-tau / np.abs(cosine)), 0.0))
+
+
+def isotropic_fluxes(slab: Slab, cells: int = 600) -> tuple[float, float]:
+    """Diffuse fluxes up at the top and down at the bottom of an isotropically scattering slab over a black ground."""
+    depth = slab.optical_thickness
+    light = IsotropicLayers.solve(depth, slab.single_scattering_albedo, slab.beam_mu, slab.irradiance, cells=cells)
+    return light.flux(0.0, True), light.flux(depth, False)

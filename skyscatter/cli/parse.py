@@ -98,14 +98,30 @@ def parse_noise(text: str | None) -> float | None:
     """``1%`` or ``0.01`` as a relative standard error."""
     if text is None:
         return None
-    word = text.strip()
-    try:
-        value = float(word[:-1]) / 100 if word.endswith("%") else float(word)
-    except ValueError:
-        value = math.nan
+    value = _share(text)
     if not 0 < value < 1:
         raise DomainError("noise", text, "give a relative standard error between 0 and 100 %, for instance 1% or 0.01")
     return value
+
+
+def parse_tolerance(text: str | None) -> float | None:
+    """``0.5%`` or ``0.005`` as a relative accuracy."""
+    if text is None:
+        return None
+    value = _share(text)
+    if not 1e-4 <= value <= 0.1:
+        remedy = "give a relative accuracy between 0.01 and 10 %, for instance 0.5% or 0.005"
+        raise DomainError("tolerance", text, remedy)
+    return value
+
+
+def _share(text: str) -> float:
+    """A number, or one in per cent; not a number for anything else."""
+    word = text.strip()
+    try:
+        return float(word[:-1]) / 100 if word.endswith("%") else float(word)
+    except ValueError:
+        return math.nan
 
 
 def parse_place(text: str) -> tuple[float, float]:

@@ -21,7 +21,15 @@ from skyscatter.units import metres
 DEFAULT_WAVELENGTHS = "380:780:10"
 DEFAULT_SUN_ELEVATION = 30.0
 DEFAULT_SUN_AZIMUTH = 180.0
-SOLVERS = ("path", "single")
+SOLVERS = ("orders", "path", "single")
+#: Options that some solvers have no use for.
+MEANINGLESS = {
+    "orders": ("samples", "noise", "seed"),
+    "path": ("tolerance",),
+    "single": ("samples", "noise", "seed", "max_order", "tolerance"),
+}
+#: The solver to name with an option that the chosen one has no use for.
+REMEDY = {"samples": "path", "noise": "path", "seed": "path", "max_order": "orders", "tolerance": "orders"}
 
 
 @dataclass(frozen=True)
@@ -40,8 +48,9 @@ class Request:
     solver: str
     samples: int | None
     noise: float | None
+    tolerance: float | None
     max_order: int | None
-    seed: int
+    seed: int | None
     threads: int | None
     exposure: float | str
     tone: str
@@ -98,9 +107,12 @@ def sky(
     noise: Annotated[
         str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1% (path).")
     ] = None,
+    tolerance: Annotated[
+        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at (orders), 0.5% if nothing is said.")
+    ] = None,
     max_order: Annotated[
         str | None,
-        typer.Option("--max-order", "--order-limit", metavar="N", help="Highest order of scattering (path)."),
+        typer.Option("--max-order", "--order-limit", metavar="N", help="Highest order of scattering (orders, path)."),
     ] = None,
     stokes: Annotated[
         bool,
@@ -109,8 +121,11 @@ def sky(
         ),
     ] = False,
     seed: Annotated[
-        str, typer.Option(metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807.")
-    ] = "0",
+        str | None,
+        typer.Option(
+            metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807, else 0 (path)."
+        ),
+    ] = None,
     threads: Annotated[str | None, typer.Option(metavar="N", help="Threads; by default one per processor.")] = None,
     exposure: Annotated[
         str | None, typer.Option(metavar="EV", help="For PNG: auto (the default) or an exposure value (ISO 100).")
@@ -167,8 +182,9 @@ def sky(
         solver=solver,
         samples=parse.parse_integer(samples, "samples", 1, "give a number of walks, 1 or more"),
         noise=parse.parse_noise(noise),
+        tolerance=parse.parse_tolerance(tolerance),
         max_order=parse.parse_integer(max_order, "max_order", 1, "give an order of scattering, 1 or more"),
-        seed=parse.parse_integer(seed, "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)") or 0,
+        seed=parse.parse_integer(seed, "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
         tone="filmic" if tone is None else tone,
@@ -208,10 +224,11 @@ def _check_solver(request: Request) -> None:
         raise DomainError("solver", request.solver, f"choose one of {', '.join(SOLVERS)}")
     if request.samples is not None and request.noise is not None:
         raise DomainError("samples", request.samples, "give --samples or --noise, not both")
-    if request.solver == "single":
-        for option in ("samples", "noise", "max_order"):
-            if getattr(request, option) is not None:
-                raise DomainError(option, getattr(request, option), "means nothing to the solver single; leave it out")
+    for option in MEANINGLESS[request.solver]:
+        value = getattr(request, option)
+        if value is not None:
+            rule = f"means nothing to the solver {request.solver}; leave it out, or add --solver {REMEDY[option]}"
+            raise DomainError(option, value, rule)
     if not request.outputs and not request.json:
         raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json")
 
@@ -292,8 +309,9 @@ def run(request: Request, arguments: list[str]) -> int:
                 solver=request.solver,
                 samples=request.samples,
                 noise=request.noise,
+                tolerance=request.tolerance,
                 max_order=request.max_order,
-                seed=request.seed,
+                seed=request.seed or 0,
                 threads=request.threads,
                 progress=progress.to,
                 resume=request.resume,
@@ -348,8 +366,8 @@ def without_resume(arguments: list[str]) -> list[str]:
     return kept
 
 
-def median_noise(image: Any) -> float | None:
-    """Median over pixels and wavelengths of the relative standard error, where there is light; None in the dark."""
+def median_error(image: Any) -> float | None:
+    """Median over pixels and wavelengths of the relative stated error, where there is light; None in the dark."""
     if image.standard_error is None:
         return None
     radiance, error = np.asarray(image.radiance), np.asarray(image.standard_error)
@@ -385,6 +403,7 @@ def summarise(
     import skyscatter
     from skyscatter.scene import AU
 
+    walks, error = request.solver == "path", median_error(image)
     return {
         "skyscatter": skyscatter.__version__,
         "model": model.name,
@@ -398,8 +417,11 @@ def summarise(
         "size": list(request.size),
         "wavelengths_nm": request.wavelengths.tolist(),
         "solver": request.solver,
-        "seed": request.seed,
-        "noise": median_noise(image),
+        "seed": (request.seed or 0) if walks else None,
+        "tolerance": request.tolerance,
+        # Chance and what a grid misses are not the same thing, and `single` states neither.
+        "noise": error if walks else None,
+        "estimated_error": error if request.solver == "orders" else None,
         "polarisation": polarisation_summary(image, request.shown_wavelength),
         "exposure_ev": float(exposure),
         "seconds": round(seconds, 3),
@@ -418,8 +440,9 @@ def describe(summary: dict[str, Any]) -> str:
     """The summary for people."""
     from skyscatter.progress import format_seconds
 
-    sun, noise = summary["sun"], summary["noise"]
+    sun, noise, error = summary["sun"], summary["noise"], summary["estimated_error"]
     accuracy = "" if noise is None else f", median noise {percent(noise)}"
+    accuracy += "" if error is None else f", median estimated error {percent(error)}"
     polarised = summary["polarisation"]
     if polarised is not None and polarised["mean_degree"] is not None:
         accuracy += f"; degree of linear polarisation {percent(polarised['mean_degree'])} on average"

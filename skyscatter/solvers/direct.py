@@ -60,18 +60,18 @@ def disk_light(table: SceneTable, position: Array, directions: Array) -> Array:
         return light
     radius = float(np.linalg.norm(position))
     mu = directions[inside] @ (position / radius)
-    steps = np.linspace(mu.min(), mu.max(), DISK_STEPS)
+    hidden = -np.sqrt(max(1 - (columns.radius / radius) ** 2, 0.0))
+    steps = np.linspace(max(mu.min(), hidden + 1e-9), max(mu.max(), hidden + 2e-9), DISK_STEPS)
     through = np.zeros((DISK_STEPS, optics.albedo.size))
     for k, cosine in enumerate(steps):
         column = slant_columns(columns, radius - columns.radius, float(cosine))
         if column is not None:
             through[k] = np.exp(-column @ optics.sigma_t)
-    hidden = -np.sqrt(max(1 - (columns.radius / radius) ** 2, 0.0))
     ring = square[inside] * (len(optics.disk_radiance) - 1)
     k = np.minimum(ring.astype(int), len(optics.disk_radiance) - 2)
     w = (ring - k)[:, None]
     radiance = (1 - w) * optics.disk_radiance[k] + w * optics.disk_radiance[k + 1]
-    place = (mu - steps[0]) / max(steps[-1] - steps[0], 1e-300) * (DISK_STEPS - 1)
+    place = np.maximum(mu - steps[0], 0.0) / max(steps[-1] - steps[0], 1e-300) * (DISK_STEPS - 1)
     j = np.minimum(place.astype(int), DISK_STEPS - 2)
     v = (place - j)[:, None]
     light[inside] = radiance * ((1 - v) * through[j] + v * through[j + 1]) * (mu >= hidden)[:, None]

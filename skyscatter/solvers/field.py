@@ -21,9 +21,9 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
+from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.orders import Field
 from skyscatter.solvers.run import check_rays, check_wavelengths, default_threads
 from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_problem, sum_orders, view
 
@@ -73,7 +73,7 @@ def solve_once(
     ground_radiance: float = 0.0,
 ) -> Solution:
     """One solution on one grid."""
-    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance)
+    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, cut_peaks=max_order != 1)
     sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, tolerance, max_order, progress))
 
@@ -143,7 +143,8 @@ def solve(
     stokes : bool
         Solve for polarised light.
     max_order : int, optional
-        Leave out light that was scattered or reflected more often than this.
+        Leave out light that was scattered or reflected more often than this; scatterings into a cut forward peak do
+        not count, unless it is 1.
     threads : int, optional
         All processors when not given.
     progress : callable, optional

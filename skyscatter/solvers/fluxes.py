@@ -40,7 +40,7 @@ def direct_beam(columns: ColumnTable, problem: Problem, altitude: Array, zenith:
     """Direct sunlight at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape."""
     diffuse, sigma_t = problem.diffuse, problem.table.optics.sigma_t
     h, angle = np.broadcast_arrays(np.asarray(altitude, float), np.asarray(zenith, float))
-    spread = float(np.arcsin(diffuse.tilt[1, 1]))
+    spread = float(np.arcsin(abs(diffuse.tilt[1, 1])))
     true, cut = np.zeros((h.size, sigma_t.shape[1])), np.zeros((h.size, sigma_t.shape[1]))
     for k, (height, z) in enumerate(zip(h.ravel(), angle.ravel(), strict=True)):
         for offset in (spread, -spread):
@@ -52,23 +52,24 @@ def direct_beam(columns: ColumnTable, problem: Problem, altitude: Array, zenith:
 
 
 def interpolate(problem: Problem, values: Array, altitude: Array, zenith: Array) -> Array:
-    """Positive values (node, sun, wavelength) at points (point,), cubic in their logarithm."""
+    """Values (node, sun, wavelength) at points (point,) by cubics that keep within their nodes."""
     grid = problem.grid
-    logarithm = np.log(np.maximum(values, FLOOR))
     number = np.arange(grid.sun_zenith.size, dtype=float)
     place = np.interp(zenith, grid.sun_zenith, number)
     (node, f), (sun, g) = grids.cubic_weights(grid.altitudes, altitude), grids.cubic_weights(number, place)
-    at = logarithm[node[:, :, None], sun[:, None, :]]
+    at = values[node[:, :, None], sun[:, None, :]]
     between = np.einsum("pa,pb,pabw->pw", f, g, at)
-    return np.asarray(np.exp(np.clip(between, at.min(axis=(1, 2)), at.max(axis=(1, 2)))))
+    return np.asarray(np.clip(between, at.min(axis=(1, 2)), at.max(axis=(1, 2))))
 
 
 def fluxes(problem: Problem, sums: Sums, altitude: Array, zenith: Array) -> Fluxes:
     """Fluxes at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape (...)."""
     h, z = altitude.ravel(), zenith.ravel()
-    up, down, mean = (
-        interpolate(problem, values, h, z) for values in (sums.flux[:, 0], sums.flux[:, 1], sums.moments[:, :, 0])
-    )
+    # From day to night the mean radiance falls by decades, but never to nought as fluxes do at the edges: it is taken
+    # in its logarithm, and they as shares of it.
+    mean_at_nodes = np.maximum(sums.moments[:, :, 0], FLOOR)
+    mean = np.exp(interpolate(problem, np.log(mean_at_nodes), h, z))
+    up, down = (mean * interpolate(problem, sums.flux[:, k] / mean_at_nodes, h, z) for k in (0, 1))
     beam = direct_beam(problem.table.columns, problem, h, z)
     mu = np.maximum(np.cos(z), 0.0)[:, None]
     direct = beam.true * mu

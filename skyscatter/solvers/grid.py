@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 #: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
-BASE_TOLERANCE = 0.002
+BASE_TOLERANCE = 0.003
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
 HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
-#: depth away from both, for deep inside a thick medium the light changes evenly.
-DEPTH_STEP, DEPTH_GROWTH = 0.06, 0.25
+#: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
+DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.06, 0.25, 0.5
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
@@ -78,7 +78,8 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, tolerance: float)
     scale = np.clip(scale, top / 50, top / 5)
     step = f * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
-    density = np.maximum(1 / step, np.max(slope / (f * (DEPTH_STEP + DEPTH_GROWTH * inside)), axis=1))
+    by_depth = f * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
+    density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
     count = int(np.clip(np.ceil(number[-1]), 6, 160))
     nodes = np.interp(np.linspace(0, number[-1], count + 1), number, altitude)

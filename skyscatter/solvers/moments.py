@@ -159,7 +159,8 @@ def moment_table(chi: Array, orders: int, least: float = 1e-7) -> MomentTable:
     for kind in kinds:
         for degree in range(0 if kind in (I_KIND, V_KIND) else 2, chi.shape[2]):
             blocks = (*needs[kind], B1) if kind == I_KIND and polarised else needs[kind]
-            if not any(largest[block, degree] > least for block in blocks):
+            # The mean radiance stays, even where nothing scatters.
+            if (kind, degree) != (I_KIND, 0) and not any(largest[block, degree] > least for block in blocks):
                 continue
             # B and V are odd in the azimuth from the Sun and have no part without it.
             first = 0 if kind in (I_KIND, E_KIND) else 1

@@ -19,19 +19,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.course import Diffuse
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.orders import Field, look, make_sweep_scratch, refine, sweep_height
+from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
 
 Array = NDArray[np.float64]
 
-#: Degrees to which phase functions are kept, by tolerance; what is more forward-peaked is cut off (delta-M).
-DEGREES = ((0.02, 6), (0.004, 8), (0.002, 12), (0.0, 16))
+#: Degrees to which phase functions may be kept, each with the tolerances below which it may be chosen, and no lower one
+#: may; what is more forward-peaked is cut off (delta-M).
+DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.01, 0.003), (16, 0.01, 0.001), (24, 0.001, 0.0))
+#: Optical depth of the cut peaks that is good enough, in units of the tolerance.
+PEAK_SHARE = 1.5
 #: Coefficients below this count as nought.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
@@ -43,14 +48,16 @@ CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Orders after which a solution that has not converged is given up.
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
-ORDERS_SHARE = 0.2
+ORDERS_SHARE = 0.3
 #: Shares of the tolerance for which directions and positions of the Sun are chosen where it may be below the horizon,
 #: and where it is below for nearly all that matters.
-DUSK_SHARE, DEEP_SHARE = 0.3, 0.12
+DUSK_SHARE, DEEP_SHARE = 0.5, 0.25
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
 FAINTEST = 1e-12
+#: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
+HAIR = 1e-6
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.
 SAME_COURSE, MOST_RAYS = 1e-10, 512
 
@@ -96,12 +103,31 @@ def matrices(scene: Scene, table: SceneTable, wavelengths: Array, stokes: bool) 
     return matrix_tables(scene.medium, tuple(float(w) for w in wavelengths))
 
 
-def kept_degree(chi: Array, tolerance: float) -> int:
-    """Degree to which phase functions with coefficients `chi` (component, block, l, wavelength) are kept."""
+def kept_degree(chi: Array, depth: Array, tolerance: float) -> int:
+    """Degree to which phase functions are kept.
+
+    Parameters
+    ----------
+    chi : (component, block, l, wavelength)
+        Coefficients of the phase functions.
+    depth : (component, wavelength)
+        Vertical optical depths of scattering.
+    tolerance : float
+
+    Returns
+    -------
+    int
+        The first of `DEGREES` beyond which forward peaks scatter less than a few times the tolerance; or less, where
+        the phase functions have less.
+    """
     largest = np.abs(chi[:, 0]).max(axis=(0, 2))
     needed = int(np.flatnonzero(largest > LEAST_COEFFICIENT).max(initial=0))
-    allowed = next(degree for least, degree in DEGREES if tolerance >= least)
-    return max(min(needed, allowed), 2)
+    least = max(degree for degree, _, must in DEGREES if tolerance < must)
+    allowed = [degree for degree, may, _ in DEGREES if tolerance < may and degree >= least]
+    for degree in allowed:
+        if (np.abs(chi[:, 0, degree + 1]) * depth).sum(axis=0).max() < PEAK_SHARE * tolerance:
+            return max(min(needed, degree), 2)
+    return max(min(needed, allowed[-1]), 2)
 
 
 def make_problem(
@@ -112,18 +138,24 @@ def make_problem(
     stokes: bool = False,
     ground_radiance: float = 0.0,
     degree: int | None = None,
+    cut_peaks: bool = True,
 ) -> Problem:
-    """Tables and grid for a scene with the Sun between two zenith angles [rad]."""
+    """Tables and grid for a scene with the Sun between two zenith angles [rad].
+
+    Without `cut_peaks` forward peaks stay where they are: right for the first order alone.
+    """
     table = compile_scene(scene, wavelengths)
     optics = table.optics
     matrix = matrices(scene, table, wavelengths, stokes)
-    most = DEGREES[-1][1] if degree is None else degree
+    most = DEGREES[-1][0] if degree is None else degree
     chi = expand(matrix, most + 1)
     scatters = np.asarray((optics.sigma_s > 0).any(axis=1))
     chi = chi * scatters[:, None, None, None]
-    kept = kept_degree(chi, tolerance) if degree is None else degree
+    column = np.zeros(len(chi))
+    outward_columns(table.columns, 0.0, 1.0, column)
+    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance) if degree is None else degree
     peak = chi[:, 0, kept + 1]
-    peak = np.where(peak > LEAST_PEAK, np.minimum(peak, 0.999), 0.0)
+    peak = np.where((peak > LEAST_PEAK) & cut_peaks, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
     chi = chi[:, :, : kept + 1] - peak[:, None, None] * identity[None, :, None, None]
     chi[:, 1:4, :2] *= np.array([0.0, 0.0, 1.0])[None, : chi.shape[1] - 1, None, None]  # a2 and a3 begin at degree 2
@@ -177,20 +209,25 @@ def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, A
 
 
 def _disk(optics: Any) -> tuple[Array, Array]:
-    """Zenith offsets that stand for the Sun (its middle, then two for its disk), and the irradiance of each.
+    """Zenith offsets that stand for the Sun, as cosine and sine, and the irradiance of each: middle, two, four.
 
-    What reaches a point depends on the zenith angle alone.  Over it, two points a standard deviation of the disk off
-    its middle are exact to the third degree: <x^2> = <rho^2> / 2, half the radius of a uniform disk.
+    What reaches a point depends on the zenith angle alone.  Over it a uniform disk weighs as a semicircle, whose rules
+    are those of Gauss-Chebyshev of the second kind: nodes cos(k pi / (n + 1)), weights 2 sin^2(k pi / (n + 1)) / (n + 1).
+    The nodes are drawn together by as much as limb darkening lessens the second moment.
     """
     total = optics.sun_irradiance.sum(axis=0)
     square = np.linspace(0, 1, len(optics.disk_radiance))
     radiance = optics.disk_radiance.mean(axis=1)
     bright = np.trapezoid(radiance, square)
-    spread = 0.0
+    radius = 0.0
     if optics.disk_radius > 0 and bright > 0:
-        spread = np.sqrt(np.trapezoid(radiance * square, square) / bright / 2) * optics.disk_radius
-    offset = np.array([0.0, spread, -spread])
-    return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.stack([total, total / 2, total / 2])
+        radius = np.sqrt(2 * np.trapezoid(radiance * square, square) / bright) * optics.disk_radius
+    offset, weight = [0.0], [1.0]
+    for n in (2, 4):
+        angle = np.arange(1, n + 1) * np.pi / (n + 1)
+        offset += list(radius * np.cos(angle))
+        weight += list(2 / (n + 1) * np.sin(angle) ** 2)
+    return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.array(weight)[:, None] * total
 
 
 def make_grid(
@@ -312,7 +349,7 @@ def sum_orders(
     ----------
     sweeper : Sweeper
     tolerance : float
-        Relative; a fifth of it is left to the sum over the orders.
+        Relative; three tenths of it are left to the sum over the orders.
     max_order : int, optional
         Leave out light scattered or reflected more often.
 
@@ -325,7 +362,7 @@ def sum_orders(
     with ThreadPoolExecutor(max_workers=sweeper.threads) as pool:
         moments, flux = sweeper.first(pool)
         total, total_flux = moments.copy(), flux.copy()
-        change_before = 1.0
+        change_before, shrinks_before = 1.0, 1.0
         previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
         # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
         last = MOST_ORDERS if max_order is None else max_order - 1
@@ -344,7 +381,11 @@ def sum_orders(
                 change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
                 previous_sum = new_sum
                 # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
-                left, change_before = change * min(change / change_before, 1.0), change
+                # The worse of two: after one step that was huge, because an order outshone the one before, the next
+                # is small beside it and means nothing.
+                shrinks = change / change_before
+                left = change * min(max(shrinks, shrinks_before), 1.0)
+                change_before, shrinks_before = change, shrinks
                 if progress is not None:
                     progress(min(0.95, float(np.log(min(max(left, 1e-12), 0.99)) / np.log(goal))))
                 if left < goal:
@@ -374,6 +415,8 @@ def view(
     scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength)
         See `skyscatter.solvers.kernels.orders.look`.
     """
+    if problem.stokes > 1:
+        directions = off_vertical(origins, directions)
     order, group = bundles(origins, directions, table.columns.radius)
     rays, wavelengths = len(origins), problem.diffuse.sigma_t.shape[1]
     scattered, multiple = (np.empty((rays, problem.stokes, wavelengths)) for _ in range(2))
@@ -381,11 +424,25 @@ def view(
     scratch = make_sweep_scratch(problem.diffuse, field, problem.stokes, int(np.diff(group).max(initial=1)))
     look(
         table.columns, problem.diffuse, table.optics, problem.whole, field, origins[order], directions[order], group,
-        2, scratch, scattered, reflected, multiple, direct,
+        scratch, scattered, reflected, multiple, direct,
     )  # fmt: skip
     back = np.empty_like(order)
     back[order] = np.arange(rays)
     return scattered[back], multiple[back], reflected[back], direct[back]
+
+
+def off_vertical(origins: Array, directions: Array) -> Array:
+    """Directions, with vertical ones tilted by a hair so that their meridian plane is that of the conventions."""
+    up = origins / np.linalg.norm(origins, axis=1, keepdims=True)
+    vertical = np.linalg.norm(np.cross(up, directions), axis=1) < HAIR
+    if not vertical.any():
+        return directions
+    out = directions.copy()
+    v, _ = meridian_frame(origins[vertical], directions[vertical])
+    side = np.sign(np.einsum("rk,rk->r", up[vertical], directions[vertical]))[:, None]
+    tilted = directions[vertical] - side * HAIR * v
+    out[vertical] = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+    return out
 
 
 def bundles(origins: Array, directions: Array, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -19,11 +19,11 @@ from skyscatter.spectra.solar import solar_irradiance
 WAVELENGTHS = np.arange(380.0, 781.0, 20.0)
 
 
-def look(scene: skyscatter.Scene, *views: tuple[float, float], **options: Any) -> np.ndarray:
+def look(scene: skyscatter.Scene, *views: tuple[float, float], solver: str = "path", **options: Any) -> np.ndarray:
     """XYZ [cd m-2] of the sky towards (azimuth, elevation) [degree], shape (view, 3)."""
     directions = np.array([direction_from_azimuth_elevation(*view) for view in views])
     origins = np.repeat(scene.observer.position[None, :], len(views), axis=0)
-    answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, **options)
+    answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, solver, **options)
     return spectrum_to_xyz(answer.radiance, WAVELENGTHS)
 
 

@@ -12,7 +12,8 @@ from skyscatter.image import SpectralImage
 from skyscatter.progress import Progress
 
 # Large enough for several tiles, small enough for seconds.
-COMMAND = "sky earth-simple --sun-elevation 20 --size 96x64 --wavelengths 450,550 --samples 2 --seed 3 --threads 1 -q"
+COMMAND = "sky earth-simple --sun-elevation 20 --size 96x64 --wavelengths 450,550 --threads 1 -q"
+COMMAND += " --solver path --samples 2 --seed 3"
 
 
 @pytest.fixture

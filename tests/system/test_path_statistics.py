@@ -36,14 +36,16 @@ def model(hazy: bool) -> skyscatter.Model:
     return earth.model_copy(update={"components": components})
 
 
-def look(sun: float, hazy: bool, wavelengths: Any = WAVELENGTHS, **options: Any) -> skyscatter.solvers.base.Answer:
+def look(
+    sun: float, hazy: bool, wavelengths: Any = WAVELENGTHS, solver: str = "path", **options: Any
+) -> skyscatter.solvers.base.Answer:
     """Radiance along `SIGHTS` from the ground."""
     scene = model(hazy).scene(sun_elevation_deg=sun, sun_azimuth_deg=0.0)
     azimuth, elevation = np.radians(np.array(SIGHTS)).T
     sight = np.stack(
         [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
     )
-    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, **options)
+    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, solver, **options)
 
 
 @pytest.mark.parametrize("hazy", [False, True], ids=["clear", "hazy"])
@@ -121,24 +123,25 @@ def test_same_seed_same_bits_for_any_number_of_threads() -> None:
     scene = model(False).scene(sun_elevation_deg=5.0)
     camera = skyscatter.Panorama(width=32, height=16)  # 512 rays: four tiles
     one, two = (
-        skyscatter.render(scene, camera, WAVELENGTHS[:2], samples=16, seed=7, threads=threads) for threads in (1, 2)
+        skyscatter.render(scene, camera, WAVELENGTHS[:2], "path", samples=16, seed=7, threads=threads)
+        for threads in (1, 2)
     )
     assert np.array_equal(one.radiance, two.radiance, equal_nan=True)
     assert np.array_equal(one.standard_error, two.standard_error, equal_nan=True)
-    other = skyscatter.render(scene, camera, WAVELENGTHS[:2], samples=16, seed=8)
+    other = skyscatter.render(scene, camera, WAVELENGTHS[:2], "path", samples=16, seed=8)
     assert not np.array_equal(one.radiance, other.radiance, equal_nan=True)
 
 
 def test_same_ray_numbers_same_bits_however_rays_are_split() -> None:
     from skyscatter.solvers.base import Options, Rays
-    from skyscatter.solvers.compile import compile_scene
-    from skyscatter.solvers.path import solve
+    from skyscatter.solvers.path import prepare, solve
 
     scene = model(True).scene(sun_elevation_deg=5.0)
     elevation = np.radians(np.linspace(2.0, 88.0, 6))
     sight = np.stack([np.zeros(6), np.cos(elevation), np.sin(elevation)], axis=-1)
     rays = Rays(np.repeat(scene.observer.position[None], 6, axis=0), sight, np.arange(6))
-    table, options = compile_scene(scene, WAVELENGTHS), Options(samples=32, seed=3)
+    options = Options(samples=32, seed=3)
+    table = prepare(scene, rays, WAVELENGTHS, options, 1, None)
     whole = solve(table, rays, options).radiance
     parts = [solve(table, rays.part(piece), options).radiance for piece in (slice(0, 1), slice(1, 4), slice(4, 6))]
     assert np.array_equal(whole, np.concatenate(parts))

@@ -57,10 +57,12 @@ def scene_of(
     )
 
 
-def look(scene: skyscatter.Scene, sights: Any = SIGHTS, wavelengths: Any = WAVELENGTHS, **options: Any) -> Any:
+def look(
+    scene: skyscatter.Scene, sights: Any = SIGHTS, wavelengths: Any = WAVELENGTHS, solver: str = "path", **options: Any
+) -> Any:
     azimuth, elevation = np.array(sights).T
     sight = direction_from_azimuth_elevation(azimuth, elevation)
-    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, stokes=True, **options)
+    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, solver, stokes=True, **options)
 
 
 def bearing_to_sun(sights: Any, sun: float, azimuth: float) -> Array:
@@ -329,7 +331,7 @@ def test_isotropic_scattering_is_scalar_to_the_last_bit() -> None:
     scene = scene_of(fog)
     polarised = look(scene, samples=64)
     d = direction_from_azimuth_elevation(*np.array(SIGHTS).T)
-    scalar = skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, samples=64)
+    scalar = skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, "path", samples=64)
     assert np.array_equal(polarised.radiance, scalar.radiance)
     assert np.array_equal(polarised.standard_error, scalar.standard_error)
     assert not polarised.stokes[..., 1:].any()
@@ -412,7 +414,7 @@ def test_pictures_carry_the_layers_through_interruption(tmp_path: Path) -> None:
     from skyscatter.solvers.run import Interrupted
 
     scene, camera = hazy(30.0), skyscatter.Panorama(width=24, height=12)
-    options: dict[str, Any] = {"samples": 16, "stokes": True, "threads": 1}
+    options: dict[str, Any] = {"solver": "path", "samples": 16, "stokes": True, "threads": 1}
     whole = render(scene, camera, WAVELENGTHS, **options)
     assert set(whole.layers) == {"Q", "U", "V", "Q_error", "U_error", "V_error"}
     assert whole.recipe["options"]["stokes"] is True
@@ -428,7 +430,7 @@ def test_pictures_carry_the_layers_through_interruption(tmp_path: Path) -> None:
     for name in whole.layers:
         assert np.array_equal(whole.layers[name], again.layers[name], equal_nan=True)
     with pytest.raises(DomainError, match="begun with other options"):
-        render(scene, camera, WAVELENGTHS, resume=tmp_path / "state.npz", samples=16, threads=1)
+        render(scene, camera, WAVELENGTHS, "path", resume=tmp_path / "state.npz", samples=16, threads=1)
 
 
 def test_noise_stops_polarised_walks_too() -> None:

@@ -16,7 +16,7 @@ from pydantic import model_validator
 import skyscatter
 from skyscatter.cli import sky as sky_module
 from skyscatter.cli.main import main
-from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_wavelengths
+from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_tolerance, parse_wavelengths
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.image.colour import xyz_weights
 from skyscatter.optics.base import Coefficients
@@ -165,10 +165,18 @@ def refused(capsys, arguments):
         (["--show", "angle", "--space", "srgb"], ["space", "--show angle"]),
         (["--threads", "0"], ["threads", "'0'"]),
         (["--max-order", "0"], ["max_order", "'0'"]),
-        (["--solver", "magic"], ["solver", "'magic'", "path, single"]),
+        (["--solver", "magic"], ["solver", "'magic'", "orders, path, single"]),
         (["--solver", "single", "--samples", "3"], ["samples", "single"]),
         (["--solver", "single", "--noise", "1%"], ["noise", "single"]),
-        (["--solver", "single", "--max-order", "3"], ["max_order", "single"]),
+        (["--solver", "single", "--max-order", "3"], ["max_order", "single", "--solver orders"]),
+        (["--solver", "single", "--tolerance", "1%"], ["tolerance", "single", "--solver orders"]),
+        (["--solver", "path", "--tolerance", "1%"], ["tolerance", "path", "--solver orders"]),
+        (["--samples", "16"], ["samples = 16", "orders", "--solver path"]),
+        (["--noise", "1%"], ["noise = 0.01", "orders", "--solver path"]),
+        (["--seed", "0"], ["seed = 0", "orders", "--solver path"]),
+        (["--tolerance", "0"], ["tolerance", "'0'", "0.5%"]),
+        (["--tolerance", "20%"], ["tolerance", "'20%'", "10 %"]),
+        (["--tolerance", "fine"], ["tolerance", "'fine'", "0.005"]),
         (["--altitude", "high"], ["altitude", "'high'", "km"]),
         (["--view", "globe"], ["view", "'globe'", "fisheye"]),
         (["--view", "perspective:0,0,200"], ["fov_deg", "200", "less than 180"]),
@@ -244,20 +252,21 @@ def test_defaults(fake, capsys):
     camera = fake.render["camera"]
     assert (camera.kind, camera.width, camera.height, camera.centre_azimuth_deg) == ("panorama", 360, 180, 180.0)
     assert fake.render["wavelengths"][[0, 1, -1]].tolist() == [380, 390, 780]
-    expected = {"solver": "path", "samples": None, "noise": None, "seed": 0, "max_order": None, "threads": None}
+    expected = {"solver": "orders", "seed": 0}
+    expected |= dict.fromkeys(("samples", "noise", "tolerance", "max_order", "threads"))
     assert {key: fake.render[key] for key in expected} == expected
     assert fake.render["resume"] is None
     assert fake.image.saved == {"sky.png": {"exposure": 12.5, "tone": "filmic", "space": "srgb", "bits": 8}}
     captured = capsys.readouterr()
     assert captured.out == ""
     assert "Sun at elevation 30.00°" in captured.err
-    assert "noise 1 %" in captured.err
+    assert "solver orders, median estimated error 1 %;" in captured.err
 
 
 def test_everything_given(fake, capsys):
     words = "sky mars --sun-elevation -6 --sun-azimuth 250 --altitude 400km --view fisheye-equisolid --size 30x20"
-    words += " --wavelengths 450,550nm,0.65um --noise 2% --seed 7 --threads 2 --order-limit 3 --exposure -1.5"
-    words += " --tone linear --space rec2020 --bits 16 -o a.png -o b.exr -o c.fits -o d.nc --quiet"
+    words += " --wavelengths 450,550nm,0.65um --solver path --noise 2% --seed 7 --threads 2 --order-limit 3"
+    words += " --exposure -1.5 --tone linear --space rec2020 --bits 16 -o a.png -o b.exr -o c.fits -o d.nc --quiet"
     assert main(words.split()) == 0
     assert fake.scene == {"sun_elevation_deg": -6.0, "sun_azimuth_deg": 250.0, "altitude": 400e3}
     asked = fake.render
@@ -267,6 +276,13 @@ def test_everything_given(fake, capsys):
     png = {"exposure": -1.5, "tone": "linear", "space": "rec2020", "bits": 16}
     assert fake.image.saved == {"a.png": png, "b.exr": {}, "c.fits": {}, "d.nc": {}}
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("text", "value"), [("2%", 0.02), ("0.001", 0.001)])
+def test_accuracy_and_order_limit_of_the_default_solver(fake, capsys, text, value):
+    assert main(["sky", "--json", "--tolerance", text, "--max-order", "2"]) == 0
+    assert (fake.render["solver"], fake.render["tolerance"], fake.render["max_order"]) == ("orders", value, 2)
+    assert json.loads(capsys.readouterr().out)["tolerance"] == value
 
 
 def test_place_and_time_set_the_sun(fake):
@@ -349,15 +365,23 @@ def test_folder_that_takes_no_files_is_refused(fake, capsys, monkeypatch):
     assert fake.render is None
 
 
-def test_json_is_one_object_on_stdout(fake, capsys):
-    assert main(["sky", "--json", "--sun-elevation", "10", "--samples", "4", "-o", "sky.exr"]) == 0
+@pytest.mark.parametrize(
+    ("solver", "errors"),
+    [
+        ("orders", {"noise": None, "estimated_error": 0.01, "seed": None}),
+        ("path", {"noise": 0.01, "estimated_error": None, "seed": 0}),
+        ("single", {"noise": None, "estimated_error": None, "seed": None}),
+    ],
+)
+def test_json_is_one_object_on_stdout(fake, capsys, solver, errors):
+    assert main(["sky", "--json", "--sun-elevation", "10", "--solver", solver, "-o", "sky.exr"]) == 0
     captured = capsys.readouterr()
     summary = json.loads(captured.out)
     assert captured.err == ""
     assert summary["sun"] == {"elevation_deg": 10.0, "azimuth_deg": 180.0, "distance_au": 1.5}
-    assert summary["noise"] == 0.01
+    assert {name: summary[name] for name in errors} == errors
     assert summary["outputs"] == ["sky.exr"]
-    assert (summary["solver"], summary["model"], summary["complete"]) == ("path", "earth", True)
+    assert (summary["solver"], summary["model"], summary["complete"]) == (solver, "earth", True)
     assert (summary["exposure_ev"], summary["skyscatter"]) == (12.5, skyscatter.__version__)
     assert summary["seconds"] >= 0
 
@@ -405,10 +429,11 @@ def test_an_unexpected_error_is_1(fake, capsys, monkeypatch):
         main(["sky", "-o", "sky.png"])
 
 
-def test_an_unknown_noise_is_null(fake, capsys):
+@pytest.mark.parametrize(("solver", "name"), [("path", "noise"), ("orders", "estimated_error")])
+def test_an_unknown_error_is_null(fake, capsys, solver, name):
     fake.image.standard_error = None
-    assert main(["sky", "--json", "--solver", "single"]) == 0
-    assert json.loads(capsys.readouterr().out)["noise"] is None
+    assert main(["sky", "--json", "--solver", solver]) == 0
+    assert json.loads(capsys.readouterr().out)[name] is None
 
 
 def test_resume_is_taken_out_of_the_command():
@@ -427,6 +452,14 @@ def test_wavelength_ranges_include_both_ends():
 def test_noise_in_percent_or_as_a_fraction():
     assert parse_noise("1%") == parse_noise("0.01") == 0.01
     assert parse_noise(None) is None
+
+
+def test_accuracy_in_percent_or_as_a_fraction():
+    assert parse_tolerance("0.5%") == parse_tolerance(" 0.005 ") == 0.005
+    # the ends of the range belong to it
+    assert parse_tolerance("0.01%") == 1e-4
+    assert parse_tolerance("10%") == 0.1
+    assert parse_tolerance(None) is None
 
 
 def test_size_defaults_to_the_view():

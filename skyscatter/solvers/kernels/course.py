@@ -47,8 +47,8 @@ class Diffuse(NamedTuple):
     peaks: np.ndarray  #: (component, degree, wavelength) scattering times (2 l + 1) / (4 pi) r_l of the forward peaks
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     light: np.ndarray  #: (3, wavelength): radiance from outside, the ground's own radiance, the ground's albedo
-    tilt: np.ndarray  #: (3, 2): cosine and sine of zenith offsets: the Sun's middle, and two that stand for its disk
-    share: np.ndarray  #: (3, wavelength) irradiance of the whole disk, and of each of the two [W m-2 nm-1]
+    tilt: np.ndarray  #: (7, 2): cosine and sine of zenith offsets: the Sun's middle; two that stand for its disk; four
+    share: np.ndarray  #: (7, wavelength) irradiance that each carries in its rule [W m-2 nm-1]
     shell: np.ndarray  #: (row,) altitudes at which the field is known, rising, from the ground to the top [m]
     sun_index: np.ndarray  #: number of the field's Sun node over the Sun's cosine, on even steps from -1 to 1
     max_angle: float  #: largest angle at the planet's centre that a cell spans [rad]
@@ -284,27 +284,40 @@ def put_gauss(columns, diffuse, line, t, step, q, course, work):
 
 
 @kernel
-def lay_gauss(columns, diffuse, line, n, points, course, work):
-    """Gauss points, `points` of them (1 or 2) in each of the n - 1 cells.
-
-    A single point stands where the light that leaves the cell comes from on average, and takes the attenuation within
-    the cell exactly; two are good enough without.
-    """
+def lay_gauss(columns, diffuse, line, n, course, work):
+    """Two Gauss points in each of the n - 1 cells."""
     for s in range(n - 1):
         width = course.t[s + 1] - course.t[s]
-        if points == 2:
-            for g in range(2):
-                t = course.t[s] + width * GAUSS_X[g]
-                put_gauss(columns, diffuse, line, t, 0.5 * width, 2 * s + g, course, work)
-            continue
-        centre = 0.0
-        for i in range(course.glow.size):
-            near, far, _ = _cell_integrals(course.depth[s, i])
-            work.through[i] = course.through[s, i] * (near + far)
-            centre += far / (near + far)
-        t = course.t[s] + width * centre / course.glow.size
-        course.gauss[s, 0], course.gauss[s, 1] = t, math.sqrt(line.p * line.p + t * t)
-        for c in range(course.columns.shape[1]):
-            column = max(course.columns[s + 1, c] - course.columns[s, c], 0.0)
-            for i in range(course.glow.size):
-                course.source[s, c, i] = column * work.through[i]
+        for g in range(2):
+            put_gauss(columns, diffuse, line, course.t[s] + width * GAUSS_X[g], 0.5 * width, 2 * s + g, course, work)
+
+
+@kernel
+def lay_halves(columns, diffuse, line, n, course, work):
+    """Two points in each of the n - 1 cells, where the light of either half comes from on average.
+
+    Each takes the attenuation within its half exactly: for sums over many rays, which cells may be long for.
+    """
+    wavelengths = course.glow.size
+    for s in range(n - 1):
+        middle = 0.5 * (course.t[s] + course.t[s + 1])
+        columns_along(columns, line, middle, work.from_start, work.across, work.along)
+        transmittance(work.along, diffuse.sigma_t, work.sun)
+        for half in range(2):
+            centre = 0.0
+            for i in range(wavelengths):
+                depth = 0.0
+                for c in range(work.along.size):
+                    depth += diffuse.sigma_t[c, i] * (
+                        work.along[c] - course.columns[s, c] if half == 0 else course.columns[s + 1, c] - work.along[c]
+                    )
+                near, far, _ = _cell_integrals(max(depth, 0.0))
+                work.through[i] = (course.through[s, i] if half == 0 else work.sun[i]) * (near + far)
+                centre += far / (near + far)
+            t = (course.t[s] if half == 0 else middle) + 0.5 * (course.t[s + 1] - course.t[s]) * centre / wavelengths
+            k = 2 * s + half
+            course.gauss[k, 0], course.gauss[k, 1] = t, math.sqrt(line.p * line.p + t * t)
+            for c in range(work.along.size):
+                column = work.along[c] - course.columns[s, c] if half == 0 else course.columns[s + 1, c] - work.along[c]
+                for i in range(wavelengths):
+                    course.source[k, c, i] = max(column, 0.0) * work.through[i]

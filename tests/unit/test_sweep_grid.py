@@ -1,0 +1,224 @@
+"""Grids of solver orders: heights, positions of the Sun, directions; bundles of rays; the solar disk in two points."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import skyscatter
+from skyscatter.media.fields import Exponential, Tent, Uniform
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
+from skyscatter.optics.rayleigh import RayleighPowerLaw
+from skyscatter.solvers import grid as grids
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.sweeps import MOST_RAYS, _disk, bundles, kept_degree, make_problem
+
+R = 6.371e6
+AIR = skyscatter.Component(
+    name="air", density=Exponential(scale_height=8e3), optics=RayleighPowerLaw(coefficient=1.2e-5)
+)
+
+
+def scene(*components: skyscatter.Component, radius: float = 6.957e8) -> skyscatter.Scene:
+    return skyscatter.Scene(
+        medium=skyscatter.Medium(planet_radius=R, components=components or (AIR,)),
+        star=skyscatter.Star(spectrum=1.0, radius=radius),
+    )
+
+
+def profile(depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """Altitudes up to 100 km and the optical depth above them, scale height 8 km, at two wavelengths."""
+    altitude = np.linspace(0, 1e5, 2001)
+    return altitude, depth * np.exp(-altitude / 8e3)[:, None] * np.array([1.0, 0.2])
+
+
+@pytest.mark.parametrize("tolerance", [0.02, 0.005, 0.0005])
+@pytest.mark.parametrize("depth", [1e-4, 0.3, 30.0])
+def test_heights_increase_and_fill_the_atmosphere(depth: float, tolerance: float) -> None:
+    altitude, above = profile(depth)
+    nodes = grids.height_nodes(altitude, above, np.array([1e4, 2.5e4]), tolerance)
+    assert nodes[0] == 0
+    assert nodes[-1] == 1e5
+    assert np.all(np.diff(nodes) > 0)
+    assert {1e4, 2.5e4} <= set(nodes)
+    rows = grids.rows_between(nodes)
+    assert np.all(np.diff(rows) > 0)
+    np.testing.assert_array_equal(rows[:: grids.ROW_REFINEMENT], nodes)
+
+
+def test_many_breaks_are_left_out_and_those_at_the_ends_too() -> None:
+    altitude, above = profile(0.3)
+    plain = grids.height_nodes(altitude, above, np.zeros(0), 0.005)
+    many = np.linspace(1e3, 9.9e4, 40)
+    np.testing.assert_array_equal(grids.height_nodes(altitude, above, many, 0.005), plain)
+    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 50.0, 1e5]), 0.005), plain)
+
+
+def test_finer_tolerances_make_finer_grids() -> None:
+    altitude, above = profile(0.3)
+    sizes = [len(grids.height_nodes(altitude, above, np.zeros(0), t)) for t in (0.02, 0.005, 0.001)]
+    assert sizes == sorted(sizes)
+    assert len(set(sizes)) == 3
+    suns = [grids.sun_nodes(0.0, np.pi, 0.035, t)[0].size for t in (0.02, 0.005, 0.001)]
+    assert suns == sorted(suns)
+    assert len(set(suns)) == 3
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.2, np.pi + 0.2), (0.0, 0.3), (1.5, 1.8), (2.5, np.pi)])
+def test_sun_nodes_cover_their_range_and_are_found_by_the_cosine(low: float, high: float) -> None:
+    coarse, fine, index = grids.sun_nodes(low, high, 0.035, 0.005)
+    assert coarse[0] == fine[0] == max(low, 0.0)
+    assert coarse[-1] == fine[-1] == min(high, np.pi)
+    assert np.all(np.diff(coarse) > 0)
+    assert np.all(np.diff(fine) > 0)
+    np.testing.assert_allclose(fine[:: grids.SUN_REFINEMENT], coarse, rtol=1e-9)
+    assert index.size == grids.INDEX_STEPS + 1
+    # Over the cosine, which falls with the zenith angle; within the range a table of 8192 steps finds each node again.
+    inner = (np.cos(fine) > -0.999) & (np.cos(fine) < 0.999)
+    found = np.interp(np.cos(fine), np.linspace(-1, 1, index.size), index)
+    np.testing.assert_allclose(found[inner], np.arange(fine.size)[inner], atol=0.02)
+
+
+def test_the_sun_is_followed_closely_in_twilight() -> None:
+    coarse = np.degrees(grids.sun_nodes(0.0, np.pi, 0.035, 0.005)[0])
+    steps, middle = np.diff(coarse), 0.5 * (coarse[1:] + coarse[:-1])
+    twilight = (middle > 88) & (middle < 105)
+    assert steps[twilight].max() < 1.3  # 0.3 times 2 degrees, times the square root of 2.5 for this tolerance
+    assert steps[(middle > 10) & (middle < 60)].min() > 3
+
+
+def test_a_flat_world_has_one_sun() -> None:
+    coarse, fine, index = grids.sun_nodes(0.7, 0.7, 1e-4, 0.005)
+    assert coarse.tolist() == [0.7]
+    assert set(fine) == {0.7}
+    assert not index.any()
+
+
+def test_cubics_are_exact_for_cubics_and_weights_sum_to_one() -> None:
+    nodes = np.array([0.0, 1.0, 1.5, 3.0, 4.0, 7.0])
+    points = np.linspace(0, 7, 57)
+    number, weights = grids.cubic_weights(nodes, points)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-12)
+    polynomial = np.polynomial.Polynomial([1.0, -2.0, 0.5, 0.3])
+    np.testing.assert_allclose((polynomial(nodes)[number] * weights).sum(axis=1), polynomial(points), atol=1e-12)
+    number, weights = grids.cubic_weights(np.array([0.0, 1.0]), np.array([0.2, 0.9]))
+    assert number[:, 0].tolist() == [0, 1]
+    assert weights.sum(axis=1).tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("degree", [2, 8, 16])
+@pytest.mark.parametrize("radius", [6.371e6, 1e10], ids=["earth", "flat"])
+def test_directions_integrate_polynomials(degree: int, radius: float) -> None:
+    altitudes = np.array([0.0, 100.0, 1e4, 1e5])
+    for rule in grids.directions(altitudes, radius, degree, 0.005):
+        mu, weight = rule.T
+        assert np.all(weight >= 0)
+        assert np.all((mu > -1) & (mu < 1))
+        assert weight.sum() == pytest.approx(2.0, abs=1e-12)
+        for power in range(degree + 1):
+            # Above and between, cosines are squares of the variable: n + 4 Gauss points for powers up to n / 2 of a
+            # degree n fall two short of exact for the highest power, which costs 4e-8.
+            assert weight @ mu**power == pytest.approx((1 + (-1) ** power) / (power + 1), abs=1e-7)
+        assert np.pi * (weight * mu)[mu > 0].sum() * 2 == pytest.approx(np.pi, rel=1e-12)
+
+
+def test_no_direction_lies_across_the_horizon() -> None:
+    altitudes = np.array([0.0, 1e3, 1e5])
+    for h, rule in zip(altitudes, grids.directions(altitudes, R, 8, 0.005), strict=True):
+        horizon = -np.sqrt(1 - (R / (R + h)) ** 2)
+        mu, weight = rule.T
+        assert weight[mu < horizon].sum() == pytest.approx(1 + horizon, rel=1e-9)
+        assert weight[mu > 0].sum() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("limb_darkening", [True, False])
+def test_two_points_stand_for_the_disk(limb_darkening: bool) -> None:
+    """Their spread in zenith angle is that of the disk's light; a uniform disk of radius a has half of a."""
+    it = scene(radius=2e9)
+    it = it.model_copy(update={"star": it.star.model_copy(update={"limb_darkening": limb_darkening})})
+    optics = compile_scene(it, np.array([550.0])).optics
+    tilt, share = _disk(optics)
+    spread = np.arctan2(tilt[1, 1], tilt[1, 0])
+    radius = np.arcsin(2e9 / it.star_distance)
+    if limb_darkening:
+        assert 0.8 * radius / 2 < spread < radius / 2
+    else:
+        assert spread == pytest.approx(radius / 2, rel=1e-4)  # the rings' trapezoids are exact; sine for angle
+    assert tilt[2, 1] == -tilt[1, 1]
+    np.testing.assert_allclose(share[1] + share[2], share[0], rtol=1e-12)
+    np.testing.assert_allclose(share[0], it.star.irradiance([550.0], it.star_distance), rtol=1e-9)
+
+
+def haze(g: float) -> skyscatter.Component:
+    return skyscatter.Component(
+        name="haze",
+        density=Tent(base=0.0, peak=1e3, top=3e3),
+        optics=Particles(optical_depth=0.3, phase=HenyeyGreenstein(g=g)),
+    )
+
+
+def test_breaks_of_the_medium_are_nodes() -> None:
+    layer = skyscatter.Component(
+        name="layer",
+        density=Uniform(base=5.3e3, top=6.1e3),
+        optics=Particles(optical_depth=0.3, phase=HenyeyGreenstein(g=0.5)),
+    )
+    problem = make_problem(scene(AIR, haze(0.5), layer), np.array([550.0]), (0.0, 1.0), 0.005)
+    for height in (1e3, 3e3, 5.3e3, 6.1e3):
+        assert np.abs(problem.grid.altitudes - height).min() < 1e-6
+
+
+def test_a_forward_peak_is_cut_and_a_smooth_phase_function_is_not() -> None:
+    wavelengths, zenith = np.array([450.0, 650.0]), (0.0, 1.0)
+    smooth = make_problem(scene(), wavelengths, zenith, 0.005)
+    np.testing.assert_allclose(smooth.diffuse.sigma_t, smooth.table.optics.sigma_t, rtol=1e-12)
+    assert smooth.diffuse.peaks.shape[1] == 0
+    assert smooth.moments.degree.max() == 2
+    peaked = make_problem(scene(AIR, haze(0.9)), wavelengths, zenith, 0.005)
+    optics = peaked.table.optics
+    kept = int(peaked.moments.degree.max())
+    # delta-M: the coefficient after the last kept one is the share that is cut (Wiscombe 1977, eq. 15).
+    expected = optics.sigma_t[1] - 0.9 ** (kept + 1) * optics.sigma_s[1]
+    np.testing.assert_allclose(peaked.diffuse.sigma_t[1], expected, rtol=1e-4)  # chords of the phase table
+    np.testing.assert_allclose(peaked.diffuse.sigma_t[0], optics.sigma_t[0], rtol=1e-12)
+    # Scattering and extinction lose the same, so that absorption stays: 4 pi greek_0 is the scattering that is left.
+    left = 4 * np.pi * peaked.diffuse.greek[0, :, 0]
+    np.testing.assert_allclose(peaked.diffuse.sigma_t - left, optics.sigma_t - optics.sigma_s, atol=1e-9 * left.max())
+
+
+def test_degrees_follow_the_tolerance_and_what_is_there() -> None:
+    chi = np.zeros((1, 1, 18, 1))
+    chi[0, 0, :, 0] = 0.9 ** np.arange(18)
+    degrees = [kept_degree(chi, tolerance) for tolerance in (0.05, 0.005, 0.003, 1e-4)]
+    assert degrees == sorted(degrees)
+    assert degrees[-1] == 16
+    chi[0, 0, 4:] = 0.0
+    assert kept_degree(chi, 1e-4) == 3
+    assert kept_degree(np.zeros((1, 1, 18, 1)), 1e-4) == 2
+
+
+def test_bundles_hold_each_ray_once_and_only_rays_of_one_course() -> None:
+    rng = np.random.default_rng(5)
+    elevation = np.radians(rng.choice([10.0, 40.0, -5.0], 500))
+    azimuth = rng.uniform(0, 2 * np.pi, 500)
+    directions = np.stack(
+        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
+    )
+    origins = np.array([0.0, 0.0, R]) + rng.choice([1e3, 5e3], 500)[:, None] * np.array([0.0, 0.0, 1.0])
+    order, edges = bundles(origins, directions, R)
+    assert sorted(order) == list(range(500))
+    assert edges[0] == 0
+    assert edges[-1] == 500
+    assert edges.size - 1 == 6
+    for a, b in pairwise(edges):
+        members = order[a:b]
+        assert np.ptp(elevation[members]) == 0
+        assert np.ptp(origins[members, 2]) == 0
+    many = bundles(np.repeat(origins[:1], 1200, axis=0), np.repeat(directions[:1], 1200, axis=0), R)[1]
+    assert many.tolist() == [0, MOST_RAYS, 2 * MOST_RAYS, 1200]
+    order, edges = bundles(np.zeros((0, 3)), np.zeros((0, 3)), R)
+    assert order.size == 0
+    assert edges.tolist() == [0]
