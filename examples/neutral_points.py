@@ -1,7 +1,7 @@
 """The polarisation of the clear sky at sunset, and its neutral points: where light scattered again undoes the first.
 
-Light scattered once is polarised across the plane of scattering everywhere; what is scattered again comes mostly from along
-the horizon and is polarised upright.  Above the Sun (Babinet) and above the point opposite (Arago) the two cancel.
+Light scattered once is polarised across the plane of scattering everywhere; what is scattered again comes mostly from
+along the horizon and is polarised upright.  Above the Sun (Babinet) and above the point opposite (Arago) they cancel.
 """
 
 from __future__ import annotations
@@ -56,4 +56,5 @@ for axes, show, bars in zip(figure.subplots(1, 2), ("degree", "angle"), (24, 0),
 figure.savefig("neutral_points.png", dpi=80)
 
 print(f"neutral points {neutral[0]:.1f}° above the Sun and {180 - neutral[-1]:.1f}° above the point opposite")
-assert neutral.size == 2 and all(10 < height < 30 for height in (neutral[0], 180 - neutral[-1]))
+assert neutral.size == 2
+assert all(10 < height < 30 for height in (neutral[0], 180 - neutral[-1]))

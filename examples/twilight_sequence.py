@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,4 +32,4 @@ for axes, elevation in zip(figure.subplots(len(elevations), 1), elevations, stri
 figure.savefig("twilight_sequence.png", dpi=80)
 
 print("zenith:", " ".join(f"{value:.2g}" for value in zenith), "W m-2 sr-1 nm-1")
-assert all(later < sooner for sooner, later in zip(zenith[:-1], zenith[1:], strict=True))
+assert all(later < sooner for sooner, later in pairwise(zenith))
