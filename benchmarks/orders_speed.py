@@ -307,7 +307,7 @@ def curves(given: Any) -> list[str]:
 def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
     """The three curves as a picture."""
     from matplotlib.figure import Figure
-    from matplotlib.ticker import NullFormatter, ScalarFormatter
+    from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
     figure = Figure(figsize=(11, 3.6), layout="constrained", dpi=110)
     panels = figure.subplots(1, 3)
@@ -323,11 +323,13 @@ def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
             panel.plot([row[k] for row in x], [row[k] for row in y], marker + "-", color=colour, label=name)
         panel.set(xscale="log", yscale="log", xlabel=label)
         panel.grid(alpha=0.3, which="both", linewidth=0.5)
-        panel.yaxis.set_major_formatter(ScalarFormatter())
+        panel.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         panel.yaxis.set_minor_formatter(NullFormatter())
     panels[0].set_ylabel("seconds of processor, field and picture")
     panels[0].set_xscale("log", base=2)
-    panels[0].xaxis.set_major_formatter(ScalarFormatter())
+    for panel in panels[:2]:
+        panel.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        panel.xaxis.set_minor_formatter(NullFormatter())
     panels[0].legend(frameon=False)
     panels[0].set_title("128x64 pixels, tolerance 0.005", fontsize=10)
     panels[1].set_title("576 rays, 8 wavelengths", fontsize=10)
