@@ -54,12 +54,12 @@ def test_many_breaks_are_left_out_and_those_at_the_ends_too() -> None:
     plain = grids.height_nodes(altitude, above, np.zeros(0), 0.5, 0.005)
     many = np.linspace(1e3, 9.9e4, 40)
     np.testing.assert_array_equal(grids.height_nodes(altitude, above, many, 0.5, 0.005), plain)
-    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 50.0, 1e5]), 0.005), plain)
+    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 50.0, 1e5]), 0.5, 0.005), plain)
 
 
 def test_finer_tolerances_make_finer_grids() -> None:
     altitude, above = profile(0.3)
-    sizes = [len(grids.height_nodes(altitude, above, np.zeros(0), t)) for t in (0.02, 0.005, 0.001)]
+    sizes = [len(grids.height_nodes(altitude, above, np.zeros(0), 0.5, t)) for t in (0.02, 0.005, 0.001)]
     assert sizes == sorted(sizes)
     assert len(set(sizes)) == 3
     suns = [grids.sun_nodes(0.0, np.pi, 0.035, t)[0].size for t in (0.02, 0.005, 0.001)]
