@@ -14,7 +14,12 @@ from pydantic import BeforeValidator
 
 from skyscatter.errors import UnitsError
 
-_LENGTH = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "au": 149597870700.0}
+_AU = 149597870700.0
+PARSEC = 648000 / 3.141592653589793 * _AU  #: [m], IAU 2015 resolution B2
+_LENGTH = {
+    "m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "au": _AU, "Rsun": 6.957e8,
+    "ly": 9460730472580800.0, "pc": PARSEC, "kpc": 1e3 * PARSEC, "Mpc": 1e6 * PARSEC,
+}  # fmt: skip
 _WAVELENGTH = {"nm": 1.0, "um": 1e3, "µm": 1e3, "m": 1e9, "angstrom": 0.1}
 _NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)\s*")
 
