@@ -1,0 +1,89 @@
+"""The contract of density fields in three dimensions.
+
+A field is a dimensionless density over points of the model's frame [m].  Each field writes itself as a sum of terms of
+small programs (`FieldTerms`), which `skyscatter.media.spacetables` packs for the kernels; so a new field is one class
+here and one branch in `kernels.space`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.record import Record
+
+Array = NDArray[np.float64]
+
+
+class Instruction(NamedTuple):
+    """One step of a term's program."""
+
+    operation: int
+    affine: Array | None = None  #: (3, 4) from the model's frame to the leaf's; None for operations
+    parameters: tuple[float, ...] = ()
+    data: Array | None = None  #: float32 numbers of a grid or of particles
+    index: tuple[int, ...] = ()
+
+
+class FieldTerm(NamedTuple):
+    """One summand of a field."""
+
+    program: tuple[Instruction, ...]
+    method: int  #: how its column is found: `kernels.space` CLOSED_FORM, CELLS or QUADRATURE
+    factor: float
+    box: Array  #: (2, 3) lowest and highest corner of where it is not nought [m]
+    scale: float  #: longest panel of the quadrature [m]
+
+
+class SpatialField(Record):
+    """Dimensionless density as a function of the position in the model's frame."""
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels."""
+        raise NotImplementedError
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes: lowest and highest value.
+
+        Parameters
+        ----------
+        low, high : ndarray, shape (box, 3)
+            Corners [m].
+
+        Returns
+        -------
+        lowest, highest : ndarray, shape (box,)
+        """
+        raise NotImplementedError
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes."""
+        low, high = self.bounds
+        return 0.5 * (low + high)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest corner (3,) [m] of where the density is not nought."""
+        boxes = np.array([term.box for term in self.terms()])
+        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
+    def density(self, points: ArrayLike) -> Array:
+        """Density at points [m] of shape (..., 3); shape (...)."""
+        from skyscatter.media.spacetables import field_densities
+
+        return field_densities(self, np.asarray(points, float))
+
+    def column(self, start: ArrayLike, end: ArrayLike) -> Array:
+        """Column along straight segments [m of unit density]; end points of shape (..., 3) [m], result (...)."""
+        from skyscatter.media.spacetables import field_columns
+
+        return field_columns(self, np.asarray(start, float), np.asarray(end, float))
+
+    def reference_column(self) -> float:
+        """Column through the centre along the model's z axis [m of unit density]."""
+        low, high = self.bounds
+        x, y, _ = self.centre
+        return float(self.column([x, y, low[2]], [x, y, high[2]]))

@@ -1,0 +1,100 @@
+"""Fields in three dimensions packed into the arrays that the kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skyscatter.media.space import Array, SpatialField
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.kernels.space import SpaceTable
+
+#: Cells of the grid of bounds along the longest side of the medium.
+BOUND_CELLS = 32
+
+
+def pack_space(fields: Sequence[SpatialField]) -> SpaceTable:
+    """Pack fields, one for each component, into a `SpaceTable`."""
+    from skyscatter.solvers.kernels.space import SpaceTable
+
+    groups = [field.terms() for field in fields]
+    terms = [term for group in groups for term in group]
+    rows = [step for term in terms for step in term.program]
+    parameters, data, index, code = [], [], [], []
+    at, at_data, at_index = 0, 0, 0
+    for step in rows:
+        affine = np.zeros(0) if step.affine is None else np.asarray(step.affine, float).ravel()
+        block = np.concatenate([affine, np.asarray(step.parameters, float)])
+        # A grid's place among the data is the first of its integers.
+        numbers = np.array([at_data, *step.index] if step.data is not None else step.index, np.int64)
+        code.append((step.operation, at, at_index))
+        parameters.append(block)
+        index.append(numbers)
+        at, at_index = at + block.size, at_index + numbers.size
+        if step.data is not None:
+            data.append(np.asarray(step.data, np.float32).ravel())
+            at_data += data[-1].size
+    boxes = np.array([term.box for term in terms], float)
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    cells, upper, lower = bound_grid(fields, low, high)
+    return SpaceTable(
+        term_start=np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64),
+        code_start=np.concatenate([[0], np.cumsum([len(term.program) for term in terms])]).astype(np.int64),
+        method=np.array([term.method for term in terms], np.int64),
+        factor=np.array([term.factor for term in terms], float),
+        box=boxes,
+        scale=np.array([term.scale for term in terms], float),
+        code=np.array(code, np.int64).reshape(-1, 3),
+        parameters=np.concatenate([*parameters, np.zeros(1)]),
+        data=np.concatenate([*data, np.zeros(1, np.float32)]),
+        index=np.concatenate([*index, np.zeros(1, np.int64)]),
+        low=low,
+        high=high,
+        cells=cells,
+        upper=upper,
+        lower=lower,
+    )
+
+
+def bound_grid(fields: Sequence[SpatialField], low: Array, high: Array) -> tuple[Array, Array, Array]:
+    """Cells along each axis, and bounds (cell, component) of every field within each cell."""
+    size = high - low
+    cells = np.maximum(np.ceil(BOUND_CELLS * size / size.max() - 1e-9), 1).astype(np.int64)
+    corners = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    step = size / cells
+    pairs = [field.extremes(low + corners * step, low + (corners + 1) * step) for field in fields]
+    return cells, np.stack([p[1] for p in pairs], axis=1), np.stack([p[0] for p in pairs], axis=1)
+
+
+@lru_cache(maxsize=32)
+def field_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
+    """`pack_space`, kept between calls."""
+    return pack_space(fields)
+
+
+def field_densities(field: SpatialField, points: Array) -> Array:
+    """Densities of one field at points (..., 3)."""
+    from skyscatter.solvers.kernels.space import fill_densities, make_space_work
+
+    table = field_table((field,))
+    flat = np.ascontiguousarray(points.reshape(-1, 3))
+    out = np.empty((len(flat), 1))
+    fill_densities(table, flat, make_space_work(), out)
+    return out[:, 0].reshape(points.shape[:-1])
+
+
+def field_columns(field: SpatialField, start: Array, end: Array) -> Array:
+    """Columns of one field between points (..., 3)."""
+    from skyscatter.solvers.kernels.space import fill_columns, make_space_work
+
+    table = field_table((field,))
+    start, end = np.broadcast_arrays(start, end)
+    shape = start.shape[:-1]
+    a, b = np.array(start.reshape(-1, 3), order="C"), np.array(end.reshape(-1, 3), order="C")
+    out = np.zeros((len(a), 1))
+    fill_columns(table, a, b, make_space_work(), out)
+    return out[:, 0].reshape(shape)
