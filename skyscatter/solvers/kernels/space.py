@@ -133,7 +133,7 @@ def closed_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb):
     u = p[at] * dx + p[at + 1] * dy + p[at + 2] * dz
     v = p[at + 4] * dx + p[at + 5] * dy + p[at + 6] * dz
     w = p[at + 8] * dx + p[at + 9] * dy + p[at + 10] * dz
-    # In the local frame the line is (a, b, c) + t (u, v, w); s is the local length from its point nearest to the middle.
+    # In the local frame the line is (a, b, c) + t (u, v, w); s counts from its point nearest to the middle.
     speed = math.sqrt(u * u + v * v + w * w)
     u, v, w = u / speed, v / speed, w / speed
     s0 = a * u + b * v + c * w
@@ -163,7 +163,7 @@ def space_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
 
 @entry
 def clip_to_space(space, ox, oy, oz, dx, dy, dz):
-    """Distances [m] between which a ray from o in direction d can meet the medium; the first above the second: never."""
+    """Distances [m] between which a ray from o can meet the medium; never if the first is above the second."""
     return clip_to_box(space.low, space.high, ox, oy, oz, dx, dy, dz, 0.0, math.inf)
 
 
