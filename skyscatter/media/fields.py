@@ -52,6 +52,10 @@ class DensityField(Record):
         """Column from altitudes [m] straight up to the top [m of unit density], shape of the input."""
         return self._evaluate(altitude, "vertical_column")
 
+    def reference_column(self) -> float:
+        """Vertical column above the ground [m of unit density], by which optical depths are meant."""
+        return float(self.vertical_column(0.0))
+
     def _evaluate(self, altitude: ArrayLike, function: str) -> NDArray[np.float64]:
         from skyscatter.media.tables import pack_fields
         from skyscatter.solvers.kernels import columns

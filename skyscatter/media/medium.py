@@ -7,7 +7,8 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.fields import AnyField
+from skyscatter.media.fields import AnyField, DensityField
+from skyscatter.media.shapes import GaussianSphere, Sphere
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
 from skyscatter.optics.mie import MieAerosol
 from skyscatter.optics.particles import Particles
@@ -20,6 +21,8 @@ AnyOptics = Annotated[
     RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption,
     Field(discriminator="kind"),
 ]
+
+AnyDensity = Annotated[AnyField | Sphere | GaussianSphere, Field(discriminator="kind")]
 
 
 class Component(Record):
@@ -39,7 +42,7 @@ class Component(Record):
     """
 
     name: str
-    density: AnyField
+    density: AnyDensity
     optics: AnyOptics
     weight: float = 1.0
     emission: Spectral = 0.0
@@ -52,24 +55,28 @@ class Component(Record):
 
 
 class Medium(Record):
-    """An atmosphere: components in spherical shells around a planet.
+    """Components in spherical shells around a planet, or in three dimensions.
 
     Parameters
     ----------
     components : tuple of Component
-    planet_radius : length
-        Radius at which altitudes are 0 [m].
+    planet_radius : length, optional
+        Radius at which altitudes are 0 [m]; left out where the densities are fields in three dimensions.
     """
 
     components: tuple[Component, ...]
-    planet_radius: Metres
+    planet_radius: Metres | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Medium:
-        if not self.planet_radius > 0:
+        if self.planet_radius is not None and not self.planet_radius > 0:
             raise DomainError("planet_radius", self.planet_radius, "must be a positive length")
         if not self.components:
             raise DomainError("components", 0, "a medium needs at least one component")
+        for component in self.components:
+            if isinstance(component.density, DensityField) != (self.planet_radius is not None):
+                rule = "shells need a planet_radius, fields in three dimensions none; a medium has one sort of them"
+                raise DomainError("density", component.density.kind, rule)
         names = [component.name for component in self.components]
         for name in names:
             if names.count(name) > 1:

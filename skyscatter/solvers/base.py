@@ -115,6 +115,7 @@ class Options:
     parts: bool = False
     orders: int = 0
     stokes: bool = False
+    transmittance: str | None = None
 
     def check(self) -> None:
         """Refuse values that no solver can use."""

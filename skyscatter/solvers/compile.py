@@ -45,8 +45,7 @@ def medium_optics(medium: Medium, wavelengths: tuple[float, ...]) -> tuple[Array
     sigma_s, sigma_t, emission = (np.zeros((count, wl.size)) for _ in range(3))
     phase = np.empty((count, mu.size, wl.size))
     for c, component in enumerate(medium.components):
-        column = float(component.density.vertical_column(0.0))
-        coefficients = component.optics.coefficients(wl, column)
+        coefficients = component.optics.coefficients(wl, component.density.reference_column())
         sigma_s[c] = component.weight * coefficients.scattering
         sigma_t[c] = component.weight * (coefficients.scattering + coefficients.absorption)
         emission[c] = component.weight * (coefficients.emission + evaluate(component.emission, wl))

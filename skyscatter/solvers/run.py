@@ -23,12 +23,18 @@ from skyscatter.solvers.base import Answer, Array, Options, Rays
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
+    from skyscatter.space import SpaceScene
+
+    AnyScene = Scene | SpaceScene
 
 #: Rays in a tile at most: enough to hide the cost of handing it out, few enough for Ctrl-C and progress.
 TILE_RAYS = 128
 #: Tiles for each thread at least, as far as there are rays.
 TILES_PER_THREAD = 8
-SOLVERS = ("orders", "path", "single")
+#: The modules of the solvers, by the sort of medium.
+SHELLS = {"orders": "orders", "path": "path", "single": "single"}
+VOLUMES = {"path": "volume_path", "single": "volume_single"}
+SOLVERS = tuple(SHELLS)
 
 
 @dataclass
@@ -119,11 +125,12 @@ def worker_count(threads: int | None) -> int:
     return threads
 
 
-def load_solver(name: str) -> Any:
-    """The module of a solver."""
-    if name not in SOLVERS:
-        raise DomainError("solver", name, f"choose from {', '.join(SOLVERS)}")
-    return import_module(f"skyscatter.solvers.{name}")
+def load_solver(name: str, scene: AnyScene) -> Any:
+    """The module of a solver for a scene."""
+    modules = SHELLS if isinstance(scene, Scene) else VOLUMES
+    if name not in modules:
+        raise DomainError("solver", name, f"choose from {', '.join(modules)}")
+    return import_module(f"skyscatter.solvers.{modules[name]}")
 
 
 def check_wavelengths(wavelengths: ArrayLike) -> Array:
@@ -138,7 +145,7 @@ def check_wavelengths(wavelengths: ArrayLike) -> Array:
     return np.ascontiguousarray(wl)
 
 
-def check_rays(scene: Scene, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
+def check_rays(scene: AnyScene, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
     """Origins [m] and unit directions of one shape (..., 3), broadcast against each other."""
     if hasattr(origins, "to_value"):
         origins = origins.to_value("m")
@@ -149,15 +156,12 @@ def check_rays(scene: Scene, origins: ArrayLike, directions: ArrayLike) -> tuple
     length = np.linalg.norm(d, axis=-1, keepdims=True)
     if d.size and not (np.all(np.isfinite(o)) and np.all(np.abs(length - 1) < 1e-6)):
         raise DomainError("directions", float(length.min()), "must be finite unit vectors; divide by their length")
-    # Rounding may put a point on the ground a hair below it; more is inside the planet.
-    low = np.linalg.norm(o, axis=-1).min(initial=np.inf) - scene.medium.planet_radius
-    if low < -1e-6 * scene.medium.planet_radius:
-        raise DomainError("origins", f"altitude {low:.6g} m", "inside the planet; start on the ground or above")
+    scene.check_origins(o)
     return o, d / length
 
 
 def solve_rays(
-    scene: Scene,
+    scene: AnyScene,
     rays: Rays,
     wavelengths: Array,
     solver: str,
@@ -171,7 +175,7 @@ def solve_rays(
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
     of threads.
     """
-    module = load_solver(solver)
+    module = load_solver(solver, scene)
     options.check()
     module.check(options)
     workers = worker_count(threads)
@@ -217,7 +221,7 @@ def _keep(finished: set[Future[tuple[slice, Answer] | None]], state: RenderState
 
 
 def radiance(
-    scene: Scene,
+    scene: AnyScene,
     origins: ArrayLike,
     directions: ArrayLike,
     wavelengths: ArrayLike,

@@ -625,7 +625,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, polar, 
 
 
 @merged
-def _statistics(sums, batches, walks_per_batch, mean, error):
+def statistics(sums, batches, walks_per_batch, mean, error):
     """Mean over batches and its standard error, each (wavelength,)."""
     for i in range(mean.size):
         m, square = 0.0, 0.0
@@ -639,7 +639,7 @@ def _statistics(sums, batches, walks_per_batch, mean, error):
 
 
 @merged
-def _noise(error, mean, base):
+def relative_noise(error, mean, base):
     """Relative standard error, averaged over wavelengths where there is light."""
     noise, n = 0.0, 0
     for i in range(mean.size):
@@ -722,14 +722,14 @@ def path_rays(
                         scene, line, camera, max_order, leg, work, camera_work, walk, polar, sums[b], by_order[ray]
                     )  # fmt: skip
             done = goal
-            _statistics(sums, batches, done, mean[ray], error[ray])
-            if done >= samples // batches or _noise(error[ray], mean[ray], base[ray]) <= noise:
+            statistics(sums, batches, done, mean[ray], error[ray])
+            if done >= samples // batches or relative_noise(error[ray], mean[ray], base[ray]) <= noise:
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
         if polar is not None:
             for k in range(3):
-                _statistics(polar.sums[k], batches, done, polar.mean[ray, k], polar.error[ray, k])
+                statistics(polar.sums[k], batches, done, polar.mean[ray, k], polar.error[ray, k])
         for k in range(by_order.shape[1]):
             for i in range(mean.shape[1]):
                 by_order[ray, k, i] /= used[ray]

@@ -1,0 +1,156 @@
+"""A scene in three dimensions as the solvers' kernels see it: fields, optics, lights, and the light that reaches a point.
+
+Every light is either a point, whose irradiance falls as 1 / d^2, or so distant that its rays are parallel.  What reaches
+a point is power (x 1 / d^2) x transmittance; the transmittance comes from columns (closed forms and quadrature) or from
+ratio tracking, unbiased both.
+
+Beside this exact light there is the *guide*: columns towards every light, tabulated on a coarse grid as the mean density
+along the way.  It decides where walks look for light and never what they find there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.solvers.kernels.fastexp import fast_exp
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.optics import transmittance
+from skyscatter.solvers.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
+
+
+class VolumeTable(NamedTuple):
+    """Everything about a scene; components in the order of the fields, the wavelength always last."""
+
+    space: SpaceTable
+    sigma_s: np.ndarray  #: (component, wavelength) scattering per unit density [m-1]
+    sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density [m-1]
+    emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
+    phase: np.ndarray  #: (component, angle, wavelength) [sr-1], at cos_theta = 1 - 2 (k / n)^2
+    phase_cdf: np.ndarray  #: (component, wavelength, angle) probability of an angle nearer to forward
+    place: np.ndarray  #: (light, 3) position [m], or direction to a distant light
+    distant: np.ndarray  #: (light,) bool
+    size: np.ndarray  #: (light,) distance [m] below which the light does not grow any more: the star's radius
+    power: np.ndarray  #: (light, wavelength) radiant intensity [W sr-1 nm-1], or irradiance of a distant light
+    background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
+    emits: bool  #: whether any component shines by itself
+    glows: bool  #: whether there is light other than the lights': emission or background
+    decay: np.ndarray  #: (wavelength,) rough exponent with which multiply scattered light falls per optical depth
+    floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
+    guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
+
+
+class VolumeWork(NamedTuple):
+    """Scratch arrays of a thread."""
+
+    space: SpaceWork
+    density: np.ndarray  #: (component,) at the current point
+    along: np.ndarray  #: (component,) columns along a line [m]
+    to_light: np.ndarray  #: (component,) columns to a light [m]
+    phase: np.ndarray  #: (component, wavelength) [sr-1]
+    arriving: np.ndarray  #: (wavelength,) irradiance, or transmittance
+    through: np.ndarray  #: (wavelength,)
+    towards: np.ndarray  #: (wavelength,)
+    spare: np.ndarray  #: (wavelength,)
+
+
+def make_volume_work(components: int, wavelengths: int) -> VolumeWork:
+    """Scratch arrays for a scene of that size; a thread needs its own."""
+    return VolumeWork(
+        make_space_work(), np.zeros(components), np.zeros(components), np.zeros(components),
+        np.zeros((components, wavelengths)), np.zeros(wavelengths), np.zeros(wavelengths), np.zeros(wavelengths),
+        np.zeros(wavelengths),
+    )  # fmt: skip
+
+
+@inlined
+def face_light(v, k, x, y, z):
+    """Unit vector from a point to light k, its distance [m], and the factor 1 / d^2 (1 for a distant light)."""
+    if v.distant[k]:
+        return v.place[k, 0], v.place[k, 1], v.place[k, 2], math.inf, 1.0
+    a, b, c = v.place[k, 0] - x, v.place[k, 1] - y, v.place[k, 2] - z
+    d = math.sqrt(a * a + b * b + c * c)
+    near = max(d, v.size[k])
+    if d <= 0.0:
+        return 0.0, 0.0, 1.0, 0.0, 1.0 / (near * near)
+    return a / d, b / d, c / d, d, 1.0 / (near * near)
+
+
+@inlined
+def columns_ahead(v, x, y, z, a, b, c, far, work, out):
+    """Columns [m] of every component from a point in a direction as far as `far`, into `out` (component,)."""
+    for n in range(out.size):
+        out[n] = 0.0
+    start, end = clip_to_space(v.space, x, y, z, a, b, c)
+    end = min(end, far)
+    if end > start:
+        space_columns(v.space, x, y, z, a, b, c, start, end, work.space, out)
+
+
+@kernel
+def light_arriving(v, k, x, y, z, work):
+    """Irradiance of light k at a point into ``work.arriving`` [W m-2 nm-1]; returns the unit vector towards it."""
+    a, b, c, d, fall = face_light(v, k, x, y, z)
+    columns_ahead(v, x, y, z, a, b, c, d, work, work.to_light)
+    transmittance(work.to_light, v.sigma_t, work.arriving)
+    for i in range(work.arriving.size):
+        work.arriving[i] *= v.power[k, i] * fall
+    return a, b, c
+
+
+@entry
+def guide_columns(v, k, x, y, z, d, out):
+    """Columns towards light k, at distance `d`, from the table of the guide, into `out` (component,)."""
+    low, high, shape = v.space.low, v.space.high, v.guide.shape
+    u = min(max((x - low[0]) / (high[0] - low[0]), 0.0), 1.0) * (shape[1] - 1)
+    s = min(max((y - low[1]) / (high[1] - low[1]), 0.0), 1.0) * (shape[2] - 1)
+    t = min(max((z - low[2]) / (high[2] - low[2]), 0.0), 1.0) * (shape[3] - 1)
+    i, j, m = min(int(u), shape[1] - 2), min(int(s), shape[2] - 2), min(int(t), shape[3] - 2)
+    u, s, t = u - i, s - j, t - m
+    g = v.guide
+    scale = 1.0 if v.distant[k] else d
+    for c in range(out.size):
+        near = (1.0 - s) * g[k, i, j, m, c] + s * g[k, i, j + 1, m, c]
+        far = (1.0 - s) * g[k, i, j, m + 1, c] + s * g[k, i, j + 1, m + 1, c]
+        first = (1.0 - t) * near + t * far
+        near = (1.0 - s) * g[k, i + 1, j, m, c] + s * g[k, i + 1, j + 1, m, c]
+        far = (1.0 - s) * g[k, i + 1, j, m + 1, c] + s * g[k, i + 1, j + 1, m + 1, c]
+        out[c] = scale * ((1.0 - u) * first + u * ((1.0 - t) * near + t * far))
+
+
+@kernel
+def guess_light(v, x, y, z, work, direct, diffuse):
+    """Guesses of the light at a point, each (wavelength,): from the lights straight, and all of it.
+
+    Multiply scattered light of a point falls about as (1 + tau) exp(-kappa tau) / d^2 with the exponent kappa of
+    diffusion, which is 1 for black and 0 for white media.
+    """
+    for i in range(direct.size):
+        direct[i] = 1e-6 * v.floor[i]
+        diffuse[i] = v.floor[i]
+    for k in range(v.power.shape[0]):
+        _, _, _, d, fall = face_light(v, k, x, y, z)
+        guide_columns(v, k, x, y, z, d, work.to_light)
+        for i in range(direct.size):
+            work.spare[i] = 0.0
+        for c in range(work.to_light.size):
+            for i in range(direct.size):
+                work.spare[i] += work.to_light[c] * v.sigma_t[c, i]
+        for i in range(direct.size):
+            tau = work.spare[i]
+            direct[i] += v.power[k, i] * fall * fast_exp(-tau)
+            diffuse[i] += v.power[k, i] * fall * (1.0 + tau) * fast_exp(-v.decay[i] * tau)
+
+
+@entry
+def fill_guide(v, points, work, out):
+    """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into `out` (light, n, component)."""
+    for k in range(out.shape[0]):
+        for n in range(points.shape[0]):
+            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            a, b, c, d, _ = face_light(v, k, x, y, z)
+            columns_ahead(v, x, y, z, a, b, c, d, work, work.to_light)
+            for m in range(out.shape[2]):
+                out[k, n, m] = work.to_light[m] if v.distant[k] else work.to_light[m] / max(d, 1e-300)

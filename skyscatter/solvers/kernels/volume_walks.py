@@ -1,0 +1,582 @@
+"""All orders of scattering in a medium of three dimensions by backward random walks that carry the whole spectrum.
+
+The camera's ray is a *leg*, and so is every flight between two scatterings.  A leg is cut into strata: half of them take
+equal angles as seen from the star that matters most (equi-angular sampling: Kulla & Fajardo 2012, Computer Graphics
+Forum 31, 1519), half equal steps.  Columns to their edges, and the guide's guess of the light there, say how much each
+stratum would hand on.  From these chances come
+
+- a few points at which the light of every star is fetched (next-event estimation), by the guess of direct light;
+- the next vertex, which always lies inside the medium (forced scattering), by the guess of all light.  As the guess
+  rises towards the stars, flights in their direction are stretched and others shortened: the bias towards the source
+  that optically deep media need (exponential transform; Dwivedi 1982, Ann. Nucl. Energy 9, 359).
+
+Within a stratum the point is drawn from the exponential that joins the values at both edges.  Directions come from the
+phase function, uniformly in the angle from a star (which takes away the last singularity of the light near stars), and
+for deep vertices by Dwivedi's law 1 / (nu_0 - mu); the density of a direction is the sum of all three.
+
+One wavelength, the hero, drives the draws and all of them count by the balance heuristic, as in `kernels.path`: there
+and here F is the walk's value, P its chance under each hero, both divided by the mean chance.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skyscatter.solvers.kernels.fastexp import fast_exp
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
+from skyscatter.solvers.kernels.lookup import sort_few
+from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance
+from skyscatter.solvers.kernels.path import (
+    BATCHES,
+    Walk,
+    make_walk,
+    rebalance,
+    relative_noise,
+    statistics,
+    turn,
+)
+from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
+from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
+from skyscatter.solvers.kernels.volume import (
+    VolumeTable,
+    VolumeWork,
+    face_light,
+    guess_light,
+    guide_columns,
+    light_arriving,
+    make_volume_work,
+)
+
+#: Strata of the camera's ray and of a leg of a walk; even numbers.
+CAMERA_STRATA, LEG_STRATA = 32, 16
+#: Points of a leg at which the light of the stars is fetched.
+LIT_POINTS = 2
+#: Optical depth at the most transparent wavelength at which a leg ends.
+DARK = 40.0
+#: Share of directions drawn around a star, and by Dwivedi's law where the star is deep.
+STAR_SHARE, DEEP_SHARE = 0.2, 0.4
+#: Roulette begins where a walk promises less than this share of what it did at its first vertex.
+ROULETTE_LEVEL = 0.3
+#: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
+STEEPEST = 40.0
+
+
+class VolumeLeg(NamedTuple):
+    """A leg with its strata."""
+
+    edge: np.ndarray  #: (stratum + 1,) distances [m]
+    column: np.ndarray  #: (stratum + 1, component) columns from the start of the leg [m]
+    vertex: np.ndarray  #: (stratum, wavelength) chance that the next vertex lies in a stratum, under each hero
+    light: np.ndarray  #: (stratum, wavelength) the same for the points at which light is fetched
+    vertex_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of all light
+    light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light
+    escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
+    total: np.ndarray  #: (2, wavelength)
+    draw: np.ndarray  #: (wavelength,) density [m-1] of a drawn point under each hero
+
+
+class WalkScratch(NamedTuple):
+    """Scratch arrays of `volume_path_rays`."""
+
+    work: VolumeWork
+    camera: VolumeLeg
+    leg: VolumeLeg
+    walk: Walk
+    sums: np.ndarray  #: (batch, wavelength)
+    shift: np.ndarray  #: (batch, dimension) uint32
+
+
+def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg:
+    """An empty leg."""
+    return VolumeLeg(
+        np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros((strata, wavelengths)),
+        np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros((strata + 1, wavelengths)),
+        np.zeros(wavelengths), np.zeros((2, wavelengths)), np.zeros(wavelengths),
+    )  # fmt: skip
+
+
+def make_walk_scratch(components: int, wavelengths: int, samples: int) -> WalkScratch:
+    """Scratch arrays of `volume_path_rays`; a thread needs its own."""
+    batches = min(samples, BATCHES)
+    return WalkScratch(
+        make_volume_work(components, wavelengths), make_volume_leg(CAMERA_STRATA, components, wavelengths),
+        make_volume_leg(LEG_STRATA, components, wavelengths), make_walk(wavelengths),
+        np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
+    )  # fmt: skip
+
+
+@kernel
+def main_light(v, x, d, start, end):
+    """The point light that should shine brightest on a line, and the distance at which the line is nearest to it."""
+    best, chosen, place, apart = 0.0, -1, 0.0, 0.0
+    middle = v.power.shape[1] // 2
+    for k in range(v.power.shape[0]):
+        if v.distant[k]:
+            continue
+        a, b, c = v.place[k, 0] - x[0], v.place[k, 1] - x[1], v.place[k, 2] - x[2]
+        near = min(max(a * d[0] + b * d[1] + c * d[2], start), end)
+        a, b, c = a - near * d[0], b - near * d[1], c - near * d[2]
+        q = math.sqrt(a * a + b * b + c * c)
+        # Irradiance integrated along a line goes as 1 / distance.
+        bright = v.power[k, middle] / max(q, v.size[k], 1e-9 * (end - start))
+        if bright > best:
+            best, chosen, place, apart = bright, k, a * d[0] + b * d[1] + c * d[2] + near, q
+    return chosen, place, max(apart, 1e-6 * (end - start))
+
+
+@kernel
+def cut_leg(v, x, d, start, end, uniformly, edge):
+    """Edges of the strata of a leg: equal angles around the main light, and steps that are equal or grow."""
+    strata = edge.size - 1
+    chosen, near, apart = main_light(v, x, d, start, end)
+    n = 0
+    steps = strata
+    if chosen >= 0:
+        steps = strata // 2
+        low, high = math.atan((start - near) / apart), math.atan((end - near) / apart)
+        for k in range(1, strata - steps + 1):
+            t = near + apart * math.tan(low + (high - low) * k / (strata - steps + 1.0))
+            edge[n] = min(max(t, start), end)
+            n += 1
+    for k in range(1, steps):
+        share = k / (steps + 0.0)
+        edge[n] = start + (end - start) * (share if uniformly else share * share)
+        n += 1
+    edge[n], edge[n + 1] = start, end
+    sort_few(edge, n + 2)
+
+
+@kernel
+def visible_end(v, x, d, start, end, work):
+    """Where a leg ends: at the edge of the medium, or where even the most transparent wavelength is gone."""
+    step, t = (end - start) / 64.0, start
+    for c in range(work.along.size):
+        work.along[c] = 0.0
+    while True:
+        onward = min(t + step, end)
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], t, onward, work.space, work.along)
+        least = math.inf
+        for i in range(v.sigma_t.shape[1]):
+            tau = 0.0
+            for c in range(work.along.size):
+                tau += work.along[c] * v.sigma_t[c, i]
+            least = min(least, tau)
+        t = onward
+        if t >= end or least > DARK:
+            return t
+        step *= 2.0
+
+
+@kernel
+def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
+    """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
+    last = leg.edge.size - 1
+    wavelengths = leg.draw.size
+    end = visible_end(v, x, d, start, end, work)
+    cut_leg(v, x, d, start, end, camera, leg.edge)
+    for i in range(wavelengths):
+        leg.total[0, i], leg.total[1, i], leg.escape[i] = 0.0, 0.0, 0.0
+    for c in range(work.along.size):
+        work.along[c] = 0.0
+    for k in range(last + 1):
+        t = leg.edge[k]
+        if k > 0:
+            before = leg.edge[k - 1]
+            space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
+        for c in range(work.along.size):
+            leg.column[k, c] = work.along[c]
+        transmittance(work.along, v.sigma_t, work.through)
+        guess_light(
+            v, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work, leg.light_rim[k], leg.vertex_rim[k]
+        )  # fmt: skip
+        for i in range(wavelengths):
+            leg.light_rim[k, i] *= work.through[i]
+            leg.vertex_rim[k, i] *= work.through[i]
+        if k > 0:
+            weigh_stratum(v, k - 1, leg)
+    if v.glows and not camera:
+        gather_escape(v, x, d, u, leg, work)
+    found = 0.0
+    for i in range(wavelengths):
+        found += leg.total[1, i]
+        low, high = 1.0 / max(leg.total[0, i], 1e-300), 1.0 / max(leg.total[1, i], 1e-300)
+        for k in range(last):
+            leg.light[k, i] *= low
+            leg.vertex[k, i] *= high
+    return found > 0.0
+
+
+@inlined
+def weigh_stratum(v, k, leg):
+    """Chances of stratum k: the scattering on it times the logarithmic mean of the values at its edges."""
+    for i in range(leg.draw.size):
+        scattering = 0.0
+        for c in range(leg.column.shape[1]):
+            scattering += (leg.column[k + 1, c] - leg.column[k, c]) * v.sigma_s[c, i]
+        # Carlson (1972), Am. Math. Mon. 79, 615: (2 geometric + arithmetic) / 3 is close to the logarithmic mean.
+        a, b = leg.light_rim[k, i], leg.light_rim[k + 1, i]
+        leg.light[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.total[0, i] += leg.light[k, i]
+        a, b = leg.vertex_rim[k, i], leg.vertex_rim[k + 1, i]
+        leg.vertex[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.total[1, i] += leg.vertex[k, i]
+
+
+@kernel
+def gather_escape(v, x, d, u, leg, work):
+    """Emission along a leg, one point at the fraction u of every stratum, and the background at its end."""
+    last = leg.edge.size - 1
+    for c in range(work.along.size):
+        work.along[c] = leg.column[last, c]
+    transmittance(work.along, v.sigma_t, work.through)
+    for i in range(leg.escape.size):
+        leg.escape[i] = v.background[i] * work.through[i]
+    if not v.emits:
+        return
+    for k in range(last):
+        width = leg.edge[k + 1] - leg.edge[k]
+        t = leg.edge[k] + u * width
+        for c in range(work.along.size):
+            work.along[c] = leg.column[k, c]
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
+        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+        transmittance(work.along, v.sigma_t, work.through)
+        mix_components(work.density, v.emission, work.towards)
+        for i in range(leg.escape.size):
+            leg.escape[i] += width * work.through[i] * work.towards[i]
+
+
+@inlined
+def steepness(low, high):
+    """Logarithm of the fall from one edge to the other, within limits."""
+    if low <= 0.0 or high <= 0.0:
+        return 0.0 if low <= high else STEEPEST
+    return min(max(math.log(low / high), -STEEPEST), STEEPEST)
+
+
+@kernel
+def draw_point(chance, rim, edge, hero, u, density):
+    """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
+
+    Returns the distance and the stratum; the stratum is -1 when the hero finds nothing.
+    """
+    last = chance.shape[0]
+    below, k, share = 0.0, -1, 0.0
+    for j in range(last):
+        c = chance[j, hero]
+        if c > 0.0:
+            k, share = j, min((u - below) / c, 1.0)
+            below += c
+            if u < below:
+                break
+    if k < 0:
+        return 0.0, k
+    a = steepness(rim[k, hero], rim[k + 1, hero])
+    width = edge[k + 1] - edge[k]
+    s = share if abs(a) < 1e-6 else -math.log1p(share * math.expm1(-a)) / a
+    s = min(max(s, 0.0), 1.0)
+    for i in range(density.size):
+        a = steepness(rim[k, i], rim[k + 1, i])
+        fall = 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
+        density[i] = chance[k, i] * fall / width
+    return edge[k] + s * width, k
+
+
+@inlined
+def columns_to(v, x, d, leg, k, t, work):
+    """Columns from the start of a leg to the distance t in stratum k, into ``work.along``."""
+    for c in range(work.along.size):
+        work.along[c] = leg.column[k, c]
+    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
+
+
+@kernel
+def fetch_light(v, hero, u, leg, work, walk):
+    """Light of all stars that is scattered into the leg, from a few points on it, into ``walk.gain``."""
+    x, d = walk.position, walk.direction
+    for i in range(walk.gain.size):
+        walk.gain[i] = 0.0
+    if v.power.shape[0] == 0:
+        return
+    for m in range(LIT_POINTS):
+        t, k = draw_point(leg.light, leg.light_rim, leg.edge, hero, (m + u) / LIT_POINTS, leg.draw)
+        if k < 0:
+            return
+        mean = 0.0
+        for i in range(walk.gain.size):
+            mean += walk.chance[i] * leg.draw[i]
+        mean *= LIT_POINTS / walk.gain.size
+        columns_to(v, x, d, leg, k, t, work)
+        transmittance(work.along, v.sigma_t, work.through)
+        px, py, pz = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
+        space_densities(v.space, px, py, pz, work.space, work.density)
+        for n in range(v.power.shape[0]):
+            a, b, c = light_arriving(v, n, px, py, pz, work)
+            phase_at(v.phase, d[0] * a + d[1] * b + d[2] * c, work.phase)
+            for i in range(walk.gain.size):
+                work.towards[i] = 0.0
+            for j in range(work.density.size):
+                for i in range(walk.gain.size):
+                    work.towards[i] += work.density[j] * v.sigma_s[j, i] * work.phase[j, i]
+            for i in range(walk.gain.size):
+                walk.gain[i] += work.through[i] * work.towards[i] * work.arriving[i] / mean
+
+
+@kernel
+def go_to_vertex(v, hero, u, leg, work, walk):
+    """Move the walk to its next vertex; False if there is none."""
+    x, d = walk.position, walk.direction
+    t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
+    if k < 0:
+        return False
+    columns_to(v, x, d, leg, k, t, work)
+    transmittance(work.along, v.sigma_t, work.through)
+    for i in range(walk.value.size):
+        walk.value[i] *= work.through[i]
+        walk.chance[i] *= leg.draw[i]
+    for n in range(3):
+        x[n] += t * d[n]
+    return rebalance(walk)
+
+
+@kernel
+def promise(v, work, walk, spare):
+    """What a walk at a vertex may still bring in: its value times the guess of the light, averaged over wavelengths."""
+    x = walk.position
+    guess_light(v, x[0], x[1], x[2], work, work.through, spare)
+    total = 0.0
+    for i in range(spare.size):
+        total += walk.value[i] * spare[i]
+    return total / spare.size
+
+
+@inlined
+def light_share(v, k, x, y, z, work):
+    """Weight of light k in the draw of a direction, with the unit vector towards it and the optical depth to it."""
+    middle = v.power.shape[1] // 2
+    a, b, c, d, fall = face_light(v, k, x, y, z)
+    if v.distant[k]:
+        return 0.0, a, b, c, 0.0
+    guide_columns(v, k, x, y, z, d, work.to_light)
+    tau = 0.0
+    for n in range(work.to_light.size):
+        tau += work.to_light[n] * v.sigma_t[n, middle]
+    return v.power[k, middle] * fall * (1.0 + tau) * math.exp(-v.decay[middle] * tau), a, b, c, tau
+
+
+@inlined
+def dwivedi(v):
+    """nu_0 of Dwivedi's law, the diffusion length in mean free paths."""
+    return 1.0 / min(max(v.decay[v.power.shape[1] // 2], 0.05), 0.98)
+
+
+@inlined
+def deep_share(tau):
+    """Share of Dwivedi's law at an optical depth from the star."""
+    return DEEP_SHARE * min(0.25 * tau, 1.0)
+
+
+@kernel
+def turn_at_vertex(v, hero, u, w, work, walk):
+    """New direction at a vertex; value and chances take the phase functions.  False if nothing is scattered there."""
+    x, d = walk.position, walk.direction
+    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
+    old_x, old_y, old_z = d[0], d[1], d[2]
+    total, deepest = 0.0, 0.0
+    for k in range(v.power.shape[0]):
+        share, _, _, _, tau = light_share(v, k, x[0], x[1], x[2], work)
+        total += share
+        deepest += share * tau
+    nu = dwivedi(v)
+    around = STAR_SHARE if total > 0.0 else 0.0
+    deep = deep_share(deepest / total) if total > 0.0 else 0.0
+    if u < around + deep:
+        draw_around_light(v, u, w, around, deep, total, nu, work, walk)
+    elif not draw_by_phase(v, hero, (u - around - deep) / (1.0 - around - deep), w, work, walk):
+        return False
+    spread = 0.0
+    for k in range(v.power.shape[0] if total > 0.0 else 0):
+        share, a, b, c, _ = light_share(v, k, x[0], x[1], x[2], work)
+        mu = d[0] * a + d[1] * b + d[2] * c
+        sine = max(math.sqrt(max((1.0 - mu) * (1.0 + mu), 0.0)), 1e-7)
+        wide = around / (2.0 * math.pi * math.pi * sine)
+        law = deep / (2.0 * math.pi * (nu - mu) * math.log((nu + 1.0) / (nu - 1.0)))
+        spread += share / total * (wide + law)
+    phase_at(v.phase, old_x * d[0] + old_y * d[1] + old_z * d[2], work.phase)
+    for i in range(walk.value.size):
+        scattering, towards = 0.0, 0.0
+        for c in range(work.density.size):
+            s = work.density[c] * v.sigma_s[c, i]
+            scattering += s
+            towards += s * work.phase[c, i]
+        walk.value[i] *= towards
+        walk.chance[i] *= spread + (1.0 - around - deep) * towards / max(scattering, 1e-300)
+    return rebalance(walk)
+
+
+@kernel
+def draw_around_light(v, u, w, around, deep, total, nu, work, walk):
+    """Direction around one of the lights: uniform in the angle from it, or by Dwivedi's law."""
+    x, d = walk.position, walk.direction
+    rest, chosen = uniform(walk.state) * total, 0
+    for k in range(v.power.shape[0]):
+        share, a, b, c, _ = light_share(v, k, x[0], x[1], x[2], work)
+        if share > 0.0:
+            chosen = k
+            d[0], d[1], d[2] = a, b, c
+            if rest < share:
+                break
+            rest -= share
+    if u < around:
+        cosine = math.cos(math.pi * u / around)
+    else:
+        cosine = nu - (nu + 1.0) * ((nu - 1.0) / (nu + 1.0)) ** ((u - around) / deep)
+    turn(d, min(max(cosine, -1.0), 1.0), 2.0 * math.pi * w)
+    return chosen
+
+
+@kernel
+def draw_by_phase(v, hero, u, w, work, walk):
+    """Direction by the phase function of a component that the hero is scattered by; False if there is none."""
+    total = 0.0
+    for c in range(work.density.size):
+        total += work.density[c] * v.sigma_s[c, hero]
+    if total <= 0.0:
+        return False
+    rest, chosen, part = u * total, 0, 1.0
+    for c in range(work.density.size):
+        s = work.density[c] * v.sigma_s[c, hero]
+        if s > 0.0:
+            chosen, part = c, s
+            if rest < s:
+                break
+            rest -= s
+    # What is left of the number after the choice is as good as a new one.
+    share = min(max(rest / part, 0.0), 1.0 - 1e-16)
+    turn(walk.direction, sample_cosine(v, chosen, hero, share), 2.0 * math.pi * w)
+    return True
+
+
+@inlined
+def next_number(walk, order, k):
+    """Number k of the six that a leg needs: evenly spread for the first vertex and leg, from the stream later."""
+    return walk.even[2 + k] if order == 1 else uniform(walk.state)
+
+
+@merged
+def volume_wander(v, camera, origin, direction, max_order, leg, work, walk, total, by_order):
+    """Follow a walk from the camera to its end and add up its light."""
+    wavelengths = walk.value.size
+    last = max_order if v.glows else max_order - 1
+    hero = min(int(walk.even[0] * wavelengths), wavelengths - 1)
+    for i in range(wavelengths):
+        walk.value[i], walk.chance[i] = 1.0, 1.0
+    x, d = walk.position, walk.direction
+    for n in range(3):
+        x[n], d[n] = origin[n], direction[n]
+    if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
+        return
+    reference = promise(v, work, walk, leg.draw)
+    for order in range(1, last + 1):
+        if order > 1:
+            level = ROULETTE_LEVEL * reference
+            now = promise(v, work, walk, leg.draw)
+            if now < level:
+                chance = max(now / level, 0.05)
+                if uniform(walk.state) >= chance:
+                    return
+                for i in range(wavelengths):
+                    walk.value[i] /= chance
+        if not turn_at_vertex(v, hero, next_number(walk, order, 0), next_number(walk, order, 1), work, walk):
+            return
+        start, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
+        if end <= start:
+            return
+        found = prepare_volume_leg(v, x, d, start, end, False, next_number(walk, order, 2), leg, work)
+        if order < max_order:
+            fetch_light(v, hero, next_number(walk, order, 3), leg, work, walk)
+        for i in range(wavelengths):
+            unscattered = walk.value[i] * leg.escape[i]
+            scattered = walk.value[i] * walk.gain[i] if order < max_order else 0.0
+            total[i] += unscattered + scattered
+            if order <= by_order.shape[0]:
+                by_order[order - 1, i] += unscattered
+            if order + 1 <= by_order.shape[0]:
+                by_order[order, i] += scattered
+        if not found or not go_to_vertex(v, hero, next_number(walk, order, 4), leg, work, walk):
+            return
+
+
+@entry
+def volume_path_rays(
+    v, origins, directions, ids, base, seed, samples, noise, max_order, s, mean, error, by_order, used
+):  # fmt: skip
+    """Light of the second and higher orders along many rays, and of the first where emission or background is scattered.
+
+    Parameters
+    ----------
+    v : VolumeTable
+    origins, directions : (ray, 3)
+    ids : (ray,) int64
+        Numbers of the rays, by which their random streams are chosen.
+    base : (ray, wavelength)
+        Radiance that is known already and counts in the relative error.
+    seed : int
+    samples : int
+        Walks per ray, at most; a multiple of `BATCHES`, or fewer than that.
+    noise : float
+        Stop when the relative standard error is below this; 0 to use all samples.
+    max_order : int
+        Highest order of scattering.
+    s : WalkScratch
+    mean, error : (ray, wavelength), output
+    by_order : (ray, order, wavelength), output
+        Mean by number of scatterings, as far as there is room; order 1 excludes the light of stars.
+    used : (ray,) int64, output
+    """
+    batches = s.sums.shape[0]
+    walk = s.walk
+    first_goal = samples // batches if noise <= 0.0 else 1
+    for ray in range(origins.shape[0]):
+        o, d = origins[ray], directions[ray]
+        used[ray] = 0
+        for i in range(mean.shape[1]):
+            mean[ray, i], error[ray, i] = 0.0, 0.0
+            for k in range(by_order.shape[1]):
+                by_order[ray, k, i] = 0.0
+        start, end = clip_to_space(v.space, o[0], o[1], o[2], d[0], d[1], d[2])
+        if end <= start or not prepare_volume_leg(v, o, d, start, end, True, 0.5, s.camera, s.work):
+            continue
+        for b in range(batches):
+            start_stream(walk.state, seed, ids[ray], -1 - b)
+            for k in range(EVEN_DIMENSIONS):
+                s.shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
+            for i in range(mean.shape[1]):
+                s.sums[b, i] = 0.0
+        done, goal = 0, first_goal
+        while True:
+            for b in range(batches):
+                for n in range(done, goal):
+                    start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
+                    even_point(s.shift[b], n, walk.even)
+                    volume_wander(
+                        v, s.camera, o, d, max_order, s.leg, s.work, walk, s.sums[b], by_order[ray]
+                    )  # fmt: skip
+            done = goal
+            statistics(s.sums, batches, done, mean[ray], error[ray])
+            if done >= samples // batches or relative_noise(error[ray], mean[ray], base[ray]) <= noise:
+                break
+            goal = min(2 * done, samples // batches)
+        used[ray] = done * batches
+        for k in range(by_order.shape[1]):
+            for i in range(mean.shape[1]):
+                by_order[ray, k, i] /= used[ray]
+
+
+def scratch_of(table: VolumeTable, samples: int) -> Any:
+    """Scratch arrays for a table."""
+    components, wavelengths = table.sigma_s.shape
+    return make_walk_scratch(components, wavelengths, samples)

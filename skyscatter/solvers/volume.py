@@ -1,0 +1,97 @@
+"""From a scene in three dimensions and wavelengths to the tables that the kernels read."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.media.medium import Medium
+from skyscatter.solvers.compile import medium_optics
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.kernels.volume import VolumeTable
+    from skyscatter.space import SpaceScene
+
+Array = NDArray[np.float64]
+
+#: Nodes of the guide along the longest side of the medium.
+GUIDE_NODES = 25
+
+
+@lru_cache(maxsize=4)
+def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeTable:
+    """Tables of a scene at wavelengths [nm]; kept between calls."""
+    from skyscatter.media.spacetables import field_table
+    from skyscatter.solvers.kernels.volume import VolumeTable
+
+    wl = np.array(wavelengths)
+    space = field_table(tuple(component.density for component in scene.medium.components))
+    sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
+    distance = scene.view.distance
+    lights = [(star.position, False, star.size, star.spectral_luminosity(wl, distance) / (4 * np.pi)) for star in scene.stars]
+    lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]
+    background = scene.background_radiance(wl)
+    table = VolumeTable(
+        space=space,
+        sigma_s=sigma_s,
+        sigma_t=sigma_t,
+        emission=emission,
+        phase=phase,
+        phase_cdf=cdf,
+        place=np.array([place for place, *_ in lights], float).reshape(-1, 3),
+        distant=np.array([distant for _, distant, *_ in lights], bool),
+        size=np.array([size for *_, size, _ in lights], float),
+        power=np.array([power for *_, power in lights], float).reshape(-1, wl.size),
+        background=background,
+        emits=bool(np.any(emission)),
+        glows=bool(np.any(emission) or np.any(background)),
+        decay=_decay(scene.medium, sigma_s, sigma_t, wl),
+        floor=np.zeros(wl.size),
+        guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
+    )
+    table = table._replace(guide=_guide(table))
+    return table._replace(floor=_floor(table))
+
+
+def _decay(medium: Medium, sigma_s: Array, sigma_t: Array, wl: Array) -> Array:
+    """Exponent with which light falls per optical depth in the depths of the medium, about that of diffusion.
+
+    sqrt(3 (1 - omega) (1 - omega g)) holds for white media (Ishimaru 1978, Wave Propagation and Scattering in Random
+    Media, eq. 9-15); it is bent to stay below the 1 of black ones.
+    """
+    total = np.maximum(sigma_t.sum(axis=0), 1e-300)
+    weights = sigma_s / np.maximum(sigma_s.sum(axis=0), 1e-300)
+    g = sum(w * c.optics.phase_function(wl).mean_cosine(wl) for w, c in zip(weights, medium.components, strict=True))
+    omega = sigma_s.sum(axis=0) / total
+    x = np.sqrt(3 * (1 - omega) * np.maximum(1 - omega * g, 0.0))
+    return np.asarray(x / (1 + x**4) ** 0.25, float)
+
+
+def _guide(table: VolumeTable) -> Array:
+    """Mean densities towards every light (columns to distant ones) on a grid over the medium."""
+    from skyscatter.solvers.kernels.volume import fill_guide, make_volume_work
+
+    low, high = table.space.low, table.space.high
+    size = high - low
+    nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), 2) + 1
+    axes = [np.linspace(low[k], high[k], nodes[k]) for k in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    components, wavelengths = table.sigma_s.shape
+    out = np.zeros((len(table.power), len(points), components))
+    fill_guide(table, points, make_volume_work(components, wavelengths), out)
+    return out.reshape(len(table.power), *nodes, components)
+
+
+def _floor(table: VolumeTable) -> Array:
+    """Irradiance that is everywhere: light from outside and emission, and a trace of the lights where these are all."""
+    size = np.linalg.norm(table.space.high - table.space.low)
+    emitted = np.max(table.space.upper, axis=0) @ table.emission * size
+    fall = np.where(table.distant, 1.0, 1 / size**2)
+    trace = 1e-4 * fall @ table.power if len(table.power) else np.zeros(table.background.size)
+    floor = 4 * np.pi * (table.background + 0.1 * emitted) + trace
+    return np.where(floor > 0, floor, 1.0)
+
+

@@ -1,0 +1,56 @@
+"""Solver ``path`` for media of three dimensions: all orders of scattering by backward Monte Carlo.
+
+The first order comes from ``single``, without noise; walks with forced scattering add the rest.  Two plain ways remain
+to test it by: ``sampling="free-flight"`` inverts the column along every leg, ``sampling="delta"`` finds collisions by
+delta tracking with local majorants; both take all orders from the walks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.kernels.volume import VolumeTable
+from skyscatter.solvers.kernels.volume_walks import scratch_of, volume_path_rays
+from skyscatter.solvers.path import MOST_ORDERS, walks_for
+from skyscatter.solvers.volume_single import prepare, single_parts
+
+__all__ = ["check", "prepare", "solve"]
+
+#: Tolerance of the first order.
+DEFAULT_TOLERANCE = 5e-4
+SAMPLINGS = ("march", "free-flight", "delta")
+
+
+def check(options: Options) -> None:
+    """Refuse what contradicts itself."""
+    options.refuse("path in three dimensions", "stokes")
+    if options.samples is not None and options.noise is not None:
+        raise DomainError("samples", options.samples, "give samples or noise, not both")
+    if options.sampling is not None and options.sampling not in SAMPLINGS:
+        raise DomainError("sampling", options.sampling, f"choose from {', '.join(SAMPLINGS)}")
+    if options.sampling in ("free-flight", "delta"):
+        options.refuse(f"path with {options.sampling} sampling", "noise", "tolerance")
+
+
+def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`."""
+    n, wavelengths = len(rays.origins), table.sigma_s.shape[1]
+    mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
+    by_order = np.empty((n, options.orders, wavelengths))
+    used = np.empty(n, np.int64)
+    walks = walks_for(options)
+    max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
+    scattered, direct = single_parts(table, rays, options.tolerance or DEFAULT_TOLERANCE)
+    volume_path_rays(
+        table, rays.origins, rays.directions, rays.numbers, scattered, np.int64(options.seed), walks,
+        options.noise or 0.0, max_order, scratch_of(table, walks), mean, error, by_order, used,
+    )  # fmt: skip
+    layers = {}
+    if options.parts:
+        layers = {"direct": direct, "scattered": scattered, "multiple": mean}
+    if options.orders:
+        by_order[:, 0] += scattered
+        layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}
+    return Answer(scattered + direct + mean, error, layers, used)

@@ -1,0 +1,53 @@
+"""Solver ``single`` for media of three dimensions: light that is scattered at most once, by adaptive quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.kernels.volume_single import make_single_scratch, volume_single_rays
+from skyscatter.solvers.volume import compile_volume
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.kernels.volume import VolumeTable
+    from skyscatter.space import SpaceScene
+
+DEFAULT_TOLERANCE = 5e-5
+
+
+def check(options: Options) -> None:
+    """Refuse what only Monte Carlo can do, and polarisation."""
+    options.refuse("single", "samples", "noise", "max_order", "sampling", "transmittance", "orders", "seed")
+    options.refuse("single in three dimensions", "stokes")
+
+
+def prepare(
+    scene: SpaceScene,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> VolumeTable:
+    """The tables of a scene."""
+    return compile_volume(scene, tuple(float(w) for w in wavelengths))
+
+
+def single_parts(table: VolumeTable, rays: Rays, tolerance: float) -> tuple[Array, Array]:
+    """Light scattered once, and light not scattered at all, each of shape (ray, wavelength)."""
+    components, wavelengths = table.sigma_s.shape
+    scattered, direct = (np.empty((len(rays.origins), wavelengths)) for _ in range(2))
+    scratch: Any = make_single_scratch(components, wavelengths)
+    volume_single_rays(table, rays.origins, rays.directions, tolerance, scratch, scattered, direct)
+    return scattered, direct
+
+
+def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
+    """Radiance of single scattering, see `skyscatter.radiance`."""
+    scattered, direct = single_parts(table, rays, options.tolerance or DEFAULT_TOLERANCE)
+    layers = {"direct": direct, "scattered": scattered} if options.parts else {}
+    radiance = scattered + direct
+    return Answer(radiance, np.zeros_like(radiance), layers, np.zeros(len(radiance), np.int64))

@@ -1,0 +1,137 @@
+"""A scene in space: a medium of three dimensions, its lights, and from where it is seen.
+
+The model's frame has its origin anywhere in the nebula and its z axis along whatever symmetry there is.  On the sky x
+points west (to the right), y north (up) and z towards the observer; `View` says how the one is turned into the other.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.lights import ParallelLight, PointStar
+from skyscatter.media.medium import Medium
+from skyscatter.record import Record
+from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.units import PARSEC, Metres
+
+Array = NDArray[np.float64]
+
+
+class View(Record):
+    """Where the nebula stands in the sky, and how it is turned.
+
+    The model is turned by `azimuth_deg` about its z axis, tilted by `inclination_deg` so that its +z axis, seen along
+    it at first, leans towards north, and turned by `position_angle_deg` from north through east:
+    M = Rz(position angle) Rx(-inclination) Rz(azimuth) takes model into sky coordinates.
+
+    Parameters
+    ----------
+    ra_deg, dec_deg : float
+        ICRS position of the model's origin [degree].
+    distance : length
+        From the observer [m].
+    inclination_deg, azimuth_deg, position_angle_deg : float
+        [degree]
+    """
+
+    ra_deg: float = 0.0
+    dec_deg: float = 0.0
+    distance: Metres = 1000 * PARSEC
+    inclination_deg: float = 0.0
+    azimuth_deg: float = 0.0
+    position_angle_deg: float = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> View:
+        if not 0 <= self.ra_deg < 360:
+            raise DomainError("ra_deg", self.ra_deg, "a right ascension from 0 to below 360 degrees")
+        if not -90 <= self.dec_deg <= 90:
+            raise DomainError("dec_deg", self.dec_deg, "a declination from -90 to 90 degrees")
+        if not self.distance > 0:
+            raise DomainError("distance", self.distance, "must be a positive length")
+        for name in ("inclination_deg", "azimuth_deg", "position_angle_deg"):
+            if not -360 <= getattr(self, name) <= 360:
+                raise DomainError(name, getattr(self, name), "an angle between -360 and 360 degrees")
+        return self
+
+    @property
+    def matrix(self) -> Array:
+        """Rotation from the model's frame to that of the sky (x west, y north, z towards the observer), shape (3, 3)."""
+        angles = (self.position_angle_deg, self.inclination_deg, self.azimuth_deg)
+        (cp, ci, ca), (sp, si, sa) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+        turn = np.array([[cp, -sp, 0.0], [sp, cp, 0.0], [0.0, 0.0, 1.0]])
+        tilt = np.array([[1.0, 0.0, 0.0], [0.0, ci, si], [0.0, -si, ci]])
+        spin = np.array([[ca, -sa, 0.0], [sa, ca, 0.0], [0.0, 0.0, 1.0]])
+        return turn @ tilt @ spin
+
+    @property
+    def right(self) -> Array:
+        """Unit vector (3,) towards west, in the model's frame."""
+        return self.matrix[0]
+
+    @property
+    def up(self) -> Array:
+        """Unit vector (3,) towards north, in the model's frame."""
+        return self.matrix[1]
+
+    @property
+    def forward(self) -> Array:
+        """Unit vector (3,) from the observer to the nebula, in the model's frame."""
+        return -self.matrix[2]
+
+    @property
+    def position(self) -> Array:
+        """Where the observer is, in the model's frame (3,) [m]."""
+        return -self.distance * self.forward
+
+
+class SpaceScene(Record):
+    """Everything that decides what a ray of light sees in a nebula.
+
+    Parameters
+    ----------
+    medium : Medium
+        Of density fields in three dimensions.
+    stars : tuple of PointStar
+        Inside the medium or outside; they light it, and are seen.
+    parallel : tuple of ParallelLight
+        Lights so distant that their rays are parallel.
+    background : float or SpectralTable or "interstellar"
+        Uniform radiance from outside [W m-2 sr-1 nm-1]; the last is that of the Galaxy near the Sun.
+    view : View
+    """
+
+    medium: Medium
+    stars: tuple[PointStar, ...] = ()
+    parallel: tuple[ParallelLight, ...] = ()
+    background: Spectral | Literal["interstellar"] = 0.0
+    view: View = View()
+
+    @model_validator(mode="after")
+    def _check(self) -> SpaceScene:
+        if self.medium.planet_radius is not None:
+            raise DomainError("medium", "planet_radius", "a scene in space has no planet; leave it out")
+        if not isinstance(self.background, str) and bounds(self.background)[0] < 0:
+            raise DomainError("background", self.background, "a radiance is never negative")
+        return self
+
+    @property
+    def observer(self) -> View:
+        """The observer as cameras see it."""
+        return self.view
+
+    def background_radiance(self, wavelengths_nm: ArrayLike) -> Array:
+        """Uniform radiance from outside [W m-2 sr-1 nm-1], shape (wavelength,)."""
+        if self.background == "interstellar":
+            from skyscatter.lights import interstellar_radiation
+
+            return interstellar_radiation(wavelengths_nm)
+        return evaluate(self.background, wavelengths_nm)
+
+    def check_origins(self, origins: Array) -> None:
+        """Rays may start anywhere."""
