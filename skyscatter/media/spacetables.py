@@ -57,6 +57,9 @@ def pack_space(fields: Sequence[SpatialField]) -> SpaceTable:
         cells=cells,
         upper=upper,
         lower=lower,
+        bound_low=low,
+        bound_step=(high - low) / cells,
+        bound_wrap=np.zeros(3, np.int64),
     )
 
 

@@ -50,6 +50,8 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         glows=bool(np.any(emission) or np.any(background)),
         decay=_decay(scene.medium, sigma_s, sigma_t, wl),
         floor=np.zeros(wl.size),
+        rate=_rates(sigma_t, emission, space.high - space.low),
+        tracking=0,
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
     )
     table = table._replace(guide=_guide(table))
@@ -68,6 +70,12 @@ def _decay(medium: Medium, sigma_s: Array, sigma_t: Array, wl: Array) -> Array:
     omega = sigma_s.sum(axis=0) / total
     x = np.sqrt(3 * (1 - omega) * np.maximum(1 - omega * g, 0.0))
     return np.asarray(x / (1 + x**4) ** 0.25, float)
+
+
+def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:
+    """Rates of tentative collisions per unit density; a component that only shines needs some of them too."""
+    least = np.where(np.any(emission > 0, axis=1), 4 / np.linalg.norm(size), 0.0)
+    return np.maximum(sigma_t.max(axis=1), least)
 
 
 def _guide(table: VolumeTable) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.kernels.volume import VolumeTable
+from skyscatter.solvers.kernels.volume_flight import make_flight_scratch, volume_flight_rays
 from skyscatter.solvers.kernels.volume_walks import scratch_of, volume_path_rays
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
 from skyscatter.solvers.volume_single import prepare, single_parts
@@ -43,10 +44,17 @@ def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
     walks = walks_for(options)
     max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
     scattered, direct = single_parts(table, rays, options.tolerance or DEFAULT_TOLERANCE)
-    volume_path_rays(
-        table, rays.origins, rays.directions, rays.numbers, scattered, np.int64(options.seed), walks,
-        options.noise or 0.0, max_order, scratch_of(table, walks), mean, error, by_order, used,
-    )  # fmt: skip
+    if options.sampling in ("free-flight", "delta"):
+        volume_flight_rays(
+            table, options.sampling == "delta", rays.origins, rays.directions, rays.numbers, np.int64(options.seed),
+            walks, max_order, make_flight_scratch(*table.sigma_s.shape), mean, error, by_order, used,
+        )  # fmt: skip
+        scattered = np.zeros_like(mean)
+    else:
+        volume_path_rays(
+            table, rays.origins, rays.directions, rays.numbers, scattered, np.int64(options.seed), walks,
+            options.noise or 0.0, max_order, scratch_of(table, walks), mean, error, by_order, used,
+        )  # fmt: skip
     layers = {}
     if options.parts:
         layers = {"direct": direct, "scattered": scattered, "multiple": mean}

@@ -47,6 +47,9 @@ class SpaceTable(NamedTuple):
     cells: np.ndarray  #: (3,) int64, cells of the grid of bounds along each axis
     upper: np.ndarray  #: (cell, component) density that is not exceeded in a cell, cells in C order
     lower: np.ndarray  #: (cell, component) density that is reached everywhere in a cell
+    bound_low: np.ndarray  #: (3,) lowest corner of the grid of bounds [m]: `low`, where it does not repeat
+    bound_step: np.ndarray  #: (3,) sides of its cells [m]
+    bound_wrap: np.ndarray  #: (3,) int64, 1 where the grid of bounds repeats, as the medium does
 
 
 class SpaceWork(NamedTuple):

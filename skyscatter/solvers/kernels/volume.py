@@ -39,6 +39,8 @@ class VolumeTable(NamedTuple):
     glows: bool  #: whether there is light other than the lights': emission or background
     decay: np.ndarray  #: (wavelength,) rough exponent with which multiply scattered light falls per optical depth
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
+    rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
+    tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
 
 

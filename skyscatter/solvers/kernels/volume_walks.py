@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.fastexp import fast_exp
+from skyscatter.solvers.kernels.gridwalk import Walker, make_walker
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.lookup import sort_few
 from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance
@@ -40,13 +41,13 @@ from skyscatter.solvers.kernels.path import (
 )
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
+from skyscatter.solvers.kernels.tracking import light_reaching
 from skyscatter.solvers.kernels.volume import (
     VolumeTable,
     VolumeWork,
     face_light,
     guess_light,
     guide_columns,
-    light_arriving,
     make_volume_work,
 )
 
@@ -82,6 +83,7 @@ class WalkScratch(NamedTuple):
     """Scratch arrays of `volume_path_rays`."""
 
     work: VolumeWork
+    walker: Walker
     camera: VolumeLeg
     leg: VolumeLeg
     walk: Walk
@@ -102,7 +104,7 @@ def make_walk_scratch(components: int, wavelengths: int, samples: int) -> WalkSc
     """Scratch arrays of `volume_path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
     return WalkScratch(
-        make_volume_work(components, wavelengths), make_volume_leg(CAMERA_STRATA, components, wavelengths),
+        make_volume_work(components, wavelengths), make_walker(), make_volume_leg(CAMERA_STRATA, components, wavelengths),
         make_volume_leg(LEG_STRATA, components, wavelengths), make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
@@ -294,7 +296,7 @@ def columns_to(v, x, d, leg, k, t, work):
 
 
 @kernel
-def fetch_light(v, hero, u, leg, work, walk):
+def fetch_light(v, hero, u, leg, work, walker, walk):
     """Light of all stars that is scattered into the leg, from a few points on it, into ``walk.gain``."""
     x, d = walk.position, walk.direction
     for i in range(walk.gain.size):
@@ -312,9 +314,10 @@ def fetch_light(v, hero, u, leg, work, walk):
         columns_to(v, x, d, leg, k, t, work)
         transmittance(work.along, v.sigma_t, work.through)
         px, py, pz = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
-        space_densities(v.space, px, py, pz, work.space, work.density)
         for n in range(v.power.shape[0]):
-            a, b, c = light_arriving(v, n, px, py, pz, work)
+            a, b, c = light_reaching(v, n, px, py, pz, work, walker, walk)
+            # Tracking leaves other densities behind.
+            space_densities(v.space, px, py, pz, work.space, work.density)
             phase_at(v.phase, d[0] * a + d[1] * b + d[2] * c, work.phase)
             for i in range(walk.gain.size):
                 work.towards[i] = 0.0
@@ -467,7 +470,7 @@ def next_number(walk, order, k):
 
 
 @merged
-def volume_wander(v, camera, origin, direction, max_order, leg, work, walk, total, by_order):
+def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, walk, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
     wavelengths = walk.value.size
     last = max_order if v.glows else max_order - 1
@@ -497,7 +500,7 @@ def volume_wander(v, camera, origin, direction, max_order, leg, work, walk, tota
             return
         found = prepare_volume_leg(v, x, d, start, end, False, next_number(walk, order, 2), leg, work)
         if order < max_order:
-            fetch_light(v, hero, next_number(walk, order, 3), leg, work, walk)
+            fetch_light(v, hero, next_number(walk, order, 3), leg, work, walker, walk)
         for i in range(wavelengths):
             unscattered = walk.value[i] * leg.escape[i]
             scattered = walk.value[i] * walk.gain[i] if order < max_order else 0.0
@@ -563,7 +566,7 @@ def volume_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
-                        v, s.camera, o, d, max_order, s.leg, s.work, walk, s.sums[b], by_order[ray]
+                        v, s.camera, o, d, max_order, s.leg, s.work, s.walker, walk, s.sums[b], by_order[ray]
                     )  # fmt: skip
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])

@@ -1,0 +1,154 @@
+"""Collisions and transmittances by tracking: unbiased for any field that knows its bounds, without any column.
+
+Tentative collisions come at the rate of a local majorant, constant within each cell of the grid of bounds:
+
+- delta tracking (Woodcock et al. 1965) makes each of them real with probability sigma_t / majorant;
+- ratio tracking (Novak, Selle & Jarosz 2014, ACM Trans. Graph. 33, 179) multiplies a transmittance by
+  1 - sigma_t / majorant at each;
+- residual ratio tracking (same place) integrates the lower bound in closed form and tracks only what exceeds it.
+
+The majorant is one for all wavelengths, so the chances of tentative collisions are the same for every hero and cancel;
+only the decision between real and null differs between heroes.  Where a density exceeds its bound (bounds of
+turbulence are estimates) weights keep the result unbiased: they may then be negative.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skyscatter.solvers.kernels.fastexp import fast_exp
+from skyscatter.solvers.kernels.gridwalk import enter_cells, next_cell
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.random import uniform
+from skyscatter.solvers.kernels.space import space_densities
+from skyscatter.solvers.kernels.volume import face_light, light_arriving
+
+#: How transmittances towards lights are found.
+QUADRATURE, RATIO, RESIDUAL = 0, 1, 2
+
+
+@inlined
+def majorant(v, cell):
+    """Rate of tentative collisions in a cell [m-1]: no extinction at any wavelength exceeds it."""
+    rate = 0.0
+    for c in range(v.rate.size):
+        rate += v.space.upper[cell, c] * v.rate[c]
+    return rate
+
+
+@inlined
+def extinction_at(v, work, i):
+    """Extinction [m-1] at wavelength number i where ``work.density`` was evaluated."""
+    sigma = 0.0
+    for c in range(work.density.size):
+        sigma += work.density[c] * v.sigma_t[c, i]
+    return sigma
+
+
+@kernel
+def delta_flight(v, hero, shines, work, walker, walk):
+    """Fly to the next real collision; its distance, or infinity when the walk leaves the medium.
+
+    Value and chances take the null collisions on the way.  Where `shines`, what the medium emits is gathered at every
+    tentative collision into ``walk.escape``, already multiplied by the walk's value.
+    """
+    x, d = walk.position, walk.direction
+    t = enter_cells(v.space, x[0], x[1], x[2], d[0], d[1], d[2], 0.0, walker)
+    if t == math.inf:
+        return t
+    while True:
+        cell, leave = next_cell(walker)
+        if cell < 0:
+            return math.inf
+        rate = majorant(v, cell)
+        while rate > 0.0:
+            t -= math.log(1.0 - uniform(walk.state)) / rate
+            if t >= leave:
+                break
+            space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+            if shines:
+                for i in range(walk.value.size):
+                    light = 0.0
+                    for c in range(work.density.size):
+                        light += work.density[c] * v.emission[c, i]
+                    walk.escape[i] += walk.value[i] * light / rate
+            sigma = extinction_at(v, work, hero)
+            real = uniform(walk.state) * (sigma + abs(rate - sigma)) < sigma
+            mean = 0.0
+            for i in range(walk.value.size):
+                sigma = extinction_at(v, work, i)
+                chance = sigma / (sigma + abs(rate - sigma))
+                walk.value[i] *= 1.0 / rate if real else 1.0 - sigma / rate
+                walk.chance[i] *= chance if real else 1.0 - chance
+                mean += walk.chance[i]
+            mean /= walk.value.size
+            if not mean > 0.0:
+                return math.inf
+            for i in range(walk.value.size):
+                walk.value[i] /= mean
+                walk.chance[i] /= mean
+            if real:
+                return t
+        t = leave
+
+
+@kernel
+def track_light(v, k, x, y, z, residual, work, walker, walk):
+    """Irradiance of light k at a point by ratio or residual ratio tracking, into ``work.arriving``; its direction."""
+    a, b, c, far, fall = face_light(v, k, x, y, z)
+    for i in range(work.arriving.size):
+        work.arriving[i] = v.power[k, i] * fall
+    t = enter_cells(v.space, x, y, z, a, b, c, 0.0, walker)
+    while t < far:
+        cell, leave = next_cell(walker)
+        if cell < 0:
+            break
+        leave = min(leave, far)
+        rate = majorant(v, cell)
+        if residual:
+            for n in range(v.rate.size):
+                rate -= v.space.lower[cell, n] * v.rate[n]
+            dim_by_bound(v, cell, leave - t, work)
+        while rate > 0.0:
+            t -= math.log(1.0 - uniform(walk.state)) / rate
+            if t >= leave:
+                break
+            space_densities(v.space, x + t * a, y + t * b, z + t * c, work.space, work.density)
+            if residual:
+                for n in range(v.rate.size):
+                    work.density[n] -= v.space.lower[cell, n]
+            for i in range(work.arriving.size):
+                work.arriving[i] *= 1.0 - extinction_at(v, work, i) / rate
+        t = leave
+    return a, b, c
+
+
+@inlined
+def dim_by_bound(v, cell, length, work):
+    """Extinction of the lower bound over a length, in closed form."""
+    for i in range(work.arriving.size):
+        sigma = 0.0
+        for n in range(v.rate.size):
+            sigma += v.space.lower[cell, n] * v.sigma_t[n, i]
+        work.arriving[i] *= fast_exp(-sigma * length)
+
+
+@inlined
+def light_reaching(v, k, x, y, z, work, walker, walk):
+    """Irradiance of light k at a point into ``work.arriving`` in the way that the table asks for; its direction.
+
+    ``work.density`` is overwritten by tracking.
+    """
+    if v.tracking == QUADRATURE:
+        return light_arriving(v, k, x, y, z, work)
+    return track_light(v, k, x, y, z, v.tracking == RESIDUAL, work, walker, walk)
+
+
+@entry
+def fill_tracked(v, k, points, residual, seed_state, work, walker, walk, out):
+    """Tracked transmittance-weighted irradiance of light k at `points` (n, 3), into `out` (n, wavelength); for tests."""
+    walk.state[0] = seed_state
+    for n in range(points.shape[0]):
+        track_light(v, k, points[n, 0], points[n, 1], points[n, 2], residual, work, walker, walk)
+        for i in range(out.shape[1]):
+            out[n, i] = work.arriving[i]
