@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.media.medium import Medium
-from skyscatter.solvers.compile import medium_optics
+from skyscatter.solvers.compile import medium_optics, phase_cosines
+from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
     from skyscatter.solvers.kernels.volume import VolumeTable
@@ -34,6 +34,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     lights = [(star.position, False, star.size, star.spectral_luminosity(wl, distance) / (4 * np.pi)) for star in scene.stars]
     lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]
     background = scene.background_radiance(wl)
+    decay, shape = _modes(sigma_s, sigma_t, phase)
     table = VolumeTable(
         space=space,
         sigma_s=sigma_s,
@@ -48,7 +49,9 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         background=background,
         emits=bool(np.any(emission)),
         glows=bool(np.any(emission) or np.any(background)),
-        decay=_decay(scene.medium, sigma_s, sigma_t, wl),
+        decay=decay,
+        shape=shape,
+        shape_cdf=np.concatenate([[0.0], np.cumsum(0.5 * (shape[1:] + shape[:-1]))]) / np.trapezoid(shape),
         floor=np.zeros(wl.size),
         rate=_rates(sigma_t, emission, space.high - space.low),
         tracking=0,
@@ -58,18 +61,16 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     return table._replace(floor=_floor(table))
 
 
-def _decay(medium: Medium, sigma_s: Array, sigma_t: Array, wl: Array) -> Array:
-    """Exponent with which light falls per optical depth in the depths of the medium, about that of diffusion.
-
-    sqrt(3 (1 - omega) (1 - omega g)) holds for white media (Ishimaru 1978, Wave Propagation and Scattering in Random
-    Media, eq. 9-15); it is bent to stay below the 1 of black ones.
-    """
-    total = np.maximum(sigma_t.sum(axis=0), 1e-300)
-    weights = sigma_s / np.maximum(sigma_s.sum(axis=0), 1e-300)
-    g = sum(w * c.optics.phase_function(wl).mean_cosine(wl) for w, c in zip(weights, medium.components, strict=True))
-    omega = sigma_s.sum(axis=0) / total
-    x = np.sqrt(3 * (1 - omega) * np.maximum(1 - omega * g, 0.0))
-    return np.asarray(x / (1 + x**4) ** 0.25, float)
+def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array]:
+    """Exponents (wavelength,) of light in the depths of the medium, all components equally dense, and its shape."""
+    mu = phase_cosines()
+    share = sigma_s / np.maximum(sigma_s.sum(axis=0), 1e-300)
+    omega = sigma_s.sum(axis=0) / np.maximum(sigma_t.sum(axis=0), 1e-300)
+    polynomials = np.polynomial.legendre.legvander(mu, MOMENTS - 1)
+    mean = np.einsum("cw,caw->wa", share, phase)
+    moments = -2 * np.pi * np.trapezoid(mean[:, :, None] * polynomials, mu, axis=1)
+    modes = [slowest_mode(float(o), m / m[0] if m[0] > 0 else np.eye(1, MOMENTS)[0]) for o, m in zip(omega, moments, strict=True)]
+    return np.array([kappa for kappa, _ in modes]), modes[len(modes) // 2][1]
 
 
 def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:
@@ -94,12 +95,13 @@ def _guide(table: VolumeTable) -> Array:
 
 
 def _floor(table: VolumeTable) -> Array:
-    """Irradiance that is everywhere: light from outside and emission, and a trace of the lights where these are all."""
+    """Irradiance that is everywhere: light from outside and emission, and a trace of the lights' where it is least."""
     size = np.linalg.norm(table.space.high - table.space.low)
     emitted = np.max(table.space.upper, axis=0) @ table.emission * size
-    fall = np.where(table.distant, 1.0, 1 / size**2)
-    trace = 1e-4 * fall @ table.power if len(table.power) else np.zeros(table.background.size)
-    floor = 4 * np.pi * (table.background + 0.1 * emitted) + trace
-    return np.where(floor > 0, floor, 1.0)
-
-
+    floor = 4 * np.pi * (table.background + 0.1 * emitted)
+    if len(table.power):
+        far = np.where(table.distant, 1.0, size)[:, None, None, None, None] * table.guide @ table.sigma_t
+        depth = far.reshape(len(table.power), -1, table.background.size).max(axis=1)
+        fall = np.where(table.distant, 1.0, 1 / size**2)[:, None]
+        floor += 1e-2 * np.sum(table.power * fall * np.exp(-table.decay * depth), axis=0)
+    return np.where(floor > 1e-280, floor, 1e-280 if len(table.power) else 1.0)

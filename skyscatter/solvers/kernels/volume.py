@@ -37,7 +37,9 @@ class VolumeTable(NamedTuple):
     background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
     emits: bool  #: whether any component shines by itself
     glows: bool  #: whether there is light other than the lights': emission or background
-    decay: np.ndarray  #: (wavelength,) rough exponent with which multiply scattered light falls per optical depth
+    decay: np.ndarray  #: (wavelength,) exponent with which light in the depths falls per optical depth
+    shape: np.ndarray  #: (cosine,) density of directions in the depths [sr-1], from -1 to +1, towards the light
+    shape_cdf: np.ndarray  #: (cosine,) its distribution function over the cosine
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
     tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`
@@ -143,7 +145,7 @@ def guess_light(v, x, y, z, work, direct, diffuse):
         for i in range(direct.size):
             tau = work.spare[i]
             direct[i] += v.power[k, i] * fall * fast_exp(-tau)
-            diffuse[i] += v.power[k, i] * fall * (1.0 + tau) * fast_exp(-v.decay[i] * tau)
+            diffuse[i] += v.power[k, i] * fall * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
 
 
 @entry

@@ -57,8 +57,11 @@ CAMERA_STRATA, LEG_STRATA = 32, 16
 LIT_POINTS = 2
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
-#: Share of directions drawn around a star, and by Dwivedi's law where the star is deep.
-STAR_SHARE, DEEP_SHARE = 0.2, 0.4
+#: Optical depth at which a star is deep; shares of the guess of directions that are uniform in the angle from a star
+#: near it, and by Dwivedi's law where it is deep.  The rest is isotropic.
+DEEP, STAR_SHARE, DEEP_SHARE = 4.0, 0.6, 0.9
+#: Candidates from which a direction is chosen.
+CANDIDATES = 8
 #: Roulette begins where a walk promises less than this share of what it did at its first vertex.
 ROULETTE_LEVEL = 0.3
 #: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
@@ -86,6 +89,7 @@ class WalkScratch(NamedTuple):
     walker: Walker
     camera: VolumeLeg
     leg: VolumeLeg
+    lights: np.ndarray  #: (light, 4) direction to a light and its share of the direct light
     walk: Walk
     sums: np.ndarray  #: (batch, wavelength)
     shift: np.ndarray  #: (batch, dimension) uint32
@@ -100,12 +104,12 @@ def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg
     )  # fmt: skip
 
 
-def make_walk_scratch(components: int, wavelengths: int, samples: int) -> WalkScratch:
+def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: int) -> WalkScratch:
     """Scratch arrays of `volume_path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
     return WalkScratch(
         make_volume_work(components, wavelengths), make_walker(), make_volume_leg(CAMERA_STRATA, components, wavelengths),
-        make_volume_leg(LEG_STRATA, components, wavelengths), make_walk(wavelengths),
+        make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
 
@@ -356,89 +360,150 @@ def promise(v, work, walk, spare):
     return total / spare.size
 
 
-@inlined
-def light_share(v, k, x, y, z, work):
-    """Weight of light k in the draw of a direction, with the unit vector towards it and the optical depth to it."""
+@kernel
+def face_lights(v, x, work, lights):
+    """Directions, optical depths and shares of the point lights as seen from a vertex, into `lights`.
+
+    Returns the mean optical depth to them, negative where no point light shines.
+    """
     middle = v.power.shape[1] // 2
-    a, b, c, d, fall = face_light(v, k, x, y, z)
-    if v.distant[k]:
-        return 0.0, a, b, c, 0.0
-    guide_columns(v, k, x, y, z, d, work.to_light)
-    tau = 0.0
-    for n in range(work.to_light.size):
-        tau += work.to_light[n] * v.sigma_t[n, middle]
-    return v.power[k, middle] * fall * (1.0 + tau) * math.exp(-v.decay[middle] * tau), a, b, c, tau
+    total, depth = 0.0, 0.0
+    for k in range(lights.shape[0]):
+        a, b, c, d, fall = face_light(v, k, x[0], x[1], x[2])
+        lights[k, 0], lights[k, 1], lights[k, 2], lights[k, 3] = a, b, c, 0.0
+        if v.distant[k]:
+            continue
+        guide_columns(v, k, x[0], x[1], x[2], d, work.to_light)
+        tau = 0.0
+        for n in range(work.to_light.size):
+            tau += work.to_light[n] * v.sigma_t[n, middle]
+        lights[k, 3] = v.power[k, middle] * fall * (0.1 + tau) * math.exp(-v.decay[middle] * tau)
+        total += lights[k, 3]
+        depth += lights[k, 3] * tau
+    if not total > 0.0:
+        return -1.0
+    for k in range(lights.shape[0]):
+        lights[k, 3] /= total
+    return depth / total
 
 
 @inlined
-def dwivedi(v):
-    """nu_0 of Dwivedi's law, the diffusion length in mean free paths."""
-    return 1.0 / min(max(v.decay[v.power.shape[1] // 2], 0.05), 0.98)
+def direction_law(v, d, lights, around, deep):
+    """Density of directions by the guess of the light that comes from there [sr-1]."""
+    law = (1.0 - around - deep) / (4.0 * math.pi)
+    if around + deep > 0.0:
+        last = v.shape.size - 1
+        for k in range(lights.shape[0]):
+            mu = d[0] * lights[k, 0] + d[1] * lights[k, 1] + d[2] * lights[k, 2]
+            sine = max(math.sqrt(max((1.0 - mu) * (1.0 + mu), 0.0)), 1e-7)
+            place = 0.5 * (min(max(mu, -1.0), 1.0) + 1.0) * last
+            j = min(int(place), last - 1)
+            shape = v.shape[j] + (place - j) * (v.shape[j + 1] - v.shape[j])
+            law += lights[k, 3] * (around / (2.0 * math.pi * math.pi * sine) + deep * shape)
+    return law
 
 
 @inlined
-def deep_share(tau):
-    """Share of Dwivedi's law at an optical depth from the star."""
-    return DEEP_SHARE * min(0.25 * tau, 1.0)
+def draw_depth_cosine(v, u):
+    """Cosine to the direction of the light, drawn from the shape of light in the depths."""
+    low, high = 0, v.shape.size - 1
+    last = high
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if v.shape_cdf[middle] <= u:
+            low = middle
+        else:
+            high = middle
+    p0, p1 = v.shape[low], v.shape[high]
+    share = 0.5 * (p0 + p1) * (u - v.shape_cdf[low]) / max(v.shape_cdf[high] - v.shape_cdf[low], 1e-300)
+    s = 2.0 * share / (p0 + math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0)))
+    return 2.0 * (low + min(s, 1.0)) / last - 1.0
 
 
 @kernel
-def turn_at_vertex(v, hero, u, w, work, walk):
-    """New direction at a vertex; value and chances take the phase functions.  False if nothing is scattered there."""
+def draw_by_law(v, d, u, w, lights, around, deep, state):
+    """Direction from `direction_law`, into `d`."""
+    if u >= around + deep:
+        d[0], d[1], d[2] = 0.0, 0.0, 1.0
+        cosine = 1.0 - 2.0 * (u - around - deep) / (1.0 - around - deep)
+    else:
+        rest = uniform(state)
+        for k in range(lights.shape[0]):
+            if lights[k, 3] > 0.0:
+                d[0], d[1], d[2] = lights[k, 0], lights[k, 1], lights[k, 2]
+                if rest < lights[k, 3]:
+                    break
+                rest -= lights[k, 3]
+        if u < around:
+            cosine = math.cos(math.pi * u / around)
+        else:
+            cosine = draw_depth_cosine(v, (u - around) / deep)
+    turn(d, min(max(cosine, -1.0), 1.0), 2.0 * math.pi * w)
+
+
+@inlined
+def mean_phase(v, i, cosine, density):
+    """Phase function [sr-1] of the mixture at wavelength number i."""
+    last = v.phase.shape[1] - 1
+    k = min(int(math.sqrt(max(0.5 * (1.0 - cosine), 0.0)) * last), last - 1)
+    scale = 2.0 / (last * last)
+    w = min(max((1.0 - scale * k * k - cosine) / (scale * (2 * k + 1)), 0.0), 1.0)
+    scattering, towards = 0.0, 0.0
+    for c in range(density.size):
+        s = density[c] * v.sigma_s[c, i]
+        scattering += s
+        towards += s * (v.phase[c, k, i] + w * (v.phase[c, k + 1, i] - v.phase[c, k, i]))
+    return towards / max(scattering, 1e-300)
+
+
+@kernel
+def turn_at_vertex(v, u, w, work, lights, walk):
+    """New direction at a vertex; the value takes the phase functions.  False if nothing is scattered there.
+
+    The wanted density is the phase function times the guess of the light that comes from a direction.  Candidates are
+    drawn from both of these alone, and one of them is kept by its weight (importance resampling: Talbot, Cline &
+    Egbert 2005, Eurographics Symposium on Rendering).  The draw is the same for every hero, so chances stay.
+    """
     x, d = walk.position, walk.direction
+    middle = walk.value.size // 2
     space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
     old_x, old_y, old_z = d[0], d[1], d[2]
-    total, deepest = 0.0, 0.0
-    for k in range(v.power.shape[0]):
-        share, _, _, _, tau = light_share(v, k, x[0], x[1], x[2], work)
-        total += share
-        deepest += share * tau
-    nu = dwivedi(v)
-    around = STAR_SHARE if total > 0.0 else 0.0
-    deep = deep_share(deepest / total) if total > 0.0 else 0.0
-    if u < around + deep:
-        draw_around_light(v, u, w, around, deep, total, nu, work, walk)
-    elif not draw_by_phase(v, hero, (u - around - deep) / (1.0 - around - deep), w, work, walk):
+    depth = face_lights(v, x, work, lights)
+    share = min(max(depth, 0.0) / DEEP, 1.0)
+    around = 0.0 if depth < 0.0 else STAR_SHARE * (1.0 - share)
+    deep = 0.0 if depth < 0.0 else DEEP_SHARE * share
+    total, kept, chosen = 0.0, 0.0, False
+    best_x, best_y, best_z = 0.0, 0.0, 0.0
+    for n in range(CANDIDATES):
+        z = (n + u) / CANDIDATES
+        if z < 0.5:
+            draw_by_law(v, d, 2.0 * z, uniform(walk.state), lights, around, deep, walk.state)
+        else:
+            d[0], d[1], d[2] = old_x, old_y, old_z
+            if not draw_by_phase(v, middle, 2.0 * z - 1.0, uniform(walk.state), work, walk):
+                return False
+        phase = mean_phase(v, middle, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
+        law = direction_law(v, d, lights, around, deep)
+        weight = phase * law / (0.5 * (phase + law))
+        total += weight
+        # Reservoir of one: the number is used again, stretched, after every decision.
+        if weight > 0.0 and w * total < weight:
+            chosen, kept = True, phase * law
+            best_x, best_y, best_z = d[0], d[1], d[2]
+            w = w * total / weight
+        elif total > 0.0:
+            w = (w * total - weight) / max(total - weight, 1e-300)
+    if not chosen:
         return False
-    spread = 0.0
-    for k in range(v.power.shape[0] if total > 0.0 else 0):
-        share, a, b, c, _ = light_share(v, k, x[0], x[1], x[2], work)
-        mu = d[0] * a + d[1] * b + d[2] * c
-        sine = max(math.sqrt(max((1.0 - mu) * (1.0 + mu), 0.0)), 1e-7)
-        wide = around / (2.0 * math.pi * math.pi * sine)
-        law = deep / (2.0 * math.pi * (nu - mu) * math.log((nu + 1.0) / (nu - 1.0)))
-        spread += share / total * (wide + law)
+    d[0], d[1], d[2] = best_x, best_y, best_z
     phase_at(v.phase, old_x * d[0] + old_y * d[1] + old_z * d[2], work.phase)
+    factor = total / (CANDIDATES * kept)
     for i in range(walk.value.size):
-        scattering, towards = 0.0, 0.0
+        towards = 0.0
         for c in range(work.density.size):
-            s = work.density[c] * v.sigma_s[c, i]
-            scattering += s
-            towards += s * work.phase[c, i]
-        walk.value[i] *= towards
-        walk.chance[i] *= spread + (1.0 - around - deep) * towards / max(scattering, 1e-300)
-    return rebalance(walk)
-
-
-@kernel
-def draw_around_light(v, u, w, around, deep, total, nu, work, walk):
-    """Direction around one of the lights: uniform in the angle from it, or by Dwivedi's law."""
-    x, d = walk.position, walk.direction
-    rest, chosen = uniform(walk.state) * total, 0
-    for k in range(v.power.shape[0]):
-        share, a, b, c, _ = light_share(v, k, x[0], x[1], x[2], work)
-        if share > 0.0:
-            chosen = k
-            d[0], d[1], d[2] = a, b, c
-            if rest < share:
-                break
-            rest -= share
-    if u < around:
-        cosine = math.cos(math.pi * u / around)
-    else:
-        cosine = nu - (nu + 1.0) * ((nu - 1.0) / (nu + 1.0)) ** ((u - around) / deep)
-    turn(d, min(max(cosine, -1.0), 1.0), 2.0 * math.pi * w)
-    return chosen
+            towards += work.density[c] * v.sigma_s[c, i] * work.phase[c, i]
+        walk.value[i] *= towards * factor
+    return True
 
 
 @kernel
@@ -470,7 +535,7 @@ def next_number(walk, order, k):
 
 
 @merged
-def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, walk, total, by_order):
+def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, lights, walk, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
     wavelengths = walk.value.size
     last = max_order if v.glows else max_order - 1
@@ -493,7 +558,7 @@ def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, wa
                     return
                 for i in range(wavelengths):
                     walk.value[i] /= chance
-        if not turn_at_vertex(v, hero, next_number(walk, order, 0), next_number(walk, order, 1), work, walk):
+        if not turn_at_vertex(v, next_number(walk, order, 0), next_number(walk, order, 1), work, lights, walk):
             return
         start, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
         if end <= start:
@@ -566,7 +631,7 @@ def volume_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
-                        v, s.camera, o, d, max_order, s.leg, s.work, s.walker, walk, s.sums[b], by_order[ray]
+                        v, s.camera, o, d, max_order, s.leg, s.work, s.walker, s.lights, walk, s.sums[b], by_order[ray]
                     )  # fmt: skip
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])
@@ -582,4 +647,4 @@ def volume_path_rays(
 def scratch_of(table: VolumeTable, samples: int) -> Any:
     """Scratch arrays for a table."""
     components, wavelengths = table.sigma_s.shape
-    return make_walk_scratch(components, wavelengths, samples)
+    return make_walk_scratch(components, wavelengths, len(table.power), samples)
