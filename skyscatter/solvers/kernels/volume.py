@@ -104,7 +104,7 @@ def light_arriving(v, k, x, y, z, work):
     return a, b, c
 
 
-@entry
+@inlined
 def guide_columns(v, k, x, y, z, d, out):
     """Columns towards light k, at distance `d`, from the table of the guide, into `out` (component,)."""
     low, high, shape = v.space.low, v.space.high, v.guide.shape
@@ -124,7 +124,7 @@ def guide_columns(v, k, x, y, z, d, out):
         out[c] = scale * ((1.0 - u) * first + u * ((1.0 - t) * near + t * far))
 
 
-@kernel
+@inlined
 def guess_light(v, x, y, z, work, direct, diffuse):
     """Guesses of the light at a point, each (wavelength,): from the lights straight, and all of it.
 

@@ -52,7 +52,7 @@ from skyscatter.solvers.kernels.volume import (
 )
 
 #: Strata of the camera's ray and of a leg of a walk; even numbers.
-CAMERA_STRATA, LEG_STRATA = 32, 16
+CAMERA_STRATA, LEG_STRATA = 32, 8
 #: Points of a leg at which the light of the stars is fetched.
 LIT_POINTS = 2
 #: Optical depth at the most transparent wavelength at which a leg ends.
