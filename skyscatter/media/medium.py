@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.fields import AnyField
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
+from skyscatter.optics.dust import Dust
+from skyscatter.optics.lines import GasLines
 from skyscatter.optics.mie import MieAerosol
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
@@ -17,7 +19,7 @@ from skyscatter.spectra.table import Spectral
 from skyscatter.units import Metres
 
 AnyOptics = Annotated[
-    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption,
+    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines,
     Field(discriminator="kind"),
 ]
 
