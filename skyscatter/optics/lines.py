@@ -86,8 +86,8 @@ class LineRatios(Record):
     """Energies of the stronger forbidden lines relative to H-beta = 1, before any dust; each nought by default.
 
     In a bright H II region [O III] 500.7 has some 3, [N II] 658.3 0.6, both lines of [S II] a few 0.01; in a planetary
-    nebula [O III] has some 10; in a faint H II region or at an ionisation front [S II] rivals H-beta.  The weaker lines of [O III] and [N II] follow from atomic
-    physics: 1 / 2.98 of 500.7 and 1 / 3.05 of 658.3 (Storey & Zeippen 2000).
+    nebula [O III] has some 10; in faint H II regions and at ionisation fronts [S II] rivals H-beta.  The weaker lines
+    of [O III] and [N II] follow from atomic physics: 1 / 2.98 of 500.7, 1 / 3.05 of 658.3 (Storey & Zeippen 2000).
     """
 
     oiii_5007: float = Field(default=0.0, ge=0.0)
