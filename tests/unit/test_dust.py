@@ -12,9 +12,11 @@ from pydantic import TypeAdapter
 from scipy.integrate import quad
 
 from skyscatter.datafiles import read_table
-from skyscatter.media.medium import AnyOptics
+from skyscatter.media.fields import Exponential
+from skyscatter.media.medium import AnyOptics, Component, Medium
 from skyscatter.optics.dust import MIXTURES, Dust, draine_mean_square, draine_parameters, dust_properties
 from skyscatter.optics.phase import Draine, draine_mean_cosine, draine_value
+from skyscatter.solvers.compile import medium_optics
 from skyscatter.spectra.table import evaluate
 
 Array = np.ndarray
@@ -81,7 +83,7 @@ def test_printed_values_between_the_rows() -> None:
 def test_ratio_of_total_to_selective_extinction(mixture: str, ratio: float) -> None:
     """R_V = A_V / (A_B - A_V); grains were fitted to the curves of Cardelli et al. (1989), R_V being their input."""
     blue, visual = dust_properties(mixture, [440.0, 550.0]).cross_section
-    assert visual / (blue - visual) == pytest.approx(ratio, rel=0.06)
+    assert visual / (blue - visual) == pytest.approx(ratio, rel=0.03)  # 440 and 550 nm stand for the bands
 
 
 def test_interpolation_is_logarithmic() -> None:
@@ -124,6 +126,18 @@ def test_visual_extinction_is_the_column(mixture: str) -> None:
     assert scattering[0] / (scattering[0] + absorption[0]) == pytest.approx(
         dust_properties(mixture, [550.0]).albedo[0], rel=1e-12
     )
+
+
+def test_a_component_has_its_visual_extinction() -> None:
+    """Through the compiled optics of a medium, along the column of a real field."""
+    field = Exponential(scale_height=2e16)
+    component = Component(name="dust", density=field, optics=Dust(visual_extinction=3.0), weight=0.5)
+    scattering, extinction, _, phase, _ = medium_optics(
+        Medium(planet_radius=1e18, components=(component,)), (440.0, 550.0)
+    )
+    assert extinction[0, 1] * float(field.vertical_column(0.0)) == pytest.approx(1.5 * np.log(10) / 2.5, rel=1e-9)
+    assert 0.6 < scattering[0, 1] / extinction[0, 1] < 0.7
+    assert phase[0, 0, 0] > phase[0, 0, 1]  # dust throws blue light forwards more than yellow
 
 
 def test_hydrogen_density_and_the_known_ratio_of_column_to_extinction() -> None:

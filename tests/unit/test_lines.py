@@ -11,8 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from skyscatter.media.medium import AnyOptics
+from skyscatter.media.fields import Uniform
+from skyscatter.media.medium import AnyOptics, Component, Medium
 from skyscatter.optics.lines import WAVELENGTHS, GasLines, LineRatios, effective_recombination, photon_energy
+from skyscatter.solvers.compile import medium_optics
 from skyscatter.spectra.cells import cell_edges
 
 FULL = GasLines(electron_density=1e8, ratios=LineRatios(oiii_5007=3.0, nii_6583=0.6, sii_6716=0.03, sii_6731=0.05))
@@ -99,6 +101,15 @@ def test_any_order_of_any_grid(wavelengths: list[float]) -> None:
     slack = sum(FULL.line_emissivity(name) for name in near)
     # Edges of neighbours in floating point differ by rounding, 1e-13 nm against a line of 1e-6 nm.
     assert expected * (1 - 1e-6) <= total <= (expected + slack) * (1 + 1e-6) + 1e-40
+
+
+def test_a_component_glows() -> None:
+    wl = np.arange(480.0, 670.0, 10.0)
+    component = Component(name="gas", density=Uniform(top=1e16), optics=FULL, weight=2.0)
+    _, extinction, emission, *_ = medium_optics(Medium(planet_radius=1e18, components=(component,)), tuple(wl))
+    assert not np.any(extinction)
+    np.testing.assert_allclose(emission[0], 2 * FULL.coefficients(wl, 1e16).emission, rtol=1e-14)
+    assert np.sum(emission > 0) == 4  # H-beta; both of [O III]; 654.8 to the left of an edge; the rest
 
 
 def test_profile_of_a_resolved_line() -> None:
