@@ -10,6 +10,8 @@ from skyscatter.errors import DomainError
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.shapes import GaussianSphere, Sphere
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
+from skyscatter.optics.dust import Dust
+from skyscatter.optics.lines import GasLines
 from skyscatter.optics.mie import MieAerosol
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
@@ -18,7 +20,7 @@ from skyscatter.spectra.table import Spectral
 from skyscatter.units import Metres
 
 AnyOptics = Annotated[
-    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption,
+    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines,
     Field(discriminator="kind"),
 ]
 

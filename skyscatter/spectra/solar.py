@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.constants import BOLTZMANN, LIGHT, PLANCK
 from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError
+from skyscatter.spectra.cells import cell_edges
 
 Array = NDArray[np.float64]
 
 SOLAR_RADIUS = 6.957e8  #: nominal radius of the Sun [m], IAU 2015 resolution B3
 SOLAR_SPECTRA = {"astm-g173": "solar_astm_g173.csv"}
-
-# Exact SI constants (2019).
-_PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 
 
 def solar_irradiance(wavelengths_nm: ArrayLike, name: str = "astm-g173", band: str | float = "cell") -> Array:
@@ -56,25 +55,13 @@ def solar_irradiance(wavelengths_nm: ArrayLike, name: str = "astm-g173", band: s
     if band == "point" or (band == "cell" and wl.size < 2):
         return np.interp(wl, nodes, values)
     if band == "cell":
-        low, high = _cell_edges(wl)
+        low, high = cell_edges(wl)
     elif isinstance(band, (int, float)) and band > 0:
         low, high = wl - band / 2, wl + band / 2
     else:
         raise DomainError("band", band, "'cell', 'point' or a positive width in nm")
     low, high = np.maximum(low, nodes[0]), np.minimum(high, nodes[-1])
     return (_integral(high, nodes, values) - _integral(low, nodes, values)) / (high - low)
-
-
-def _cell_edges(wl: Array) -> tuple[Array, Array]:
-    """Edges half-way to the neighbours, for wavelengths in any order."""
-    order = np.argsort(wl)
-    gaps = np.diff(wl[order])
-    if np.any(gaps <= 0):
-        raise DomainError("wavelengths", wl.tolist(), "no wavelength twice; or give band as a width in nm")
-    half = 0.5 * np.concatenate([gaps[:1], gaps, gaps[-1:]])
-    low, high = np.empty_like(wl), np.empty_like(wl)
-    low[order], high[order] = wl[order] - half[:-1], wl[order] + half[1:]
-    return low, high
 
 
 def _integral(x: Array, nodes: Array, values: Array) -> Array:
@@ -109,9 +96,9 @@ def blackbody_irradiance(wavelengths_nm: ArrayLike, temperature_K: float, radius
     if not distance_m >= radius_m:
         raise DomainError("distance_m", distance_m, f"at least the star's radius of {radius_m:g} m")
     wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float)) * 1e-9
-    exponent = _PLANCK * _LIGHT / (wl * _BOLTZMANN * temperature_K)
+    exponent = PLANCK * LIGHT / (wl * BOLTZMANN * temperature_K)
     # exp(-x) / (1 - exp(-x)) does not overflow far in the Wien tail.
-    radiance = 2 * _PLANCK * _LIGHT**2 / wl**5 * np.exp(-exponent) / -np.expm1(-exponent)
+    radiance = 2 * PLANCK * LIGHT**2 / wl**5 * np.exp(-exponent) / -np.expm1(-exponent)
     return np.pi * radiance * (radius_m / distance_m) ** 2 * 1e-9
 
 
