@@ -165,6 +165,16 @@ class VoxelGrid(SpatialField):
         return np.ascontiguousarray(nodes)
 
     @cached_property
+    def bricks(self) -> tuple[NDArray[np.float32], list[NDArray[np.int64]]]:
+        """The nodes in bricks of 8 x 8 x 8, within a brick in Morton's order; and the places along each axis."""
+        places, whole = _places(self.nodes.shape)
+        data = np.zeros(whole, np.float32)
+        across = places[1][:, None] + places[2]
+        for x, sheet in zip(places[0], self.nodes, strict=True):
+            data[x + across] = sheet
+        return data, places
+
+    @cached_property
     def peak(self) -> float:
         """Largest value, without `factor`."""
         return float(self.cube.max())
@@ -188,8 +198,10 @@ class VoxelGrid(SpatialField):
         linear = self.interpolation == "linear"
         affine = np.hstack([np.diag(1.0 / self.cell), (-corner / self.cell)[:, None]])
         walked = np.array(self.nodes.shape) - (1 if linear else 0)
-        index = (*self.nodes.shape, *map(int, walked), *map(int, self.periodic), int(linear))
-        leaf = Instruction(VOXELS, affine, (*low, *high), self.nodes, index)
+        data, places = self.bricks
+        along = [place for axis in places for place in (*axis.tolist(), *([] if linear else [0]))]
+        index = (*map(int, walked), *map(int, self.periodic), int(linear), *along)
+        leaf = Instruction(VOXELS, affine, (*low, *high), data, index)
         begin, end = self.corners
         far = REPEATS * self.periods
         repeats = np.array(self.periodic)
@@ -258,6 +270,25 @@ class VoxelGrid(SpatialField):
             box_extremes(low.reshape(-1), high.reshape(-1), np.array(low.shape), a, b, *results)
             lowest[chosen], highest[chosen] = results
         return lowest, highest
+
+
+def _places(shape: tuple[int, ...]) -> tuple[list[NDArray[np.int64]], int]:
+    """Places along each axis whose sum is the place of a number in bricks, and how many places there are."""
+    bits = [min((n - 1).bit_length(), 3) for n in shape]
+    number = [np.arange(n) for n in shape]
+    places = [np.zeros(n, np.int64) for n in shape]
+    bit = 0
+    for k in range(max(bits)):
+        # The last axis changes fastest.
+        for axis in (2, 1, 0):
+            if k < bits[axis]:
+                places[axis] += ((number[axis] >> k) & 1) << bit
+                bit += 1
+    step = 1 << bit
+    for axis in (2, 1, 0):
+        places[axis] += (number[axis] >> bits[axis]) * step
+        step *= ((shape[axis] - 1) >> bits[axis]) + 1
+    return places, step
 
 
 def _check_values(values: NDArray[Any]) -> None:

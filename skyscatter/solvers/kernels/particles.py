@@ -121,11 +121,8 @@ def middle(low, high):
 
 
 @kernel
-def particle_density(space, row, x, y, z):
+def particle_density(p, i, data, at, j, x, y, z):
     """Density of a particle leaf at a point of the model's frame."""
-    p, at = space.parameters, space.code[row, 1]
-    i, j = space.index, space.code[row, 2]
-    data = space.data
     u = p[at] * x + p[at + 1] * y + p[at + 2] * z + p[at + 3]
     v = p[at + 4] * x + p[at + 5] * y + p[at + 6] * z + p[at + 7]
     w = p[at + 8] * x + p[at + 9] * y + p[at + 10] * z + p[at + 11]
@@ -174,11 +171,8 @@ def reciprocal(d):
 
 
 @kernel
-def particle_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb):
+def particle_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
     """Column of a particle leaf along the line o + d t from ta to tb; exact."""
-    p, at = space.parameters, space.code[row, 1]
-    i, j = space.index, space.code[row, 2]
-    data = space.data
     ox, oy, oz = ox + ta * dx, oy + ta * dy, oz + ta * dz
     u = p[at] * ox + p[at + 1] * oy + p[at + 2] * oz + p[at + 3]
     v = p[at + 4] * ox + p[at + 5] * oy + p[at + 6] * oz + p[at + 7]

@@ -80,11 +80,11 @@ def local_point(p, at, x, y, z):
 @kernel
 def leaf_density(space, row, x, y, z):
     """Density of one leaf at a point of the model's frame."""
-    kind, at = space.code[row, 0], space.code[row, 1]
+    kind, at, place = space.code[row, 0], space.code[row, 1], space.code[row, 2]
     if kind == VOXELS:
-        return voxel_density(space, row, x, y, z)
+        return voxel_density(space.parameters, space.index, space.data, at, place, x, y, z)
     if kind == PARTICLES:
-        return particle_density(space, row, x, y, z)
+        return particle_density(space.parameters, space.index, space.data, at, place, x, y, z)
     a, b, c = local_point(space.parameters, at, x, y, z)
     m = a * a + b * b + c * c
     if kind == SPHERE:
@@ -162,9 +162,10 @@ def closed_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb):
 @kernel
 def cell_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb):
     """Column of voxels or particles along a piece of a line, exact."""
-    if space.code[row, 0] == VOXELS:
-        return voxel_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb)
-    return particle_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb)
+    kind, at, place = space.code[row, 0], space.code[row, 1], space.code[row, 2]
+    if kind == VOXELS:
+        return voxel_column(space.parameters, space.index, space.data, at, place, ox, oy, oz, dx, dy, dz, ta, tb)
+    return particle_column(space.parameters, space.index, space.data, at, place, ox, oy, oz, dx, dy, dz, ta, tb)
 
 
 @entry
