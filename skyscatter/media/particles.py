@@ -19,8 +19,8 @@ from skyscatter.units import Metres
 # The kinds of `kernels.space`, repeated as plain numbers so that describing a field does not load the compiler.
 PARTICLES = 51
 CELLS = 1
-#: Particles in a leaf of the tree, about.
-_LEAF = 8
+#: Particles for which a leaf of the tree has room: `kernels.particles` ROOM.
+_ROOM = 16
 #: Cells along the longest side of the grid that `resolution = "auto"` makes, at most.
 AUTO_CELLS = 256
 
@@ -170,7 +170,7 @@ class ParticleSet(SpatialField):
 
         positions, masses, lengths = self.particles
         number = len(positions)
-        levels = max(math.ceil(math.log2(number / _LEAF)), 0) if number > 1 else 0
+        levels = max(math.ceil(math.log2(number / _ROOM)), 0)
         leaves = 1 << levels
         reach = 2 * lengths[:, None]
         low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
@@ -187,7 +187,10 @@ class ParticleSet(SpatialField):
         weight = (mass / mass.max()) / (math.pi * h**3)
         peak = float(weight.max())
         rows = np.column_stack([points - 0.5 * (centre[:, :3] + centre[:, 3:]), 1 / h, weight / peak])
-        data = np.concatenate([boxes.ravel(), rows.astype(np.float32).ravel()])
+        bodies = np.zeros((leaves, 5, _ROOM), np.float32)
+        owner = np.repeat(np.arange(leaves), np.diff(leaf))
+        bodies[owner, :, np.arange(number) - leaf[owner]] = rows
+        data = np.concatenate([boxes.ravel(), bodies.ravel()])
         affine = np.hstack([np.eye(3), -middle[:, None]]) / size
         return Instruction(PARTICLES, affine, (1.0,), data, (number, levels)), self.factor * mass.max() * peak / size**3
 
@@ -227,10 +230,17 @@ def neighbour_distances(positions: Array, neighbours: int) -> Array:
     """Distance of every particle (n, 3) to its k-th nearest neighbour (the farthest one when there are fewer)."""
     from scipy.spatial import cKDTree
 
+    from skyscatter.solvers.kernels.splats import sort_into_tree
+
     count = min(neighbours, len(positions) - 1)
     if count < 1:
         raise DomainError("smoothing_lengths", None, "a single particle has no neighbours; give its smoothing length")
-    distances = cKDTree(positions).query(positions, k=[count + 1], workers=-1)[0][:, 0]
+    # Neighbours asked for one after the other find their part of the tree in the cache: twice as fast.
+    points, order = np.array(positions), np.arange(len(positions))
+    sort_into_tree(points, order, (len(positions) // 16).bit_length())
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    distances = np.empty(len(positions))
+    distances[order] = tree.query(points, k=[count + 1], workers=-1)[0][:, 0]
     if not distances.min() > 0:
         raise DomainError("positions", "equal", f"more than {neighbours} particles in one place; give smoothing_lengths")
     return distances

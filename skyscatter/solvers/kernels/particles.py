@@ -11,9 +11,10 @@ and smoothing lengths may differ by any factor.  Going on to the next node needs
 as long as that is a first child.
 
 A leaf `PARTICLES` has, after its affine map, the parameter `largest weight`, and the integers `place of the data,
-number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the particles, 5
-numbers each: place relative to the middle of the box of their leaf (3), 1 / h, and weight m / (pi h^3) over the largest.
-Relative places keep single precision enough for particles of any size.
+number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A leaf
+has room for 16 particles: 16 numbers each for x, y, z relative to the middle of its box, 1 / h, and the weight
+m / (pi h^3) over the largest; weights of empty places are nought.  Relative places keep single precision enough for
+particles of any size, and numbers side by side are added up in vector registers.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ import math
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, summing
 
-#: Numbers of a node and of a particle.
-NODE, PARTICLE = 6, 5
+#: Numbers of a node, places in a leaf, numbers of a leaf.
+NODE, ROOM = 6, 16
+LEAF = 5 * ROOM
 
 
 @inlined
@@ -35,6 +37,25 @@ def spline(q2):
     outer = 2.0 - q
     inner = max(1.0 - q, 0.0)
     return 0.25 * outer * outer * outer - inner * inner * inner
+
+
+@summing
+def leaf_sum(data, n, a, b, c):
+    """Density, over the largest weight, of the leaf that begins at n, at a point relative to the middle of its box."""
+    total = np.float32(0.0)
+    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    # Unsigned numbers of places: signed ones are asked whether they count from the end.
+    x = np.uint64(n)
+    y, z, h, w = x + np.uint64(ROOM), x + np.uint64(2 * ROOM), x + np.uint64(3 * ROOM), x + np.uint64(4 * ROOM)
+    for m in range(np.uint64(ROOM)):
+        e, f, g = a - data[x + m], b - data[y + m], c - data[z + m]
+        # Without branches; beyond the sphere both parts are nought.
+        q = math.sqrt(e * e + f * f + g * g) * data[h + m]
+        outer, inner = two - q, one - q
+        outer = outer if outer > zero else zero
+        inner = inner if inner > zero else zero
+        total += data[w + m] * (np.float32(0.25) * outer * outer * outer - inner * inner * inner)
+    return total
 
 
 @inlined
@@ -126,8 +147,7 @@ def particle_density(p, i, data, at, j, x, y, z):
     u = p[at] * x + p[at + 1] * y + p[at + 2] * z + p[at + 3]
     v = p[at + 4] * x + p[at + 5] * y + p[at + 6] * z + p[at + 7]
     w = p[at + 8] * x + p[at + 9] * y + p[at + 10] * z + p[at + 11]
-    number, levels = i[j + 1], i[j + 2]
-    leaves = 1 << levels
+    leaves = 1 << i[j + 2]
     boxes, bodies = i[j], i[j] + 2 * leaves * NODE
     total, k = 0.0, 1
     while True:
@@ -142,12 +162,7 @@ def particle_density(p, i, data, at, j, x, y, z):
                 continue
             a, b = u - middle(data[n], data[n + 3]), v - middle(data[n + 1], data[n + 4])
             c = w - middle(data[n + 2], data[n + 5])
-            first, last = (k - leaves) * number >> levels, (k - leaves + 1) * number >> levels
-            for m in range(bodies + PARTICLE * first, bodies + PARTICLE * last, PARTICLE):
-                e, f, g = a - data[m], b - data[m + 1], c - data[m + 2]
-                q2 = (e * e + f * f + g * g) * data[m + 3] * data[m + 3]
-                if q2 < 4.0:
-                    total += data[m + 4] * spline(q2)
+            total += leaf_sum(data, bodies + LEAF * (k - leaves), np.float32(a), np.float32(b), np.float32(c))
         k = next_node(k)
         if k == 1:
             return total * p[at + 12]
@@ -199,19 +214,24 @@ def particle_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
             # From the point of the line that is nearest to the middle of the leaf.
             here = -(a * du + b * dv + c * dw)
             a, b, c = a + here * du, b + here * dv, c + here * dw
-            first, last = (k - leaves) * number >> levels, (k - leaves + 1) * number >> levels
-            for m in range(bodies + PARTICLE * first, bodies + PARTICLE * last, PARTICLE):
-                e, f, g = a - data[m], b - data[m + 1], c - data[m + 2]
+            first = np.uint64(bodies + LEAF * (k - leaves))
+            count = ((k - leaves + 1) * number >> levels) - ((k - leaves) * number >> levels)
+            for m in range(first, first + np.uint64(count)):
+                e = a - data[m]
+                f = b - data[m + np.uint64(ROOM)]
+                g = c - data[m + np.uint64(2 * ROOM)]
+                h = data[m + np.uint64(3 * ROOM)]
                 s = e * du + f * dv + g * dw
-                h = data[m + 3]
-                b2 = max(e * e + f * f + g * g - s * s, 0.0) * h * h
+                b2 = (e * e + f * f + g * g - s * s) * h * h
                 if b2 < 4.0:
+                    b2 = max(b2, 0.0)
                     sa = (s - here) * h
                     sb = sa + length * h
                     if sa <= -2.0 and sb >= 2.0:
-                        total += data[m + 4] * chord_integral(b2) / h
+                        column = chord_integral(b2)
                     else:
-                        total += data[m + 4] * spline_integral(b2, sa, sb) / h
+                        column = spline_integral(b2, sa, sb)
+                    total += data[m + np.uint64(4 * ROOM)] * column / h
         k = next_node(k)
         if k == 1:
             return total * p[at + 12] / speed
@@ -249,16 +269,16 @@ def particle_bounds(data, number, levels, low, high, lowest, highest):
                     k *= 2
                     continue
                 a, b, c = middle(data[n], data[n + 3]), middle(data[n + 1], data[n + 4]), middle(data[n + 2], data[n + 5])
-                first, last = (k - leaves) * number >> levels, (k - leaves + 1) * number >> levels
-                for m in range(bodies + PARTICLE * first, bodies + PARTICLE * last, PARTICLE):
-                    x, y, z, h2 = a + data[m], b + data[m + 1], c + data[m + 2], data[m + 3] * data[m + 3]
+                first = bodies + LEAF * (k - leaves)
+                for m in range(first, first + ((k - leaves + 1) * number >> levels) - ((k - leaves) * number >> levels)):
+                    x, y, z, h2 = a + data[m], b + data[m + ROOM], c + data[m + 2 * ROOM], data[m + 3 * ROOM] ** 2
                     e, f, g = max(x0 - x, x - x1, 0.0), max(y0 - y, y - y1, 0.0), max(z0 - z, z - z1, 0.0)
                     q2 = (e * e + f * f + g * g) * h2
                     if q2 < 4.0:
-                        most += data[m + 4] * spline(q2)
+                        most += data[m + 4 * ROOM] * spline(q2)
                         e, f, g = max(x - x0, x1 - x), max(y - y0, y1 - y), max(z - z0, z1 - z)
                         q2 = (e * e + f * f + g * g) * h2
-                        least += data[m + 4] * spline(q2) if q2 < 4.0 else 0.0
+                        least += data[m + 4 * ROOM] * spline(q2) if q2 < 4.0 else 0.0
             k = next_node(k)
             if k == 1:
                 break

@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from skyscatter.solvers.kernels.gridwalk import face_distance, start_axis
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 
@@ -40,9 +42,11 @@ def trilinear_mean(data, x0, x1, y0, y1, z0, z1, a, b, c, ab, ac, bc):
     `x0` to `z1` are the places of the cell's nodes along each axis; `a, b, c` is the middle of the piece in fractions of
     the cell; `ab`, `ac`, `bc` are a third of the products of the components of half the piece.
     """
-    v00, v01, v10, v11 = data[x0 + y0 + z0], data[x0 + y1 + z0], data[x1 + y0 + z0], data[x1 + y1 + z0]
-    g00, g01 = data[x0 + y0 + z1] - v00, data[x0 + y1 + z1] - v01
-    g10, g11 = data[x1 + y0 + z1] - v10, data[x1 + y1 + z1] - v11
+    # Unsigned numbers of places: signed ones are asked whether they count from the end.
+    w0, w1 = np.uint64(z0), np.uint64(z1)
+    p00, p01, p10, p11 = np.uint64(x0 + y0), np.uint64(x0 + y1), np.uint64(x1 + y0), np.uint64(x1 + y1)
+    v00, v01, v10, v11 = data[p00 + w0], data[p01 + w0], data[p10 + w0], data[p11 + w0]
+    g00, g01, g10, g11 = data[p00 + w1] - v00, data[p01 + w1] - v01, data[p10 + w1] - v10, data[p11 + w1] - v11
     e00, e01, e10, e11 = v00 + c * g00, v01 + c * g01, v10 + c * g10, v11 + c * g11
     # Slopes: E along y, g along z, G mixed in y and z.
     E0, E1, G0, G1 = e01 - e00, e11 - e10, g01 - g00, g11 - g10
@@ -77,7 +81,7 @@ def voxel_density(p, i, data, at, j, x, y, z):
     pw = j + 10 + nu + nv + cw
     x0, y0, z0 = i[j] + i[pu], i[pv], i[pw]
     if i[j + 7] == 0:
-        return float(data[x0 + y0 + z0])
+        return float(data[np.uint64(x0 + y0 + z0)])
     x1, y1, z1 = i[j] + i[pu + 1], i[pv + 1], i[pw + 1]
     return trilinear_mean(data, x0, x1, y0, y1, z0, z1, u - fu, v - fv, w - fw, 0.0, 0.0, 0.0)
 
@@ -124,7 +128,7 @@ def voxel_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
                 data, x0, x1, y0, y1, z0, z1, u + du * m, v + dv * m, w + dw * m, uv * s, uw * s, vw * s
             )
         else:
-            total += length * data[x0 + y0 + z0]
+            total += length * data[np.uint64(x0 + y0 + z0)]
         t = leave
         # At the end of the grid a number wraps around even where the grid does not repeat: rounding may leave a piece
         # of length nought there.
