@@ -242,21 +242,22 @@ class VoxelGrid(SpatialField):
             first, last = np.floor(a + 1e-9), np.ceil(b - 1e-9) - 1
         last = np.maximum(last, first)
         period = shape - (1 if self.interpolation == "linear" else 0)
-        # Where the grid repeats, the first number is brought into the first period, and boxes that cross its end, or
-        # that are longer than it, take all of it.
+        # Where the grid repeats, the first number is brought into the first period; the last may lie in the second one.
         turn = np.where(repeats, np.floor(first / period) * period, 0.0)
         first, last = first - turn, last - turn
-        whole = repeats & (last >= shape)
+        whole = repeats & (last - first >= period)
         first = np.where(whole, 0, np.clip(first, 0, shape - 1)).astype(np.int64)
-        last = np.where(whole, shape - 1, np.clip(last, 0, shape - 1)).astype(np.int64)
-        lowest, highest = self._look(first, last)
+        last = np.where(whole, shape - 1, np.clip(last, 0, np.where(repeats, 2 * period, shape) - 1)).astype(np.int64)
+        lowest, highest = self._look(first, last, shape, period)
         lowest = np.where(partly, np.minimum(lowest, 0.0), lowest)
         lowest, highest = np.where(outside, 0.0, lowest), np.where(outside, 0.0, highest)
         factor = self.factor * (self.peak if self.peak > 0 else 1.0)
         return factor * lowest, factor * highest
 
-    def _look(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Lowest and highest numbers from first to last (box, 3)."""
+    def _look(
+        self, first: NDArray[np.int64], last: NDArray[np.int64], shape: NDArray[np.int64], period: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Lowest and highest numbers from first to last (box, 3), which may go on into a second period."""
         from skyscatter.solvers.kernels.voxels import box_extremes
 
         lowest, highest = np.empty(len(first)), np.empty(len(first))
@@ -265,9 +266,14 @@ class VoxelGrid(SpatialField):
         for k in np.unique(level):
             chosen = level == k
             low, high = self._blocks(int(k))
-            a, b = np.ascontiguousarray(first[chosen] >> k), np.ascontiguousarray(last[chosen] >> k)
-            results = np.empty((2, chosen.sum()))
-            box_extremes(low.reshape(-1), high.reshape(-1), np.array(low.shape), a, b, *results)
+            a, b = first[chosen], last[chosen]
+            if k > 0:
+                # Blocks are not those of the second period: long boxes that reach it take all of the first.
+                beyond = b >= shape
+                a, b = np.where(beyond, 0, a), np.where(beyond, shape - 1, b)
+            a, b = np.ascontiguousarray(a >> k), np.ascontiguousarray(b >> k)
+            results = np.empty((2, len(a)))
+            box_extremes(low.reshape(-1), high.reshape(-1), np.array(low.shape), period, a, b, *results)
             lowest[chosen], highest[chosen] = results
         return lowest, highest
 

@@ -45,8 +45,11 @@ def trilinear_mean(data, x0, x1, y0, y1, z0, z1, a, b, c, ab, ac, bc):
     # Unsigned numbers of places: signed ones are asked whether they count from the end.
     w0, w1 = np.uint64(z0), np.uint64(z1)
     p00, p01, p10, p11 = np.uint64(x0 + y0), np.uint64(x0 + y1), np.uint64(x1 + y0), np.uint64(x1 + y1)
-    v00, v01, v10, v11 = data[p00 + w0], data[p01 + w0], data[p10 + w0], data[p11 + w0]
-    g00, g01, g10, g11 = data[p00 + w1] - v00, data[p01 + w1] - v01, data[p10 + w1] - v10, data[p11 + w1] - v11
+    v00, v01 = np.float64(data[p00 + w0]), np.float64(data[p01 + w0])
+    v10, v11 = np.float64(data[p10 + w0]), np.float64(data[p11 + w0])
+    # In double precision: differences in single would not be those of the same density in the next cell.
+    g00, g01 = np.float64(data[p00 + w1]) - v00, np.float64(data[p01 + w1]) - v01
+    g10, g11 = np.float64(data[p10 + w1]) - v10, np.float64(data[p11 + w1]) - v11
     e00, e01, e10, e11 = v00 + c * g00, v01 + c * g01, v10 + c * g10, v11 + c * g11
     # Slopes: E along y, g along z, G mixed in y and z.
     E0, E1, G0, G1 = e01 - e00, e11 - e10, g01 - g00, g11 - g10
@@ -154,23 +157,27 @@ def voxel_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
 
 
 @entry
-def box_extremes(low_data, high_data, shape, first, last, lowest, highest):
+def box_extremes(low_data, high_data, shape, period, first, last, lowest, highest):
     """Lowest and highest of the numbers first to last (inclusive) along every axis, box by box.
 
     Parameters
     ----------
     low_data, high_data : ndarray, float32
         Numbers to take the lowest and the highest of, flat in C order; the same array or those of blocks.
-    shape : ndarray, shape (3,), int64
+    shape, period : ndarray, shape (3,), int64
+        Number n stands for n - period where it is not below the shape.
     first, last : ndarray, shape (box, 3), int64
     lowest, highest : ndarray, shape (box,)
         Results.
     """
     for n in range(first.shape[0]):
         low, high = math.inf, -math.inf
-        for x in range(first[n, 0], last[n, 0] + 1):
-            for y in range(first[n, 1], last[n, 1] + 1):
+        for i in range(first[n, 0], last[n, 0] + 1):
+            x = i if i < shape[0] else i - period[0]
+            for j in range(first[n, 1], last[n, 1] + 1):
+                y = j if j < shape[1] else j - period[1]
                 at = (x * shape[1] + y) * shape[2]
-                for z in range(at + first[n, 2], at + last[n, 2] + 1):
+                for k in range(first[n, 2], last[n, 2] + 1):
+                    z = at + (k if k < shape[2] else k - period[2])
                     low, high = min(low, low_data[z]), max(high, high_data[z])
         lowest[n], highest[n] = low, high
