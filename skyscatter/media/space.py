@@ -70,6 +70,11 @@ class SpatialField(Record):
         boxes = np.array([term.box for term in self.terms()])
         return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
 
+    @property
+    def periods(self) -> Array:
+        """Lengths (3,) [m] after which the field repeats along the model's axes; 0 where it does not."""
+        return np.zeros(3)
+
     def density(self, points: ArrayLike) -> Array:
         """Density at points [m] of shape (..., 3); shape (...)."""
         from skyscatter.media.spacetables import field_densities

@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyscatter.media.space import Array, SpatialField
 
@@ -26,21 +27,25 @@ def pack_space(fields: Sequence[SpatialField]) -> SpaceTable:
     rows = [step for term in terms for step in term.program]
     parameters, data, index, code = [], [], [], []
     at, at_data, at_index = 0, 0, 0
+    places: dict[int, int] = {}
     for step in rows:
         affine = np.zeros(0) if step.affine is None else np.asarray(step.affine, float).ravel()
         block = np.concatenate([affine, np.asarray(step.parameters, float)])
+        if step.data is not None and id(step.data) not in places:
+            # A grid that stands in several terms is packed once.
+            places[id(step.data)] = at_data
+            data.append(np.asarray(step.data, np.float32).ravel())
+            at_data += data[-1].size
         # A grid's place among the data is the first of its integers.
-        numbers = np.array([at_data, *step.index] if step.data is not None else step.index, np.int64)
+        numbers = np.array([*([] if step.data is None else [places[id(step.data)]]), *step.index], np.int64)
         code.append((step.operation, at, at_index))
         parameters.append(block)
         index.append(numbers)
         at, at_index = at + block.size, at_index + numbers.size
-        if step.data is not None:
-            data.append(np.asarray(step.data, np.float32).ravel())
-            at_data += data[-1].size
     boxes = np.array([term.box for term in terms], float)
     low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-    cells, upper, lower = bound_grid(fields, low, high)
+    bound_low, bound_high, wrap = bounded_region(fields, low, high)
+    cells, upper, lower = bound_grid(fields, bound_low, bound_high)
     return SpaceTable(
         term_start=np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64),
         code_start=np.concatenate([[0], np.cumsum([len(term.program) for term in terms])]).astype(np.int64),
@@ -57,10 +62,18 @@ def pack_space(fields: Sequence[SpatialField]) -> SpaceTable:
         cells=cells,
         upper=upper,
         lower=lower,
-        bound_low=low,
-        bound_step=(high - low) / cells,
-        bound_wrap=np.zeros(3, np.int64),
+        bound_low=bound_low,
+        bound_step=(bound_high - bound_low) / cells,
+        bound_wrap=wrap,
     )
+
+
+def bounded_region(fields: Sequence[SpatialField], low: Array, high: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Corners of the grid of bounds, and along which axes it repeats: there it covers one period of all fields."""
+    periods = np.array([field.periods for field in fields])
+    wrap = (periods[0] > 0) & (periods == periods[0]).all(axis=0)
+    low = np.where(wrap, 0.5 * (low + high) - 0.5 * periods[0], low)
+    return low, np.where(wrap, low + periods[0], high), wrap.astype(np.int64)
 
 
 def bound_grid(fields: Sequence[SpatialField], low: Array, high: Array) -> tuple[Array, Array, Array]:

@@ -50,6 +50,14 @@ def inlined(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 
 
+def summing(function: Callable[..., Any]) -> Any:
+    """Like `inlined`, for a loop that adds up numbers whose order does not matter, so that it can use vector registers."""
+    flags = {"reassoc", "nsz", "contract"}
+    return _compile(
+        function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, fastmath=flags
+    )
+
+
 def merged(function: Callable[..., Any]) -> Any:
     """Like `kernel`, for a function that is called from one place: its body is compiled there, and only there."""
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")

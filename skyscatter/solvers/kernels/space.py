@@ -18,9 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.particles import particle_column, particle_density
+from skyscatter.solvers.kernels.voxels import voxel_column, voxel_density
 
 #: Leaves.
 SPHERE, GAUSSIAN_SPHERE = 0, 1
+VOXELS, PARTICLES = 50, 51
 #: Operations on the values below them.
 PRODUCT = 100
 #: How a term's column is found.
@@ -77,7 +80,11 @@ def local_point(p, at, x, y, z):
 @kernel
 def leaf_density(space, row, x, y, z):
     """Density of one leaf at a point of the model's frame."""
-    kind, at = space.code[row, 0], space.code[row, 1]
+    kind, at, place = space.code[row, 0], space.code[row, 1], space.code[row, 2]
+    if kind == VOXELS:
+        return voxel_density(space.parameters, space.index, space.data, at, place, x, y, z)
+    if kind == PARTICLES:
+        return particle_density(space.parameters, space.index, space.data, at, place, x, y, z)
     a, b, c = local_point(space.parameters, at, x, y, z)
     m = a * a + b * b + c * c
     if kind == SPHERE:
@@ -152,6 +159,15 @@ def closed_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb):
     return math.exp(-0.5 * q) * math.sqrt(0.5 * math.pi) * (math.erf(sb * root) - math.erf(sa * root)) / speed
 
 
+@kernel
+def cell_column(space, row, ox, oy, oz, dx, dy, dz, ta, tb):
+    """Column of voxels or particles along a piece of a line, exact."""
+    kind, at, place = space.code[row, 0], space.code[row, 1], space.code[row, 2]
+    if kind == VOXELS:
+        return voxel_column(space.parameters, space.index, space.data, at, place, ox, oy, oz, dx, dy, dz, ta, tb)
+    return particle_column(space.parameters, space.index, space.data, at, place, ox, oy, oz, dx, dy, dz, ta, tb)
+
+
 @entry
 def space_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
     """Add the column of every component [m] along the line o + d t from ta to tb to `out` (component,)."""
@@ -161,7 +177,11 @@ def space_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
             t0, t1 = clip_to_box(b[0], b[1], ox, oy, oz, dx, dy, dz, ta, tb)
             if t1 > t0:
                 row = space.code_start[term]
-                out[c] += space.factor[term] * closed_column(space, row, ox, oy, oz, dx, dy, dz, t0, t1)
+                if space.method[term] == CELLS:
+                    column = cell_column(space, row, ox, oy, oz, dx, dy, dz, t0, t1)
+                else:
+                    column = closed_column(space, row, ox, oy, oz, dx, dy, dz, t0, t1)
+                out[c] += space.factor[term] * column
 
 
 @entry
