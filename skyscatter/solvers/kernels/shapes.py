@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 
 #: Opcodes of the shapes; 50 to 69 are grids and particles, 100 and above operations.
 SPHERE, GAUSSIAN_SPHERE, POWER_LAW, BONNOR_EBERT, SHELL, GAUSSIAN_SHELL = 0, 1, 2, 3, 4, 5
@@ -195,3 +195,52 @@ def displacement(p, at, a, b, c):
         j += 4 * WARP_MODES
         z += cosine_of_turns(p[j] * a + p[j + 1] * b + p[j + 2] * c + p[j + 3])
     return p[at] * x, p[at] * y, p[at] * z
+
+
+@entry
+def fill_mode_bounds(modes, low, high, parts, lowest, highest):
+    """Bounds of a sum of modes (5, n) within boxes (box, 3), each cut into parts^3.
+
+    Within a box of half size h a slow wave differs from its tangent by at most (k . h)^2 / 2, so that slow waves may
+    cancel; a fast one lies between the extremes of its own.
+    """
+    cells = parts * parts * parts
+    for n in range(low.shape[0]):
+        lowest[n], highest[n] = math.inf, -math.inf
+        hx, hy, hz = (0.5 * (high[n, i] - low[n, i]) / parts for i in range(3))
+        for cell in range(cells):
+            i, j, k = cell // (parts * parts), cell // parts % parts, cell % parts
+            x, y, z = low[n, 0] + (2 * i + 1) * hx, low[n, 1] + (2 * j + 1) * hy, low[n, 2] + (2 * k + 1) * hz
+            bottom, top = bound_modes(modes, x, y, z, hx, hy, hz)
+            lowest[n], highest[n] = min(lowest[n], bottom), max(highest[n], top)
+
+
+@kernel
+def bound_modes(modes, x, y, z, hx, hy, hz):
+    """Bounds of a sum of modes within one box, given by its middle and its half sizes."""
+    turn = 2.0 * math.pi
+    gx, gy, gz, bottom, top = 0.0, 0.0, 0.0, 0.0, 0.0
+    for m in range(modes.shape[1]):
+        kx, ky, kz, a = float(modes[0, m]), float(modes[1, m]), float(modes[2, m]), float(modes[4, m])
+        phase = kx * x + ky * y + kz * z + modes[3, m]
+        phase -= math.floor(phase + 0.5)
+        half = abs(kx) * hx + abs(ky) * hy + abs(kz) * hz
+        if half < 0.15:
+            slope = -a * turn * math.sin(turn * phase)
+            gx, gy, gz = gx + slope * kx, gy + slope * ky, gz + slope * kz
+            value, rest = a * math.cos(turn * phase), 0.5 * a * (turn * half) ** 2
+            bottom, top = bottom + value - rest, top + value + rest
+        else:
+            away = abs(phase)
+            top += a if away <= half else a * math.cos(turn * (away - half))
+            bottom += -a if away + half >= 0.5 else a * math.cos(turn * (away + half))
+    change = abs(gx) * hx + abs(gy) * hy + abs(gz) * hz + 1e-6  # more than the polynomial's error
+    return bottom - change, top + change
+
+
+@entry
+def fill_front_radii(p, points, out):
+    """`front_radius` in the directions of points (n, 3)."""
+    for n in range(points.shape[0]):
+        a, b, c = points[n, 0], points[n, 1], points[n, 2]
+        out[n] = front_radius(p, 0, a, b, c, math.sqrt(a * a + b * b + c * c))
