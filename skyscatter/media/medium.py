@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.media.fields import AnyField, DensityField
-from skyscatter.media.shapes import GaussianSphere, Sphere
+from skyscatter.media.operations import AnySpatialField
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
 from skyscatter.optics.dust import Dust
 from skyscatter.optics.lines import GasLines
@@ -24,7 +24,7 @@ AnyOptics = Annotated[
     Field(discriminator="kind"),
 ]
 
-AnyDensity = Annotated[AnyField | Sphere | GaussianSphere, Field(discriminator="kind")]
+AnyDensity = Annotated[AnyField | AnySpatialField, Field(discriminator="kind")]
 
 
 class Component(Record):

@@ -12,6 +12,7 @@ from skyscatter.solvers.compile import medium_optics, phase_cosines
 from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
+    from skyscatter.lights import PointStar
     from skyscatter.solvers.kernels.volume import VolumeTable
     from skyscatter.space import SpaceScene
 
@@ -31,7 +32,12 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     space = field_table(tuple(component.density for component in scene.medium.components))
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
     distance = scene.view.distance
-    lights = [(star.position, False, star.size, star.spectral_luminosity(wl, distance) / (4 * np.pi)) for star in scene.stars]
+    # A star without a surface, given by its spectrum alone, stops to grow where nothing could be seen of it.
+    least = 1e-9 * float(np.linalg.norm(space.high - space.low))
+    lights = [
+        (star.position, False, least if star.temperature is None else star.radius_m(distance), _intensity(star, wl, distance))
+        for star in scene.stars
+    ]
     lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]
     background = scene.background_radiance(wl)
     decay, shape = _modes(sigma_s, sigma_t, phase)
@@ -61,6 +67,11 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     return table._replace(floor=_floor(table))
 
 
+def _intensity(star: PointStar, wl: Array, distance: float) -> Array:
+    """Radiant intensity of a star [W sr-1 nm-1]."""
+    return star.spectral_luminosity(wl, distance) / (4 * np.pi)
+
+
 def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array]:
     """Exponents (wavelength,) of light in the depths of the medium, all components equally dense, and its shape."""
     mu = phase_cosines()
@@ -69,7 +80,8 @@ def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array]:
     polynomials = np.polynomial.legendre.legvander(mu, MOMENTS - 1)
     mean = np.einsum("cw,caw->wa", share, phase)
     moments = -2 * np.pi * np.trapezoid(mean[:, :, None] * polynomials, mu, axis=1)
-    modes = [slowest_mode(float(o), m / m[0] if m[0] > 0 else np.eye(1, MOMENTS)[0]) for o, m in zip(omega, moments, strict=True)]
+    moments[moments[:, 0] <= 0, 0] = 1.0  # nothing scatters
+    modes = [slowest_mode(float(o), m / m[0]) for o, m in zip(omega, moments, strict=True)]
     return np.array([kappa for kappa, _ in modes]), modes[len(modes) // 2][1]
 
 

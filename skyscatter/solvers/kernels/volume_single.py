@@ -16,7 +16,13 @@ from skyscatter.solvers.kernels.fastexp import fast_exp
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 from skyscatter.solvers.kernels.lookup import sort_few
 from skyscatter.solvers.kernels.optics import phase_at, transmittance
-from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
+from skyscatter.solvers.kernels.space import (
+    clip_to_box,
+    clip_to_space,
+    space_columns,
+    space_densities,
+    term_cuts,
+)
 from skyscatter.solvers.kernels.volume import VolumeWork, light_arriving, make_volume_work
 
 #: Kronrod's rule of 15 points on [-1, 1] (Piessens et al. 1983, QUADPACK, qk15), from the left.
@@ -118,10 +124,28 @@ def integrate_piece(v, o, d, a, b, s):
 
 
 @kernel
-def cut_ray(v, o, d, start, end, cuts):
-    """Where the quadrature must stop: the ends, and pieces that grow from the points nearest to the stars."""
+def add_edges(space, term, o, d, start, end, work, cuts, n):
+    """Add the sharp edges of one term along a line, as far as half of the room goes; the number of cuts."""
+    box = space.box[term]
+    a, b = clip_to_box(box[0], box[1], o[0], o[1], o[2], d[0], d[1], d[2], start, end)
+    if b <= a:
+        return n
+    edges = term_cuts(space, term, o[0] + a * d[0], o[1] + a * d[1], o[2] + a * d[2], d[0], d[1], d[2], b - a, work)
+    for k in range(edges):
+        t = a + work.cuts[k]
+        if start < t < end and 2 * n < cuts.size:
+            cuts[n] = t
+            n += 1
+    return n
+
+
+@kernel
+def cut_ray(v, o, d, start, end, work, cuts):
+    """Where the quadrature must stop: at sharp edges, and at pieces that grow from the points nearest to the stars."""
     cuts[0], cuts[1], n = start, end, 2
-    share = (cuts.size - 2) // (2 * max(v.power.shape[0], 1))
+    for term in range(v.space.box.shape[0]):
+        n = add_edges(v.space, term, o, d, start, end, work, cuts, n)
+    share = (cuts.size - n) // (2 * max(v.power.shape[0], 1))
     for k in range(v.power.shape[0]):
         if v.distant[k]:
             continue
@@ -176,7 +200,7 @@ def volume_single_rays(v, origins, directions, tolerance, s, scattered, direct):
             s.column[c], s.running[c] = 0.0, 0.0
         start, end = clip_to_space(v.space, o[0], o[1], o[2], d[0], d[1], d[2])
         if end > start:
-            n = cut_ray(v, o, d, start, end, s.cuts)
+            n = cut_ray(v, o, d, start, end, s.work.space, s.cuts)
             # Once through, to know how much light there is; then with care.
             for k in range(n - 1):
                 if s.cuts[k + 1] > s.cuts[k] and least_depth(v, s.running) < DARK:
