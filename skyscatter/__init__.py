@@ -34,6 +34,7 @@ _HOME = {
     "Panorama": "skyscatter.geometry.camera",
     "Perspective": "skyscatter.geometry.camera",
     "PlanetView": "skyscatter.geometry.camera",
+    "Telescope": "skyscatter.geometry.telescope",
     "SpectralImage": "skyscatter.image.spectral",
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
@@ -50,6 +51,7 @@ __all__ = ["__version__", *_HOME]
 if TYPE_CHECKING:
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
+    from skyscatter.geometry.telescope import Telescope
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.media.medium import Component, Medium
     from skyscatter.model import Model, Planet, load_model, model_names
