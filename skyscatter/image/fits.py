@@ -7,6 +7,8 @@
 - The third world axis is ``WAVE`` (vacuum) in nm: linear where the grid is uniform, else a look-up table, ``WAVE-TAB``
   (Greisen et al. 2006, A&A 446, 747, section 6), which `astropy.wcs` reads when it is given the file.
 - Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
+- An image with a celestial frame (`SkyFrame`) has RA---TAN and DEC--TAN as first two axes in every image extension, the
+  reference pixel in the middle of the picture, ``RADESYS``, ``OBJECT`` and ``DISTANCE`` (pc).
 - Extension ``RECIPE`` holds the recipe as JSON in a table of one cell, where length and characters are free.
 """
 
@@ -25,6 +27,7 @@ from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.spectral import UNITS, SpectralImage
+from skyscatter.image.wcs import celestial_cards, read_celestial
 
 if TYPE_CHECKING:
     from astropy.io import fits
@@ -64,7 +67,8 @@ def _axes(wavelengths: NDArray[np.float64]) -> list[tuple[str, Any, str]]:
 
 def _fill(hdu: Any, image: SpectralImage, comment: str) -> None:
     hdu.header["BUNIT"] = UNITS
-    for card in _axes(image.wavelengths):
+    height, width, _ = image.shape
+    for card in (*_axes(image.wavelengths), *celestial_cards(image.sky, width, height)):
         hdu.header[card[0]] = card[1:]
     hdu.header["COMMENT"] = comment
     hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
@@ -157,6 +161,7 @@ def _image(hdus: fits.HDUList, path: Path) -> SpectralImage:
         _cube(hdus["STDERR"]) if "STDERR" in hdus else None,
         recipe=recipe,
         layers={hdu.header["LAYER"]: _cube(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
+        sky=read_celestial(hdus[0].header),
     )
 
 

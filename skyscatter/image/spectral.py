@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from skyscatter.image.skyframe import SkyFrame
+
 Array = NDArray[np.float64]
 
 UNITS = "W m-2 sr-1 nm-1"
@@ -56,6 +58,8 @@ class SpectralImage:
         Named parts of the radiance, for instance direct, ground and scattered light, or orders of scattering.  Layers
         named Q, U and V make the image polarised: Stokes parameters in the frame of docs/conventions.md, and Q_error,
         U_error, V_error their standard errors.
+    sky : SkyFrame, optional
+        Where the picture stands in the sky; files keep it (FITS as a celestial WCS).
 
     Raises
     ------
@@ -71,6 +75,7 @@ class SpectralImage:
         *,
         recipe: Mapping[str, Any] | None = None,
         layers: Mapping[str, ArrayLike] | None = None,
+        sky: SkyFrame | None = None,
     ) -> None:
         self._wavelengths = _checked_wavelengths(wavelengths)
         self._radiance = _checked_cube("radiance", radiance, None, self._wavelengths.size)
@@ -87,6 +92,9 @@ class SpectralImage:
             self._recipe: dict[str, Any] = json.loads(json.dumps(dict(recipe or {}), allow_nan=False))
         except (TypeError, ValueError) as error:
             raise DomainError("recipe", type(recipe).__name__, f"must be a JSON object ({error})") from error
+        if sky is not None and not hasattr(sky, "pixel_scale_deg"):
+            raise DomainError("sky", type(sky).__name__, "must be a SkyFrame")
+        self._sky = sky
 
     def __repr__(self) -> str:
         y, x, n = self.shape
@@ -117,6 +125,11 @@ class SpectralImage:
     def layers(self) -> dict[str, NDArray[Any]]:
         """Named parts of the radiance, each of shape (y, x, wavelength)."""
         return self._layers
+
+    @property
+    def sky(self) -> SkyFrame | None:
+        """Where the picture stands in the sky; None if it does not say."""
+        return self._sky
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -177,7 +190,9 @@ class SpectralImage:
         """One layer as an image of its own (without a standard error, which layers do not have)."""
         if name not in self._layers:
             raise DomainError("layer", name, f"one of {', '.join(self._layers) or '(this image has none)'}")
-        return SpectralImage(self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name})
+        return SpectralImage(
+            self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name}, sky=self._sky
+        )
 
     def xyz(self) -> Array:
         """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""
