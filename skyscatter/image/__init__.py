@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from skyscatter.image.filterimage import FilterImage
+from skyscatter.image.filters import FilterCurve
+from skyscatter.image.skyframe import SkyFrame
 from skyscatter.image.spectral import SpectralImage
 
-__all__ = ["SpectralImage"]
+__all__ = ["FilterCurve", "FilterImage", "SkyFrame", "SpectralImage"]

@@ -6,7 +6,7 @@ import importlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,17 +23,20 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from skyscatter.image.filterimage import FilterImage
     from skyscatter.image.skyframe import SkyFrame
 
 Array = NDArray[np.float64]
 
 UNITS = "W m-2 sr-1 nm-1"
 
+#: Options of pictures made from three filters.
+_PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
 #: Extension -> module and the options that its writer takes.
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral",)),
-    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength")),
-    ".fits": ("fits", ()),
+    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
+    ".fits": ("fits", ("filters",)),
     ".nc": ("netcdf", ()),
 }
 _READERS = tuple(ext for ext in _WRITERS if ext != ".png")
@@ -194,6 +197,30 @@ class SpectralImage:
             self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name}, sky=self._sky
         )
 
+    def through(
+        self, filters: str | Iterable[Any], errors: Literal["correlated", "independent"] = "correlated"
+    ) -> FilterImage:
+        """Radiance averaged over the bands of filters, a plane for each.
+
+        Parameters
+        ----------
+        filters : str or iterable
+            Names with commas between them (``"B,V,R"``), or a list of names, paths of csv files and `FilterCurve`; see
+            `skyscatter.image.filters` for the names and for what the average is.
+        errors : {"correlated", "independent"}
+            How the standard errors of the wavelengths combine.  Random walks carry all wavelengths at once, so by
+            default they are taken as fully correlated, which is right for grey errors and else an upper bound;
+            ``"independent"`` is right for photon noise.
+
+        Raises
+        ------
+        DomainError
+            For an unknown filter, and where the wavelengths cover less than 90 % of one.
+        """
+        from skyscatter.image.filterimage import through
+
+        return through(self, filters, errors)
+
     def xyz(self) -> Array:
         """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""
         return colour.spectrum_to_xyz(self._radiance, self._wavelengths)
@@ -243,7 +270,10 @@ class SpectralImage:
         ----------
         path : path-like
             ``.exr`` (RGB and spectral layers; option ``spectral=False`` for RGB alone), ``.png`` (options ``space``,
-            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` or ``.nc`` (netCDF).  A ``.png`` of a
+            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (option ``filters``: a plane for each
+            instead of the spectra, see `through`) or ``.nc`` (netCDF).  A ``.png`` may also show three filters as red,
+            green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
+            ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
             polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)
             or ``show="angle"`` (0 to 180 degrees on the cyclic map twilight), of all wavelengths weighted by luminous
             efficiency or of one ``wavelength`` [nm]; transparent where undefined.

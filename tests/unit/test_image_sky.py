@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray
+from astropy import units
 from astropy.coordinates import SkyCoord
 from astropy.io import fits
 from astropy.wcs import WCS
@@ -75,7 +76,8 @@ def test_astropy_finds_every_pixel(tmp_path: Path, grid: str, place: SkyFrame) -
             wcs = WCS(hdu.header, hdus)
             assert list(wcs.world_axis_physical_types) == ["pos.eq.ra", "pos.eq.dec", "em.wl"]
             world = wcs.wcs_pix2world(np.column_stack([x.ravel(), 11 - y.ravel(), np.ones(x.size)]), 0)
-            np.testing.assert_allclose(world[:, 2], 500e-9, rtol=1e-12)  # rounding
+            wavelengths = (world[:, 2] * units.Unit(wcs.world_axis_units[2])).to_value("nm")
+            np.testing.assert_allclose(wavelengths, 500.0, rtol=1e-12)  # rounding
             theirs, ours = SkyCoord(world[:, 0], world[:, 1], unit="deg"), SkyCoord(ra.ravel(), dec.ravel(), unit="deg")
             # 15 digits of the pixel scale, and rounding of degrees up to 360
             assert theirs.separation(ours).deg.max() < 1e-12
