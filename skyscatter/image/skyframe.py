@@ -29,6 +29,17 @@ class SkyFrame(Record):
     name: Annotated[str, Field(max_length=68, pattern=r"^[ -~]*$")] = ""  #: of the object; as FITS takes it
     frame: Literal["icrs"] = "icrs"
 
+    @classmethod
+    def seen(cls, view: Any, camera: Any, name: str = "") -> SkyFrame:
+        """Frame of a telescope's picture: of a view with ``ra_deg``, ``dec_deg`` and ``distance`` [m]."""
+        return cls(
+            ra_deg=view.ra_deg,
+            dec_deg=view.dec_deg,
+            pixel_scale_deg=camera.pixel_scale_deg,
+            distance=view.distance,
+            name=name,
+        )
+
     def coordinates(self, width: int, height: int) -> tuple[Array, Array]:
         """Right ascension (0 to 360) and declination of the pixel centres [degree], each of shape (height, width).
 

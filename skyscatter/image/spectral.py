@@ -197,6 +197,12 @@ class SpectralImage:
             self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name}, sky=self._sky
         )
 
+    def placed(self, sky: SkyFrame) -> SpectralImage:
+        """The same picture, with its arrays, at a place in the sky."""
+        return SpectralImage(
+            self._radiance, self._wavelengths, self._error, recipe=self._recipe, layers=self._layers, sky=sky
+        )
+
     def through(
         self, filters: str | Iterable[Any], errors: Literal["correlated", "independent"] = "correlated"
     ) -> FilterImage:
