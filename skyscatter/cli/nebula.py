@@ -256,7 +256,8 @@ def _whole_width(scene: Any, width: int, height: int) -> float:
     for component in scene.medium.components:
         low, high = (np.asarray(edge, dtype=float) for edge in component.density.bounds)
         corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
-        half = np.maximum(half, np.abs(axes @ corners).max(axis=1))
+        with np.errstate(invalid="ignore"):  # an endless field: infinity times zero
+            half = np.maximum(half, np.abs(axes @ corners).max(axis=1))
     if not np.all(np.isfinite(half)) or not half.max() > 0.0:
         raise DomainError(
             "field_of_view", None, "the nebula has no finite extent; give --field-of-view or --pixel-scale"

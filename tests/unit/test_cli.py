@@ -486,6 +486,7 @@ def loaded_by(arguments):
     [
         (["--help"], 0),
         (["sky", "--help"], 0),
+        (["nebula", "--help"], 0),
         (["models", "--help"], 0),
         (["--version"], 0),
         (["info"], 0),
@@ -494,6 +495,8 @@ def loaded_by(arguments):
         (["sky", "--bogus"], 2),
         (["sky", "-o", "x.gif"], 2),
         (["sky", "-o", "x.png", "--tone", "neon"], 2),
+        (["nebula", "m", "-o", "x.png", "--palette", "neon"], 2),
+        (["nebula", "m", "-o", "x.fits", "--filters", "neon"], 2),
     ],
 )
 def test_help_and_argument_errors_load_nothing_heavy(arguments, status):
