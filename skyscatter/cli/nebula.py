@@ -2,41 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from skyscatter.cli import common, parse
+from skyscatter.cli import nebula_options as options
+from skyscatter.cli.nebula_options import Request
 from skyscatter.errors import DomainError
-from skyscatter.units import PARSEC, metres
+from skyscatter.units import PARSEC
 
 DEFAULT_WAVELENGTHS = "380:780:10"
-#: Options that some solvers have no use for.
-MEANINGLESS: dict[str, tuple[str, ...]] = {
-    "path": (),
-    "single": ("samples", "noise", "seed", "max_order", "orders", "sampling"),
-}
-REMEDY = dict.fromkeys(MEANINGLESS["single"], "path")
 #: Room around a nebula of finite extent whose picture has no stated width.
 MARGIN = 1.05
-
-
-@dataclass(frozen=True)
-class Request(common.RunRequest):
-    """What the command line asks for, checked as far as that goes without a model."""
-
-    turned: dict[str, float]
-    field: tuple[str, float] | None
-    pixel_scale_deg: float | None
-    orders: int | None
-    sampling: str | None
-    filters: str | None
-    png: dict[str, Any]
-    observation: dict[str, Any]
 
 
 def nebula(
@@ -59,7 +39,14 @@ def nebula(
     position_angle: Annotated[
         str | None, typer.Option(metavar="DEG", help="Turn in the sky, from north through east [degree].")
     ] = None,
-    wavelengths: common.Wavelengths = DEFAULT_WAVELENGTHS,
+    wavelengths: Annotated[
+        str | None,
+        typer.Option(
+            metavar="START:STOP:STEP",
+            help=f"Vacuum wavelengths [nm], ends included, or a list: 450,550; else {DEFAULT_WAVELENGTHS}, with a node "
+            "in each narrow band that is asked for.",
+        ),
+    ] = None,
     solver: Annotated[
         str, typer.Option(metavar="NAME", help="path (all orders of scattering) or single (the first alone).")
     ] = "path",
@@ -138,11 +125,11 @@ def nebula(
         orders=parse.parse_integer(orders, "orders", 1, "give a number of layers, 1 or more"),
         sampling=sampling,
         filters=filters,
-        png=_png_options(png, space),
-        observation=_observation(psf, aperture, exposure_time, throughput, seed),
+        png=options.png_options(png, space),
+        observation=options.observation(psf, aperture, exposure_time, throughput, seed),
         outputs=outputs,
         **common.run_options(
-            wavelengths=wavelengths,
+            wavelengths=DEFAULT_WAVELENGTHS if wavelengths is None else wavelengths,
             samples=samples,
             noise=noise,
             tolerance=tolerance,
@@ -155,85 +142,11 @@ def nebula(
             resume=resume,
         ),
     )
-    common.check_solver(request, MEANINGLESS, REMEDY)
-    _check(request)
+    common.check_solver(request, options.MEANINGLESS, options.REMEDY)
+    if wavelengths is None:
+        request = options.with_bands(request)
+    options.check(request)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
-
-
-def _png_options(given: dict[str, Any], space: str | None) -> dict[str, Any]:
-    """Options of the PNG writer that were named, as it takes them."""
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    for name in ("stretch", "softening"):
-        if name in options:
-            options[name] = parse.parse_positive(options[name], name)
-    if "exposure" in options:
-        options["exposure"] = parse.parse_exposure(options["exposure"])
-    if space is not None:
-        options["space"] = space
-    if "," in options.get("palette", ""):
-        options["filters"] = options.pop("palette")
-    return options
-
-
-def _observation(
-    psf: str | None, aperture: str | None, exposure_time: str | None, throughput: str | None, seed: str | None
-) -> dict[str, Any]:
-    """Options of `skyscatter.image.instrument.observe`; empty if nothing is asked of it."""
-    options: dict[str, Any] = {}
-    if psf is not None:
-        from skyscatter.image.psf import point_spread
-
-        options["psf"] = point_spread(psf)
-    if (aperture is None) != (exposure_time is None):
-        given, missing = ("aperture", "exposure-time") if exposure_time is None else ("exposure_time", "aperture")
-        raise DomainError(given, aperture or exposure_time, f"photon noise needs --{missing} as well")
-    if aperture is None or exposure_time is None:
-        if throughput is not None:
-            raise DomainError("throughput", throughput, "is for photon noise; give --aperture and --exposure-time")
-        return options
-    diameter = metres(aperture, "aperture")
-    if not 0.0 < diameter < math.inf:
-        raise DomainError("aperture", aperture, "give the diameter of the mirror, such as 2.4m")
-    share = parse.parse_positive(throughput, "throughput")
-    if share is not None and share > 1.0:
-        raise DomainError("throughput", throughput, "give a share above 0 and at most 100 %")
-    return options | {
-        "photon_noise": True,
-        "collecting_area_m2": math.pi * diameter**2 / 4.0,
-        "exposure_s": parse.parse_time(exposure_time, "exposure_time"),
-        "throughput": 1.0 if share is None else share,
-        "seed": parse.parse_integer(seed, "seed", 0, "give a whole number from 0 to 9223372036854775807") or 0,
-    }
-
-
-def _check(request: Request) -> None:
-    """Refuse, before any time is spent, what the files could not hold."""
-    if request.field is not None and request.pixel_scale_deg is not None:
-        raise DomainError("pixel_scale", request.pixel_scale_deg, "give --field-of-view or --pixel-scale, not both")
-    if request.filters is not None:
-        if not common.has_suffix(request.outputs, ".fits"):
-            raise DomainError("filters", request.filters, "are for FITS files (PNG: --palette); name one with -o")
-        from skyscatter.image.filters import filter_curves
-
-        for curve in filter_curves(request.filters):
-            curve.weights(request.wavelengths)
-    if not {"palette", "filters"} & set(request.png):
-        png = request.png
-        common.check_development(png.get("space", "srgb"), png.get("tone", "filmic"), request.bits)
-    if common.has_suffix(request.outputs, ".png"):
-        _try_picture(request)
-
-
-def _try_picture(request: Request) -> None:
-    """Make the picture of one dark pixel with the options of the PNG file, which refuses what it would refuse later."""
-    from pathlib import Path
-    from tempfile import TemporaryDirectory
-
-    from skyscatter.image.spectral import SpectralImage
-
-    dark = SpectralImage(np.zeros((1, 1, request.wavelengths.size)), request.wavelengths)
-    with TemporaryDirectory() as folder:
-        dark.save(Path(folder) / "try.png", bits=request.bits, **request.png)
 
 
 def build_camera(request: Request, scene: Any) -> Any:
@@ -276,11 +189,12 @@ def run(request: Request, arguments: list[str]) -> int:
         raise DomainError("model", request.model, "is a planet with its air; use skyscatter sky")
     scene: Any = model.scene(**request.turned)
     camera = build_camera(request, scene)
+    sky = SkyFrame.seen(scene.view, camera, model.name)
     more: dict[str, Any] = {"orders": request.orders, "sampling": request.sampling}
     given = {name: value for name, value in more.items() if value is not None}
     image, finished = common.render_request(request, scene, camera, model.name, arguments, **given)
     noise = common.median_error(image) if request.solver == "path" else None
-    image = image.placed(SkyFrame.seen(scene.view, camera, model.name))
+    image = image.placed(sky)
     if request.observation:
         from skyscatter.image.instrument import observe
 
@@ -297,12 +211,12 @@ def _write(request: Request, image: Any) -> float | None:
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = image.auto_exposure() if stated == "auto" else float(stated)
     for path in request.outputs:
-        options: dict[str, Any] = {}
+        taken: dict[str, Any] = {}
         if path.suffix.lower() == ".png":
-            options = {**png, "bits": request.bits}
+            taken = {**png, "bits": request.bits}
         elif path.suffix.lower() == ".fits" and request.filters is not None:
-            options = {"filters": request.filters}
-        image.save(path, **options)
+            taken = {"filters": request.filters}
+        image.save(path, **taken)
     return exposure
 
 

@@ -10,7 +10,8 @@ PASP 124, 140).  L_band is in W m-2 sr-1 nm-1 either way.
 
 Each sampled wavelength stands for its cell, half-way to its neighbours (1 nm for a single one), in which L is constant.
 So the light of a spectral line counts in full where its cell lies within the filter, and shared out over the cell where
-the cell is wider than the filter: for narrow filters the wavelengths need cells no wider than they.
+the cell is wider than the filter: for narrow filters the wavelengths need cells no wider than they, as
+`with_narrow_bands` makes them.
 """
 
 from __future__ import annotations
@@ -169,6 +170,39 @@ def cells(wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
     """Lower and upper edges [nm] of the cells that sampled wavelengths stand for, each of shape (wavelength,)."""
     wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
     return (wl - 0.5, wl + 0.5) if wl.size == 1 else _cell_edges(wl)
+
+
+def with_narrow_bands(wavelengths_nm: ArrayLike, curves: Iterable[FilterCurve]) -> Array:
+    """Wavelengths [nm] with a cell for each narrow band: a node at its middle, and one to each side for the edges.
+
+    Parameters
+    ----------
+    wavelengths_nm : array_like, shape (wavelength,)
+    curves : iterable of FilterCurve
+        Those of `NARROW` count; of the others nothing is asked.
+
+    Returns
+    -------
+    ndarray
+        Nodes within one and a half widths of a band's middle have given way.  The cell edge between two bands that meet, Hα and
+        [N II], lies half-way between their middles.
+    """
+    bands = [NARROW[curve.name] for curve in curves if curve == _narrow(curve.name)]
+    middles = np.array([centre for centre, _ in bands])
+    nodes = np.asarray(wavelengths_nm, dtype=float)
+    for centre, width in bands:
+        nodes = nodes[np.abs(nodes - centre) > 1.5 * width]
+    for centre, width in bands:
+        sides = np.array([centre - width, centre + width])
+        others = [(middle, wide) for middle, wide in bands if middle != centre]
+        for middle, wide in others:
+            sides = sides[np.abs(sides - middle) > wide / 2]
+        nodes = np.concatenate([nodes, sides])
+    return np.unique(np.concatenate([nodes, middles]))
+
+
+def _narrow(name: str) -> FilterCurve | None:
+    return FilterCurve.box(name, *NARROW[name]) if name in NARROW else None
 
 
 def filter_curve(given: Any) -> FilterCurve:

@@ -238,6 +238,17 @@ def test_json(fake, capsys):
     assert told["filters"] == ["oiii", "hbeta", "sii"]
 
 
+def test_narrow_bands_get_wavelengths_of_their_own(fake):
+    assert main(["nebula", "orion", "--size", "4x3", "-o", "a.png", "--palette", "hoo"]) == 0
+    assert {654.46, 656.46, 658.46, 500.82} <= set(fake.render["wavelengths"].round(9))
+    assert main(["nebula", "orion", "--size", "4x3", "-o", "a.fits", "--filters", "V,nii"]) == 0
+    assert 658.53 in fake.render["wavelengths"]
+    assert main(["nebula", "orion", "--size", "4x3", "-o", "a.fits"]) == 0
+    np.testing.assert_array_equal(fake.render["wavelengths"], np.arange(380.0, 781.0, 10.0))
+    assert main(["nebula", "orion", "-o", "a.png", "--palette", "sho", "--wavelengths", WL]) == 0
+    assert fake.render["wavelengths"].size == 4  # what is named is what is computed
+
+
 def test_stated_exposure(fake, capsys):
     assert main(["nebula", "orion", "--json", "--exposure", "-20", "-o", "a.png", "--tone", "linear"]) == 0
     assert json.loads(capsys.readouterr().out)["exposure_ev"] == -20.0

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import FilterImage, SpectralImage
-from skyscatter.image.filters import BROAD, NARROW, FilterCurve, cells, filter_curve, filter_curves
+from skyscatter.image.filters import BROAD, NARROW, FilterCurve, cells, filter_curve, filter_curves, with_narrow_bands
 from skyscatter.image.skyframe import SkyFrame
 from skyscatter.spectra.solar import blackbody_irradiance
 from skyscatter.spectra.table import SpectralTable
@@ -103,6 +103,26 @@ def test_no_narrow_band_holds_a_line_of_another() -> None:
         nodes = filter_curve(name).wavelengths
         inside = {other for other, where in lines.items() for wl in where if nodes[0] < wl < nodes[1]}
         assert inside == {name}
+
+
+@pytest.mark.parametrize("names", ["halpha", "oiii,sii", "halpha,hbeta,oiii,nii,sii"])
+def test_wavelengths_with_a_cell_for_each_band(names: str) -> None:
+    curves = filter_curves(names)
+    wavelengths = with_narrow_bands(WL, (*curves, filter_curve("V")))
+    low, high = cells(wavelengths)
+    assert wavelengths[0] == 380.0
+    assert wavelengths[-1] == 780.0
+    assert np.diff(wavelengths).min() > 1.0
+    for curve in curves:
+        cell = np.flatnonzero(np.isclose(wavelengths, sum(NARROW[curve.name][:1])))[0]
+        # between Hα and [N II] the edge is half-way, 0.035 nm off each band's own
+        np.testing.assert_allclose((low[cell], high[cell]), curve.wavelengths, atol=0.04)
+        weights, coverage = curve.weights(wavelengths)
+        assert weights[cell] > 0.98
+        assert coverage > 0.99
+    np.testing.assert_array_equal(with_narrow_bands(WL, [filter_curve("V")]), WL)
+    own = FilterCurve.box("halpha", 500.0, 3.0)  # a name does not make a filter
+    np.testing.assert_array_equal(with_narrow_bands(WL, [own]), WL)
 
 
 def test_errors_of_wavelengths_combine() -> None:
