@@ -184,8 +184,8 @@ def with_narrow_bands(wavelengths_nm: ArrayLike, curves: Iterable[FilterCurve]) 
     Returns
     -------
     ndarray
-        Nodes within one and a half widths of a band's middle have given way.  The cell edge between two bands that meet, Hα and
-        [N II], lies half-way between their middles.
+        Nodes within one and a half widths of a band's middle have given way.  The cell edge between two bands that
+        meet, Hα and [N II], lies half-way between their middles.
     """
     bands = [NARROW[curve.name] for curve in curves if curve == _narrow(curve.name)]
     middles = np.array([centre for centre, _ in bands])
