@@ -74,13 +74,13 @@ class RunRequest:
 
 
 def run_options(**texts: Any) -> dict[str, Any]:
-    """Values of the fields of `RunRequest` that every command parses alike, from what was typed."""
+    """Values of the fields of `RunRequest` that every command parses alike, from what was typed; tolerance as it is."""
     integer = parse.parse_integer
     return {
         "wavelengths": parse.parse_wavelengths(texts["wavelengths"]),
         "samples": integer(texts["samples"], "samples", 1, "give a number of walks, 1 or more"),
         "noise": parse.parse_noise(texts["noise"]),
-        "tolerance": parse.parse_tolerance(texts["tolerance"]),
+        "tolerance": texts["tolerance"],
         "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),

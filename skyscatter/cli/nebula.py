@@ -53,7 +53,7 @@ def nebula(
     samples: common.Samples = None,
     noise: common.Noise = None,
     tolerance: Annotated[
-        str | None, typer.Option(metavar="REL", help="Relative accuracy of the light scattered once, 0.5% say.")
+        str | None, typer.Option(metavar="REL", help="Relative accuracy of the light scattered once, such as 0.01%.")
     ] = None,
     max_order: Annotated[
         str | None,
@@ -132,7 +132,7 @@ def nebula(
             wavelengths=DEFAULT_WAVELENGTHS if wavelengths is None else wavelengths,
             samples=samples,
             noise=noise,
-            tolerance=tolerance,
+            tolerance=parse.parse_tolerance(tolerance, options.LEAST_TOLERANCE),
             max_order=max_order,
             seed=None if solver == "single" and aperture is not None else seed,
             threads=threads,

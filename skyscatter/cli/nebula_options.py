@@ -19,6 +19,8 @@ MEANINGLESS: dict[str, tuple[str, ...]] = {
     "path": (),
     "single": ("samples", "noise", "seed", "max_order", "orders", "sampling"),
 }
+#: Finest relative accuracy of the quadrature along a ray that may be asked for.
+LEAST_TOLERANCE = 1e-9
 REMEDY = dict.fromkeys(MEANINGLESS["single"], "path")
 
 

@@ -161,13 +161,13 @@ def parse_noise(text: str | None) -> float | None:
     return value
 
 
-def parse_tolerance(text: str | None) -> float | None:
-    """``0.5%`` or ``0.005`` as a relative accuracy."""
+def parse_tolerance(text: str | None, lowest: float = 1e-4) -> float | None:
+    """``0.5%`` or ``0.005`` as a relative accuracy, not below `lowest`."""
     if text is None:
         return None
     value = _share(text)
-    if not 1e-4 <= value <= 0.1:
-        remedy = "give a relative accuracy between 0.01 and 10 %, for instance 0.5% or 0.005"
+    if not lowest <= value <= 0.1:
+        remedy = f"give a relative accuracy between {100 * lowest:g} and 10 %, for instance 0.5% or 0.005"
         raise DomainError("tolerance", text, remedy)
     return value
 

@@ -146,7 +146,7 @@ def sky(
             wavelengths=wavelengths,
             samples=samples,
             noise=noise,
-            tolerance=tolerance,
+            tolerance=parse.parse_tolerance(tolerance),
             max_order=max_order,
             seed=seed,
             threads=threads,

@@ -93,6 +93,7 @@ def fake(monkeypatch, tmp_path):
         (["--solver", "single", "--orders", "3"], ["orders", "--solver path"]),
         (["--solver", "single", "--seed", "3"], ["seed", "--solver path"]),
         (["--samples", "3", "--noise", "1%"], ["--samples or --noise"]),
+        (["--tolerance", "20%"], ["tolerance", "between 1e-07 and 10 %"]),
         (["--orders", "0"], ["orders", "1 or more"]),
         (["--filters", "V"], ["filters", "FITS"]),
         (["-o", "a.fits", "--filters", "Z"], ["filter", "no such filter"]),
@@ -247,6 +248,11 @@ def test_narrow_bands_get_wavelengths_of_their_own(fake):
     np.testing.assert_array_equal(fake.render["wavelengths"], np.arange(380.0, 781.0, 10.0))
     assert main(["nebula", "orion", "-o", "a.png", "--palette", "sho", "--wavelengths", WL]) == 0
     assert fake.render["wavelengths"].size == 4  # what is named is what is computed
+
+
+def test_accuracy_of_the_light_scattered_once(fake):
+    assert main(["nebula", "orion", "--json", "--solver", "single", "--tolerance", "1e-5"]) == 0
+    assert fake.render["tolerance"] == 1e-5
 
 
 def test_stated_exposure(fake, capsys):
