@@ -12,8 +12,9 @@ Tone.  ``"lupton"``: with I the mean of the three x,
 (Lupton et al. 2004, PASP 116, 133, whose α is 1 / stretch and whose Q is the softening), taken as display values as in
 their pictures; where the largest exceeds 1, all three are divided by it.  So the ratios of a pixel's three values are
 those of the planes, in highlights too.  `stretch` is the I at which the straight line of a softening near 0 reaches
-white; by default that where the curve itself is at 1 for I = 1, ``softening / sinh(softening)``.  ``"linear"`` takes x
-as linear light on the display, stopped at white in the same way.
+white.  A pixel whose largest x is m I is just at white with a stretch of ``softening I / sinh(softening / m)``; the
+default is the 99.5th percentile of that over the pixels that have light.  ``"linear"`` takes x as linear light on the
+display, stopped at white in the same way.
 """
 
 from __future__ import annotations
@@ -128,9 +129,17 @@ def lupton(planes: ArrayLike, stretch: float, softening: float) -> Array:
     return rgb / np.maximum(rgb.max(axis=-1, keepdims=True), 1.0)
 
 
-def _positive(name: str, value: float | None, default: float, highest: float) -> float:
-    if value is None:
-        return default
+def auto_stretch(planes: ArrayLike, softening: float) -> float:
+    """Stretch with which 99.5 % of the pixels that have light stay below white; planes (..., 3), not negative."""
+    x = np.asarray(planes, dtype=float).reshape(-1, 3)
+    mean = x.mean(axis=1)
+    x, mean = x[mean > 0.0], mean[mean > 0.0]
+    if mean.size == 0:
+        return softening / float(np.sinh(softening))
+    return float(np.percentile(softening * mean / np.sinh(softening * mean / x.max(axis=1)), _WHITE))
+
+
+def _positive(name: str, value: float, highest: float) -> float:
     if not 0.0 < float(value) <= highest:
         raise DomainError(name, value, f"a number above 0 and at most {highest:g}")
     return float(value)
@@ -172,8 +181,7 @@ def plane_picture(
     for name, value in (("stretch", stretch), ("softening", softening)):
         if tone != "lupton" and value is not None:
             raise DomainError(name, value, f"means nothing to the tone {tone}; leave it out")
-    soft = _positive("softening", softening, SOFTENING, 100.0)
-    straight = _positive("stretch", stretch, soft / float(np.sinh(soft)), 1e6)
+    soft = SOFTENING if softening is None else _positive("softening", softening, 100.0)
     curves = [filter_curve(word) for word in words]
     planes = np.stack([_plane(image, curve) for curve in curves], axis=-1)
     pairs = auto_levels(planes, own) if levels is None or levels == "auto" else _check_levels(levels)
@@ -190,6 +198,7 @@ def plane_picture(
         made["palette"] = palette
     if tone == "linear":
         return Planes(encode(x / np.maximum(x.max(axis=-1, keepdims=True), 1.0)), opaque, made)
+    straight = auto_stretch(x, soft) if stretch is None else _positive("stretch", stretch, 1e6)
     return Planes(lupton(x, straight, soft), opaque, {**made, "stretch": straight, "softening": soft})
 
 

@@ -11,7 +11,7 @@ from astropy.visualization import make_lupton_rgb
 
 from skyscatter.errors import DomainError
 from skyscatter.image import SpectralImage
-from skyscatter.image.palettes import PALETTES, auto_levels, lupton, plane_picture
+from skyscatter.image.palettes import PALETTES, auto_levels, auto_stretch, lupton, plane_picture
 from skyscatter.image.png import read_png
 from skyscatter.image.tone import encode
 
@@ -100,6 +100,18 @@ def test_brightness_as_told() -> None:
     # by default the curve reaches white at the white level
     white = plane_picture(flat, "rvb", levels=[(0.0, 0.25)] * 3).picture
     np.testing.assert_allclose(white, 1.0, rtol=1e-9)
+
+
+def test_few_pixels_are_white_by_default() -> None:
+    rng = np.random.default_rng(1)
+    planes = rng.random((200, 100, 3)) ** 4 * rng.choice([1e-3, 1.0], (200, 100, 1))
+    for softening in (0.1, 5.0, 20.0):
+        stretch = auto_stretch(planes, softening)
+        mean = planes.mean(axis=-1)
+        peak = planes.max(axis=-1) * np.arcsinh(softening * mean / stretch) / softening / mean
+        # by the definition of a percentile, to one pixel of 2e4
+        assert (peak > 1.0).mean() == pytest.approx(0.005, abs=1e-4)
+    assert auto_stretch(np.zeros((2, 2, 3)), 5.0) == pytest.approx(5.0 / np.sinh(5.0))
 
 
 def test_png_of_a_palette(tmp_path: Path) -> None:
