@@ -4,7 +4,7 @@
   headers of the radiance and of its standard error (extension ``STDERR``).
 - Extension ``FILTERS`` has a row for each: name, mean wavelength, weighting, the share of the filter that the computed
   wavelengths covered, and the curve as JSON.
-- Extension ``RECIPE`` as in spectral files.
+- Layers stand in ``LAYER1``, ..., named by the card ``LAYER``; extension ``RECIPE`` as in spectral files.
 """
 
 from __future__ import annotations
@@ -71,6 +71,10 @@ def write(image: FilterImage, path: Path) -> None:
     if image.standard_error is not None:
         hdus.append(fits.ImageHDU(flipped(image.standard_error), name="STDERR"))
         _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
+    for number, (name, cube) in enumerate(image.layers.items(), start=1):
+        hdus.append(fits.ImageHDU(flipped(cube), name=f"LAYER{number}"))
+        hdus[-1].header["LAYER"] = (name, "name of the layer")
+        _fill(hdus[-1], image, "A part of the radiance in the primary array.")
     hdus.append(_filter_table(image))
     hdus.append(recipe_table(image.recipe))
     with atomic_path(path) as temporary:
@@ -90,6 +94,7 @@ def _image(hdus: fits.HDUList, path: Path) -> FilterImage:
         coverage=[float(share) for share in table["COVERAGE"]],
         sky=read_celestial(hdus[0].header),
         recipe=read_recipe(hdus),
+        layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
     )
 
 

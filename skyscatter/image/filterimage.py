@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image.filters import FilterCurve, filter_curves
+from skyscatter.image.polarisation import STOKES_ERRORS
 
 if TYPE_CHECKING:
     from skyscatter.image.skyframe import SkyFrame
@@ -36,6 +37,8 @@ class FilterImage:
         Where the picture stands in the sky.
     recipe : mapping, optional
         How to make the image again.
+    layers : mapping of str to array_like, shape (y, x, filter), optional
+        Named parts of the radiance, as in `SpectralImage`.
 
     Raises
     ------
@@ -52,6 +55,7 @@ class FilterImage:
         coverage: Iterable[float] | None = None,
         sky: SkyFrame | None = None,
         recipe: Mapping[str, Any] | None = None,
+        layers: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         self.filters: tuple[FilterCurve, ...] = filter_curves(filters)
         self.radiance = _checked("radiance", radiance, len(self.filters))
@@ -65,6 +69,11 @@ class FilterImage:
             raise DomainError("coverage", self.coverage, "needs one share for each filter")
         self.sky = sky
         self.recipe: dict[str, Any] = dict(recipe or {})
+        planes = len(self.filters)
+        self.layers = {name: _checked(f"layer {name}", cube, planes) for name, cube in (layers or {}).items()}
+        for name, cube in self.layers.items():
+            if cube.shape != self.radiance.shape:
+                raise DomainError(f"layer {name}", cube.shape, "must have the shape of the radiance")
 
     def __repr__(self) -> str:
         y, x, _ = self.radiance.shape
@@ -111,11 +120,13 @@ def through(
         raise DomainError("errors", errors, "choose correlated or independent")
     found = [curve.weights(image.wavelengths) for curve in curves]
     weights = np.stack([share for share, _ in found], axis=1)
-    deviation = None
-    if image.standard_error is not None and errors == "correlated":
-        deviation = image.standard_error @ weights
-    elif image.standard_error is not None:
-        deviation = np.sqrt(np.square(image.standard_error, dtype=float) @ weights**2)
+
+    def averaged(cube: NDArray[Any], deviation: bool) -> NDArray[Any]:
+        if deviation and errors == "independent":
+            return np.asarray(np.sqrt(np.square(cube, dtype=float) @ weights**2))
+        return np.asarray(cube @ weights)
+
+    deviation = None if image.standard_error is None else averaged(image.standard_error, True)
     return FilterImage(
         image.radiance @ weights,
         curves,
@@ -123,6 +134,7 @@ def through(
         coverage=[share for _, share in found],
         sky=image.sky,
         recipe=image.recipe,
+        layers={name: averaged(cube, name in STOKES_ERRORS) for name, cube in image.layers.items()},
     )
 
 

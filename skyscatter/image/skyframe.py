@@ -13,6 +13,8 @@ from skyscatter.record import Record
 from skyscatter.units import Metres
 
 Array = NDArray[np.float64]
+Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
+TURNS = ("inclination_deg", "azimuth_deg", "position_angle_deg")
 
 
 class SkyFrame(Record):
@@ -28,16 +30,21 @@ class SkyFrame(Record):
     distance: Annotated[Metres, Field(gt=0.0)] | None = None  #: [m]
     name: Annotated[str, Field(max_length=68, pattern=r"^[ -~]*$")] = ""  #: of the object; as FITS takes it
     frame: Literal["icrs"] = "icrs"
+    #: How the model is turned (for the record: the picture itself always has north up).
+    inclination_deg: Turn | None = None
+    azimuth_deg: Turn | None = None
+    position_angle_deg: Turn | None = None
 
     @classmethod
     def seen(cls, view: Any, camera: Any, name: str = "") -> SkyFrame:
-        """Frame of a telescope's picture: of a view with ``ra_deg``, ``dec_deg`` and ``distance`` [m]."""
+        """Frame of a telescope's picture: of a view with ``ra_deg``, ``dec_deg``, ``distance`` [m] and its angles."""
         return cls(
             ra_deg=view.ra_deg,
             dec_deg=view.dec_deg,
             pixel_scale_deg=camera.pixel_scale_deg,
             distance=view.distance,
             name=name,
+            **{turn: getattr(view, turn) for turn in TURNS},
         )
 
     def coordinates(self, width: int, height: int) -> tuple[Array, Array]:

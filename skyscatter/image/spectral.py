@@ -18,13 +18,13 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import colour
 from skyscatter.image import polarisation as polar
 from skyscatter.image import tone as tones
+from skyscatter.image.skyframe import SkyFrame
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
     from skyscatter.image.filterimage import FilterImage
-    from skyscatter.image.skyframe import SkyFrame
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ class SpectralImage:
             self._recipe: dict[str, Any] = json.loads(json.dumps(dict(recipe or {}), allow_nan=False))
         except (TypeError, ValueError) as error:
             raise DomainError("recipe", type(recipe).__name__, f"must be a JSON object ({error})") from error
-        if sky is not None and not hasattr(sky, "pixel_scale_deg"):
+        if sky is not None and not isinstance(sky, SkyFrame):
             raise DomainError("sky", type(sky).__name__, "must be a SkyFrame")
         self._sky = sky
 

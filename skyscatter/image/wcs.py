@@ -11,6 +11,13 @@ from skyscatter.units import PARSEC
 
 Card = tuple[str, Any, str]
 
+#: Cards of the orientation of the model, which the WCS does not know.
+_TURNS = {
+    "inclination_deg": ("INCLINAT", "[deg] tilt of the model's axis to north"),
+    "azimuth_deg": ("AZIMUTH", "[deg] turn of the model about its axis"),
+    "position_angle_deg": ("POSANGLE", "[deg] turn in the sky, N through E"),
+}
+
 
 def celestial_cards(sky: SkyFrame | None, width: int, height: int) -> list[Card]:
     """Header cards of the first two axes; none without a frame.
@@ -38,6 +45,9 @@ def celestial_cards(sky: SkyFrame | None, width: int, height: int) -> list[Card]
         cards.append(("OBJECT", sky.name, ""))
     if sky.distance is not None:
         cards.append(("DISTANCE", sky.distance / PARSEC, "[pc] distance of the object"))
+    for name, (keyword, comment) in _TURNS.items():
+        if getattr(sky, name) is not None:
+            cards.append((keyword, getattr(sky, name), comment))
     return cards
 
 
@@ -73,6 +83,7 @@ def read_celestial(header: Any) -> SkyFrame | None:
             pixel_scale_deg=scale,
             distance=None if distance is None else distance * PARSEC,
             name=str(header.get("OBJECT", "")),
+            **{name: header.get(keyword) for name, (keyword, _) in _TURNS.items()},
         )
     except (KeyError, TypeError, ValidationError):
         return None

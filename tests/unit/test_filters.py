@@ -203,6 +203,22 @@ def test_planes_of_filters_in_fits(tmp_path: Path, error: float | None) -> None:
         hdus.verify("exception")
 
 
+def test_layers_pass_the_filters(tmp_path: Path) -> None:
+    cube = image(np.ones(WL.size)).radiance
+    layers = {"order1": 0.25 * cube, "Q": 0.5 * cube, "U": 0 * cube, "V": 0 * cube, "Q_error": 0.1 * cube}
+    made = SpectralImage(cube, WL, layers=layers)
+    made.save(tmp_path / "a.fits", filters="V,R")
+    back = FilterImage.load(tmp_path / "a.fits")
+    assert list(back.layers) == list(layers)
+    np.testing.assert_allclose(back.layers["order1"], 0.25 * back.radiance, rtol=1e-12)  # rounding
+    weights = filter_curve("V").weights(WL)[0]
+    independent = made.through("V", errors="independent").layers
+    np.testing.assert_allclose(independent["Q_error"], 0.1 * np.sqrt((weights**2).sum()) * cube[..., :1], rtol=1e-12)
+    np.testing.assert_allclose(independent["Q"], 0.5 * cube[..., :1], rtol=1e-12)
+    with pytest.raises(DomainError, match="layer a"):
+        FilterImage(np.ones((2, 3, 1)), "V", layers={"a": np.ones((3, 2, 1))})
+
+
 def test_files_of_the_other_kind_say_so(tmp_path: Path) -> None:
     made = image(np.ones(WL.size))
     made.save(tmp_path / "planes.fits", filters="V")

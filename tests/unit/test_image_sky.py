@@ -41,7 +41,7 @@ def same(one: SkyFrame | None, other: SkyFrame | None) -> None:
     assert one is not None
     assert other is not None
     assert (one.name, one.frame, one.distance is None) == (other.name, other.frame, other.distance is None)
-    for name in ("ra_deg", "dec_deg", "pixel_scale_deg", "distance"):
+    for name in ("ra_deg", "dec_deg", "pixel_scale_deg", "distance", "inclination_deg", "azimuth_deg"):
         if getattr(other, name) is not None:
             # a FITS card has room for 15 digits of a long number
             assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-13)
@@ -83,6 +83,21 @@ def test_astropy_finds_every_pixel(tmp_path: Path, grid: str, place: SkyFrame) -
             assert theirs.separation(ours).deg.max() < 1e-12
             middle = wcs.celestial.pixel_to_world(9.0, 5.5)
             assert middle.icrs.separation(SkyCoord(place.ra_deg, place.dec_deg, unit="deg")).deg < 1e-12
+
+
+def test_frame_of_a_view_and_a_telescope(tmp_path: Path) -> None:
+    turned = {"inclination_deg": 35.0, "azimuth_deg": -20.5, "position_angle_deg": 110.0}
+    view = SimpleNamespace(ra_deg=83.8, dec_deg=-5.4, distance=3e18, **turned)
+    sky = SkyFrame.seen(view, Telescope(width=19, height=12, pixel_scale_deg=0.01), "pillar")
+    assert sky.model_dump() == {
+        **turned, "ra_deg": 83.8, "dec_deg": -5.4, "distance": 3e18, "pixel_scale_deg": 0.01, "name": "pillar",
+        "frame": "icrs",
+    }  # fmt: skip
+    for extension in ("fits", "exr", "nc"):
+        sample(None).placed(sky).save(tmp_path / f"a.{extension}")
+        same(SpectralImage.load(tmp_path / f"a.{extension}").sky, sky)
+    header = fits.getheader(tmp_path / "a.fits")
+    assert (header["INCLINAT"], header["AZIMUTH"], header["POSANGLE"]) == (35.0, -20.5, 110.0)
 
 
 def test_directions_in_the_sky(tmp_path: Path) -> None:
