@@ -34,7 +34,12 @@ _HOME = {
     "Panorama": "skyscatter.geometry.camera",
     "Perspective": "skyscatter.geometry.camera",
     "PlanetView": "skyscatter.geometry.camera",
+    "Telescope": "skyscatter.geometry.telescope",
+    "FilterCurve": "skyscatter.image.filters",
+    "FilterImage": "skyscatter.image.filterimage",
+    "SkyFrame": "skyscatter.image.skyframe",
     "SpectralImage": "skyscatter.image.spectral",
+    "observe": "skyscatter.image.instrument",
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
     "transmittance": "skyscatter.columns",
@@ -50,6 +55,11 @@ __all__ = ["__version__", *_HOME]
 if TYPE_CHECKING:
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
+    from skyscatter.geometry.telescope import Telescope
+    from skyscatter.image.filterimage import FilterImage
+    from skyscatter.image.filters import FilterCurve
+    from skyscatter.image.instrument import observe
+    from skyscatter.image.skyframe import SkyFrame
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.media.medium import Component, Medium
     from skyscatter.model import Model, Planet, load_model, model_names

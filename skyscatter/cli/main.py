@@ -15,7 +15,7 @@ import typer
 from pydantic import ValidationError
 
 import skyscatter
-from skyscatter.cli import info, models, sky
+from skyscatter.cli import info, models, nebula, sky
 from skyscatter.errors import SkyscatterError
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("sky")(sky.sky)
+app.command("nebula")(nebula.nebula)
 app.add_typer(models.app, name="models")
 app.command("info")(info.info)
 

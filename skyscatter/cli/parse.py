@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError, MissingDataError, UnitsError
-from skyscatter.units import nanometres
+from skyscatter.units import metres, nanometres
 
 #: Formats by extension: picture, spectral layers, FITS cube, netCDF.
 OUTPUT_SUFFIXES = (".png", ".exr", ".fits", ".nc")
@@ -25,6 +25,7 @@ _DEFAULT_SIZE = {
     "fisheye-equisolid": (256, 256),
     "perspective": (384, 256),
     "planet": (256, 256),
+    "telescope": (256, 256),
 }
 
 
@@ -94,6 +95,62 @@ def parse_degrees(text: str | None, name: str, limit: float, default: float) -> 
     return value
 
 
+_ANGLE = {"deg": 1.0, "arcmin": 1.0 / 60.0, "arcsec": 1.0 / 3600.0, "mas": 1.0 / 3600e3}
+_TIME = {"s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def _with_unit(text: str, units: dict[str, float]) -> float:
+    """A number with one of the units; not a number for anything else."""
+    for unit in sorted(units, key=len, reverse=True):
+        if text.strip().endswith(unit):
+            try:
+                return float(text.strip().removesuffix(unit)) * units[unit]
+            except ValueError:
+                return math.nan
+    return math.nan
+
+
+def parse_angle(text: str, name: str) -> float:
+    """An angle above 0 [degree] from a number with its unit, such as ``0.5arcsec``."""
+    value = _with_unit(text, _ANGLE)
+    if not 0.0 < value < math.inf:
+        raise DomainError(name, text, f"give an angle above 0 with its unit ({', '.join(_ANGLE)}), such as 0.5arcsec")
+    return value
+
+
+def parse_field(text: str) -> tuple[str, float]:
+    """``("angle", degrees)`` from ``10arcmin``, ``("length", metres)`` from ``2pc``."""
+    angle = _with_unit(text, _ANGLE)
+    if 0.0 < angle < math.inf:
+        return "angle", angle
+    remedy = "give the picture's width as an angle or a length with its unit, such as 10arcmin or 2pc"
+    try:
+        length = math.nan if text.strip()[-1:].isdigit() else metres(text, "field_of_view")
+    except UnitsError:
+        length = math.nan
+    if not 0.0 < length < math.inf:
+        raise DomainError("field_of_view", text, remedy)
+    return "length", length
+
+
+def parse_time(text: str, name: str) -> float:
+    """A time above 0 [s] from a number with its unit, such as ``20min``."""
+    value = _with_unit(text, _TIME)
+    if not 0.0 < value < math.inf:
+        raise DomainError(name, text, f"give a time above 0 with its unit ({', '.join(_TIME)}), such as 600s")
+    return value
+
+
+def parse_positive(text: str | None, name: str) -> float | None:
+    """A number above 0; None stays None."""
+    if text is None:
+        return None
+    value = _share(text)
+    if not 0.0 < value < math.inf:
+        raise DomainError(name, text, "give a number above 0")
+    return value
+
+
 def parse_noise(text: str | None) -> float | None:
     """``1%`` or ``0.01`` as a relative standard error."""
     if text is None:
@@ -104,13 +161,13 @@ def parse_noise(text: str | None) -> float | None:
     return value
 
 
-def parse_tolerance(text: str | None) -> float | None:
-    """``0.5%`` or ``0.005`` as a relative accuracy."""
+def parse_tolerance(text: str | None, lowest: float = 1e-4) -> float | None:
+    """``0.5%`` or ``0.005`` as a relative accuracy, not below `lowest`."""
     if text is None:
         return None
     value = _share(text)
-    if not 1e-4 <= value <= 0.1:
-        remedy = "give a relative accuracy between 0.01 and 10 %, for instance 0.5% or 0.005"
+    if not lowest <= value <= 0.1:
+        remedy = f"give a relative accuracy between {100 * lowest:g} and 10 %, for instance 0.5% or 0.005"
         raise DomainError("tolerance", text, remedy)
     return value
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from skyscatter.geometry.camera import Camera, Fisheye, Panorama, Perspective, PlanetView, camera_from_view
 from skyscatter.geometry.sun import SunPosition, sun_position
+from skyscatter.geometry.telescope import Telescope
 
 __all__ = [
     "Camera",
@@ -12,6 +13,7 @@ __all__ = [
     "Perspective",
     "PlanetView",
     "SunPosition",
+    "Telescope",
     "camera_from_view",
     "sun_position",
 ]

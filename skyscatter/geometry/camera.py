@@ -14,65 +14,18 @@ each class states its mapping as an equation.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
+from skyscatter.geometry.pinhole import Array, CameraBase, ObserverLike, Pinhole
+from skyscatter.geometry.telescope import Telescope
 from skyscatter.geometry.vectors import azimuth_elevation_from_direction, camera_frame, direction_from_azimuth_elevation
-from skyscatter.record import Record
 
-Array = NDArray[np.float64]
-Pixels = Annotated[int, Field(ge=1, le=65536)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
-
-
-class ObserverLike(Protocol):
-    """What a camera may ask of an observer; all in metres."""
-
-    @property
-    def altitude(self) -> float:
-        """Height above the ground."""
-
-    @property
-    def planet_radius(self) -> float:
-        """Radius of the ground."""
-
-    @property
-    def atmosphere_top(self) -> float:
-        """Altitude above which there is vacuum."""
-
-
-class CameraBase(Record):
-    """Size of the picture and what all cameras share."""
-
-    width: Pixels
-    height: Pixels
-
-    def directions(self, observer: ObserverLike | None = None) -> Array:
-        """Unit vectors (east, north, up) through the pixel centres, shape (height, width, 3); NaN outside the field."""
-        raise NotImplementedError
-
-    def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
-        """Fractional pixel coordinates (x, y) of directions of shape (..., 3); NaN where the camera does not see."""
-        raise NotImplementedError
-
-    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
-        """Solid angle of each pixel [sr], shape (height, width); 0 outside the field."""
-        raise NotImplementedError
-
-    def _offsets(self) -> tuple[Array, Array]:
-        a = np.arange(self.width) - (self.width - 1) / 2
-        b = (self.height - 1) / 2 - np.arange(self.height)
-        return np.broadcast_to(a, (self.height, self.width)), np.broadcast_to(b[:, None], (self.height, self.width))
-
-    def _inside(self, a: Array, b: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        x, y = (self.width - 1) / 2 + a, (self.height - 1) / 2 - b
-        with np.errstate(invalid="ignore"):
-            seen = seen & (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5)
-        return np.where(seen, x, np.nan), np.where(seen, y, np.nan)
 
 
 class Panorama(CameraBase):
@@ -178,37 +131,7 @@ class Fisheye(CameraBase):
         return np.where(np.isnan(theta), 0.0, omega)
 
 
-class _Pinhole(CameraBase):
-    """Straight lines stay straight: ``d ∝ f·forward + a·right + b·up`` with a focal length of f pixels."""
-
-    def _view(self, observer: ObserverLike | None) -> tuple[float, Array, Array, Array]:
-        """Focal length [pixel], forward, right, up."""
-        raise NotImplementedError
-
-    def directions(self, observer: ObserverLike | None = None) -> Array:
-        """Unit vectors (east, north, up), shape (height, width, 3)."""
-        focal, forward, right, up = self._view(observer)
-        a, b = self._offsets()
-        d = focal * forward + a[..., None] * right + b[..., None] * up
-        return d / np.linalg.norm(d, axis=-1, keepdims=True)
-
-    def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
-        """Fractional pixel coordinates (x, y); NaN behind the camera and outside the frame."""
-        focal, forward, right, up = self._view(observer)
-        d = np.asarray(direction, dtype=float)
-        ahead = d @ forward
-        seen = ahead > 0
-        scale = focal / np.where(seen, ahead, 1.0)
-        return self._inside((d @ right) * scale, (d @ up) * scale, seen)
-
-    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
-        """Solid angle [sr] at the pixel centre: f (f² + a² + b²)^(-3/2), the area of a pixel seen obliquely."""
-        focal, *_ = self._view(observer)
-        a, b = self._offsets()
-        return focal / (focal**2 + a**2 + b**2) ** 1.5
-
-
-class Perspective(_Pinhole):
+class Perspective(Pinhole):
     """Pinhole camera by pointing and horizontal field of view: ``f = (width / 2) / tan(fov / 2)`` pixels.
 
     Up in the picture is towards the zenith; roll turns the camera clockwise as seen from behind it.
@@ -225,7 +148,7 @@ class Perspective(_Pinhole):
         return focal, *camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
 
 
-class PlanetView(_Pinhole):
+class PlanetView(Pinhole):
     """The whole planet with its atmosphere, from above: looking straight down, north at the top, east on the right.
 
     The limb of the atmosphere stands ``ρ`` from the nadir, ``sin ρ = (R + top) / (R + altitude)``; the focal length is
@@ -251,7 +174,7 @@ class PlanetView(_Pinhole):
         return focal, *camera_frame(0.0, -90.0)
 
 
-Camera = Annotated[Panorama | Fisheye | Perspective | PlanetView, Field(discriminator="kind")]
+Camera = Annotated[Panorama | Fisheye | Perspective | PlanetView | Telescope, Field(discriminator="kind")]
 
 VIEWS = "panorama, panorama-upper, fisheye, fisheye-equisolid, perspective:AZIMUTH,ELEVATION,FOV, planet"
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from skyscatter.image.filterimage import FilterImage
+from skyscatter.image.filters import FilterCurve
+from skyscatter.image.instrument import observe
+from skyscatter.image.skyframe import SkyFrame
 from skyscatter.image.spectral import SpectralImage
 
-__all__ = ["SpectralImage"]
+__all__ = ["FilterCurve", "FilterImage", "SkyFrame", "SpectralImage", "observe"]

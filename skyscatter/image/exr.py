@@ -15,7 +15,7 @@ Channels (all float32, ZIP):
 - ``standard_error.550,000000nm`` and ``layer.NAME.550,000000nm``: our own, which readers of that layout pass over.
 
 ``skyscatterWavelengths`` keeps the wavelengths to the last digit (names have six decimals), ``skyscatterRecipe`` the
-recipe.
+recipe, ``skyscatterSky`` (JSON) where a picture with celestial coordinates stands in the sky.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.image.colour import SPACES
 from skyscatter.image.polarisation import FRAME, STOKES
+from skyscatter.image.skyframe import read_sky
 from skyscatter.image.spectral import UNITS, SpectralImage
 
 _MAGIC = b"\x76\x2f\x31\x01"
@@ -121,6 +122,8 @@ def _header(image: SpectralImage, spectral: bool) -> dict[str, Any]:
         "software": "skyscatter",
         "skyscatterRecipe": json.dumps(image.recipe),
     }
+    if image.sky is not None:
+        header["skyscatterSky"] = image.sky.model_dump_json()
     if spectral:
         header["spectralLayoutVersion"] = "1.0"
         header["emissiveUnits"] = "W.m^-2.sr^-1"
@@ -191,6 +194,7 @@ def read(path: Path) -> SpectralImage:
         error,
         recipe=_json_attribute(header, "skyscatterRecipe", path) or {},
         layers={_layer_name(header, group): cube for group, cube in cubes.items()},
+        sky=read_sky(header.get("skyscatterSky"), path),
     )
 
 

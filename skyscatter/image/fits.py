@@ -7,6 +7,8 @@
 - The third world axis is ``WAVE`` (vacuum) in nm: linear where the grid is uniform, else a look-up table, ``WAVE-TAB``
   (Greisen et al. 2006, A&A 446, 747, section 6), which `astropy.wcs` reads when it is given the file.
 - Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
+- An image with a celestial frame (`SkyFrame`) has RA---TAN and DEC--TAN as first two axes in every image extension, the
+  reference pixel in the middle of the picture, ``RADESYS``, ``OBJECT`` and ``DISTANCE`` (pc).
 - Extension ``RECIPE`` holds the recipe as JSON in a table of one cell, where length and characters are free.
 """
 
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +26,10 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
+from skyscatter.image.filterimage import through
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.spectral import UNITS, SpectralImage
+from skyscatter.image.wcs import celestial_cards, read_celestial
 
 if TYPE_CHECKING:
     from astropy.io import fits
@@ -64,7 +69,8 @@ def _axes(wavelengths: NDArray[np.float64]) -> list[tuple[str, Any, str]]:
 
 def _fill(hdu: Any, image: SpectralImage, comment: str) -> None:
     hdu.header["BUNIT"] = UNITS
-    for card in _axes(image.wavelengths):
+    height, width, _ = image.shape
+    for card in (*_axes(image.wavelengths), *celestial_cards(image.sky, width, height)):
         hdu.header[card[0]] = card[1:]
     hdu.header["COMMENT"] = comment
     hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
@@ -89,24 +95,44 @@ def _fill_frame(hdu: Any, name: str) -> None:
     hdu.header["COMMENT"] = FRAME
 
 
-def _flipped(cube: NDArray[Any]) -> NDArray[Any]:
+def flipped(cube: NDArray[Any]) -> NDArray[Any]:
+    """Array (plane, y, x) as FITS stores it: row 1 is the bottom of the picture."""
     return np.ascontiguousarray(np.moveaxis(cube, -1, 0)[:, ::-1, :])
+
+
+def stamp(primary: Any) -> None:
+    """When and by what the file was written."""
+    primary.header["DATE"] = (datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "when this file was written (UTC)")
+    primary.header["CREATOR"] = "skyscatter"
+
+
+def recipe_table(recipe: dict[str, Any]) -> Any:
+    """Extension with the recipe."""
+    from astropy.io import fits
+
+    text = json.dumps(recipe)  # ASCII: JSON escapes the rest
+    cell = fits.Column("JSON", f"{len(text)}A", array=np.array([text.encode("ascii")]))
+    return fits.BinTableHDU.from_columns([cell], name="RECIPE")
+
+
+def read_recipe(hdus: fits.HDUList) -> dict[str, Any]:
+    """Recipe from its extension; empty where there is none."""
+    return json.loads(str(hdus["RECIPE"].data["JSON"][0])) if "RECIPE" in hdus else {}
 
 
 def _hdus(image: SpectralImage) -> fits.HDUList:
     from astropy.io import fits
 
-    primary = fits.PrimaryHDU(_flipped(image.radiance))
+    primary = fits.PrimaryHDU(flipped(image.radiance))
     _fill(primary, image, "Spectral radiance.")
-    primary.header["DATE"] = (datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "when this file was written (UTC)")
-    primary.header["CREATOR"] = "skyscatter"
+    stamp(primary)
     hdus = fits.HDUList([primary])
     if image.standard_error is not None:
-        hdus.append(fits.ImageHDU(_flipped(image.standard_error), name="STDERR"))
+        hdus.append(fits.ImageHDU(flipped(image.standard_error), name="STDERR"))
         _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
     for number, (name, cube) in enumerate(image.layers.items(), start=1):
         stokes = image.polarised and name in (*STOKES, *STOKES_ERRORS)
-        hdus.append(fits.ImageHDU(_flipped(cube), name=_stokes_extension(name) if stokes else f"LAYER{number}"))
+        hdus.append(fits.ImageHDU(flipped(cube), name=_stokes_extension(name) if stokes else f"LAYER{number}"))
         hdus[-1].header["LAYER"] = (name, "name of the layer")
         _fill(hdus[-1], image, _layer_comment(name, stokes))
         if stokes:
@@ -116,14 +142,15 @@ def _hdus(image: SpectralImage) -> fits.HDUList:
     table = fits.BinTableHDU.from_columns([column], name=_TABLE)
     table.header["EXTVER"], table.header["EXTLEVEL"] = 1, 1
     hdus.append(table)
-    text = json.dumps(image.recipe)  # ASCII: JSON escapes the rest
-    cell = fits.Column("JSON", f"{len(text)}A", array=np.array([text.encode("ascii")]))
-    hdus.append(fits.BinTableHDU.from_columns([cell], name="RECIPE"))
+    hdus.append(recipe_table(image.recipe))
     return hdus
 
 
-def write(image: SpectralImage, path: Path) -> None:
-    """Write a FITS file with checksums."""
+def write(image: SpectralImage, path: Path, filters: str | Iterable[Any] | None = None) -> None:
+    """Write a FITS file with checksums; with `filters` a plane for each instead of the spectra."""
+    if filters is not None:
+        through(image, filters).save(path)
+        return
     with atomic_path(path) as temporary:
         _hdus(image).writeto(temporary, overwrite=True, checksum=True)
 
@@ -142,7 +169,8 @@ def _wavelengths(hdus: fits.HDUList, path: Path) -> NDArray[np.float64]:
     return np.asarray((header.get("CRVAL3", 0.0) + index * header["CDELT3"]) * scale, dtype=np.float64)
 
 
-def _cube(hdu: Any) -> NDArray[Any]:
+def cube_of(hdu: Any) -> NDArray[Any]:
+    """Array (y, x, plane) of an image extension, the first row on top, in this machine's byte order."""
     values = np.moveaxis(hdu.data[:, ::-1, :], 0, -1)
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
@@ -150,18 +178,20 @@ def _cube(hdu: Any) -> NDArray[Any]:
 def _image(hdus: fits.HDUList, path: Path) -> SpectralImage:
     if hdus[0].data is None or hdus[0].data.ndim != 3:
         raise DomainError("image file", str(path), "its primary array is no cube (wavelength, y, x)")
-    recipe = json.loads(str(hdus["RECIPE"].data["JSON"][0])) if "RECIPE" in hdus else {}
+    if "FILTERS" in hdus:
+        raise DomainError("image file", str(path), "has a plane per filter, no spectra; read it with FilterImage.load")
     return SpectralImage(
-        _cube(hdus[0]),
+        cube_of(hdus[0]),
         _wavelengths(hdus, path),
-        _cube(hdus["STDERR"]) if "STDERR" in hdus else None,
-        recipe=recipe,
-        layers={hdu.header["LAYER"]: _cube(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
+        cube_of(hdus["STDERR"]) if "STDERR" in hdus else None,
+        recipe=read_recipe(hdus),
+        layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
+        sky=read_celestial(hdus[0].header),
     )
 
 
-def read(path: Path) -> SpectralImage:
-    """Read a FITS file that `write` wrote, or another cube with a linear vacuum wavelength axis."""
+def open_fits(path: Path, build: Callable[[fits.HDUList, Path], Any]) -> Any:
+    """What `build` makes of an opened FITS file; damage becomes one clear line."""
     from astropy.io import fits
 
     with path.open("rb") as file:
@@ -172,8 +202,14 @@ def read(path: Path) -> SpectralImage:
             # A cut file is refused below, where its data are read; the warning before it would be said twice.
             warnings.filterwarnings("ignore", "File may have been truncated")
             with fits.open(path, memmap=False) as hdus:
-                return _image(hdus, path)
+                return build(hdus, path)
     except DomainError:
         raise
     except (OSError, ValueError, TypeError, KeyError, IndexError, fits.VerifyError) as error:
         raise DomainError("image file", str(path), f"is a damaged FITS file ({error})") from error
+
+
+def read(path: Path) -> SpectralImage:
+    """Read a FITS file that `write` wrote, or another cube with a linear vacuum wavelength axis."""
+    image: SpectralImage = open_fits(path, _image)
+    return image

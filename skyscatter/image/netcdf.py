@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
+from skyscatter.image.skyframe import read_sky
 from skyscatter.image.spectral import UNITS, SpectralImage
 
 if TYPE_CHECKING:
@@ -47,15 +48,28 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
     wavelength = {"units": "nm", "standard_name": "radiation_wavelength", "long_name": "wavelength in vacuum"}
     return xarray.Dataset(
         variables,
-        coords={"wavelength": ("wavelength", image.wavelengths, wavelength)},
+        coords={"wavelength": ("wavelength", image.wavelengths, wavelength), **_sky_coordinates(image)},
         attrs={
             "Conventions": "CF-1.11",
             "title": "Spectral image",
             "source": "skyscatter",
             "comment": "The first row is the top of the picture; NaN lies outside the camera's field.",
             "recipe": json.dumps(image.recipe),
+            **({} if image.sky is None else {"sky": image.sky.model_dump_json()}),
         },
     )
+
+
+def _sky_coordinates(image: SpectralImage) -> dict[str, Any]:
+    """Right ascension and declination of the pixel centres, for images that stand in the sky."""
+    if image.sky is None:
+        return {}
+    height, width, _ = image.shape
+    ra, dec = image.sky.coordinates(width, height)
+    return {
+        "ra": (("y", "x"), ra, {"units": "degree", "long_name": "right ascension (ICRS)"}),
+        "dec": (("y", "x"), dec, {"units": "degree", "long_name": "declination (ICRS)"}),
+    }
 
 
 def _polarisation(image: SpectralImage) -> dict[str, Any]:
@@ -110,6 +124,7 @@ def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
             **{layer: cubes[variable] for layer, variable in _STOKES_VARIABLES.items() if variable in cubes},
             **{name.removeprefix(_LAYER): cube for name, cube in cubes.items() if name.startswith(_LAYER)},
         },
+        sky=read_sky(dataset.attrs.get("sky"), "dataset"),
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image.colour import ColourSpace, display_space
+from skyscatter.image.palettes import Levels, plane_picture
 from skyscatter.image.polarisation import SCALES, check_shown, painted
 from skyscatter.image.spectral import SpectralImage
 
@@ -97,24 +98,36 @@ def write(
     bits: int = 8,
     show: str = "colour",
     wavelength: float | None = None,
+    palette: str | None = None,
+    filters: str | Iterable[Any] | None = None,
+    stretch: float | None = None,
+    softening: float | None = None,
+    levels: Levels | Literal["auto"] | None = None,
 ) -> None:
     """Write the picture of an image; transparent where it lies outside the camera's field.
 
     With `show` ``"degree"`` or ``"angle"`` the picture is that of the linear polarisation, of all wavelengths weighted
-    by luminous efficiency or of one `wavelength` [nm], and transparent where it is undefined.
+    by luminous efficiency or of one `wavelength` [nm], and transparent where it is undefined.  With a `palette` or
+    three `filters` it shows these as red, green and blue; see `skyscatter.image.palettes`.
     """
     check_shown(show)
-    if show == "colour":
+    developed = {"space": space, "exposure": exposure, "tone": tone}
+    planes = {"palette": palette, "filters": filters, "stretch": stretch, "softening": softening, "levels": levels}
+    if palette is not None or filters is not None:
+        _refuse({"space": space, "exposure": exposure}, "pictures of filters, which are sRGB and take levels")
+        _refuse({"wavelength": wavelength, "show": None if show == "colour" else show}, "pictures of filters")
+        space, (picture, opaque, made) = "srgb", plane_picture(image, tone=tone, **planes)  # type: ignore[arg-type]
+    elif show == "colour":
         if wavelength is not None:
             raise DomainError("wavelength", wavelength, "is for show='degree' and 'angle'; colour takes all of them")
+        if tone == "lupton":
+            raise DomainError("tone", tone, "makes a picture of three planes: name a palette or three filters as well")
+        _refuse(planes, "natural colour; name a palette or three filters as well")
         space, tone = "srgb" if space is None else space, "filmic" if tone is None else tone
         picture, ev100 = image.developed(space, "auto" if exposure is None else exposure, tone)
-        opaque = image.inside
-        made: dict[str, Any] = {"colour_space": space, "ev100": ev100, "tone": tone}
+        opaque, made = image.inside, {"colour_space": space, "ev100": ev100, "tone": tone}
     else:
-        for name, value in (("space", space), ("exposure", exposure), ("tone", tone)):
-            if value is not None:
-                raise DomainError(name, value, f"means nothing to show={show!r}, whose colours are fixed; leave it out")
+        _refuse({**developed, **planes}, f"show={show!r}, whose colours are fixed; leave it out")
         space, scale = "srgb", SCALES[show]
         picture, opaque = painted(image, show, wavelength)
         made = {"show": show, "wavelength_nm": wavelength, "colours": scale.colours, "range": [scale.low, scale.high]}
@@ -124,6 +137,13 @@ def write(
     data = encode_png(picture, space, bits, texts)
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+def _refuse(options: dict[str, Any], purpose: str) -> None:
+    """Options that would otherwise be ignored in silence."""
+    for name, value in options.items():
+        if value is not None:
+            raise DomainError(name, value, f"means nothing to {purpose}")
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:

@@ -6,7 +6,7 @@ import importlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,20 +18,25 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import colour
 from skyscatter.image import polarisation as polar
 from skyscatter.image import tone as tones
+from skyscatter.image.skyframe import SkyFrame
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+    from skyscatter.image.filterimage import FilterImage
+
 Array = NDArray[np.float64]
 
 UNITS = "W m-2 sr-1 nm-1"
 
+#: Options of pictures made from three filters.
+_PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
 #: Extension -> module and the options that its writer takes.
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral",)),
-    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength")),
-    ".fits": ("fits", ()),
+    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
+    ".fits": ("fits", ("filters",)),
     ".nc": ("netcdf", ()),
 }
 _READERS = tuple(ext for ext in _WRITERS if ext != ".png")
@@ -56,6 +61,8 @@ class SpectralImage:
         Named parts of the radiance, for instance direct, ground and scattered light, or orders of scattering.  Layers
         named Q, U and V make the image polarised: Stokes parameters in the frame of docs/conventions.md, and Q_error,
         U_error, V_error their standard errors.
+    sky : SkyFrame, optional
+        Where the picture stands in the sky; files keep it (FITS as a celestial WCS).
 
     Raises
     ------
@@ -71,6 +78,7 @@ class SpectralImage:
         *,
         recipe: Mapping[str, Any] | None = None,
         layers: Mapping[str, ArrayLike] | None = None,
+        sky: SkyFrame | None = None,
     ) -> None:
         self._wavelengths = _checked_wavelengths(wavelengths)
         self._radiance = _checked_cube("radiance", radiance, None, self._wavelengths.size)
@@ -87,6 +95,9 @@ class SpectralImage:
             self._recipe: dict[str, Any] = json.loads(json.dumps(dict(recipe or {}), allow_nan=False))
         except (TypeError, ValueError) as error:
             raise DomainError("recipe", type(recipe).__name__, f"must be a JSON object ({error})") from error
+        if sky is not None and not isinstance(sky, SkyFrame):
+            raise DomainError("sky", type(sky).__name__, "must be a SkyFrame")
+        self._sky = sky
 
     def __repr__(self) -> str:
         y, x, n = self.shape
@@ -117,6 +128,11 @@ class SpectralImage:
     def layers(self) -> dict[str, NDArray[Any]]:
         """Named parts of the radiance, each of shape (y, x, wavelength)."""
         return self._layers
+
+    @property
+    def sky(self) -> SkyFrame | None:
+        """Where the picture stands in the sky; None if it does not say."""
+        return self._sky
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -177,7 +193,39 @@ class SpectralImage:
         """One layer as an image of its own (without a standard error, which layers do not have)."""
         if name not in self._layers:
             raise DomainError("layer", name, f"one of {', '.join(self._layers) or '(this image has none)'}")
-        return SpectralImage(self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name})
+        return SpectralImage(
+            self._layers[name], self._wavelengths, recipe={**self._recipe, "layer": name}, sky=self._sky
+        )
+
+    def placed(self, sky: SkyFrame) -> SpectralImage:
+        """The same picture, with its arrays, at a place in the sky."""
+        return SpectralImage(
+            self._radiance, self._wavelengths, self._error, recipe=self._recipe, layers=self._layers, sky=sky
+        )
+
+    def through(
+        self, filters: str | Iterable[Any], errors: Literal["correlated", "independent"] = "correlated"
+    ) -> FilterImage:
+        """Radiance averaged over the bands of filters, a plane for each.
+
+        Parameters
+        ----------
+        filters : str or iterable
+            Names with commas between them (``"B,V,R"``), or a list of names, paths of csv files and `FilterCurve`; see
+            `skyscatter.image.filters` for the names and for what the average is.
+        errors : {"correlated", "independent"}
+            How the standard errors of the wavelengths combine.  Random walks carry all wavelengths at once, so by
+            default they are taken as fully correlated, which is right for grey errors and else an upper bound;
+            ``"independent"`` is right for photon noise.
+
+        Raises
+        ------
+        DomainError
+            For an unknown filter, and where the wavelengths cover less than 90 % of one.
+        """
+        from skyscatter.image.filterimage import through
+
+        return through(self, filters, errors)
 
     def xyz(self) -> Array:
         """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""
@@ -228,7 +276,10 @@ class SpectralImage:
         ----------
         path : path-like
             ``.exr`` (RGB and spectral layers; option ``spectral=False`` for RGB alone), ``.png`` (options ``space``,
-            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` or ``.nc`` (netCDF).  A ``.png`` of a
+            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (option ``filters``: a plane for each
+            instead of the spectra, see `through`) or ``.nc`` (netCDF).  A ``.png`` may also show three filters as red,
+            green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
+            ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
             polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)
             or ``show="angle"`` (0 to 180 degrees on the cyclic map twilight), of all wavelengths weighted by luminous
             efficiency or of one ``wavelength`` [nm]; transparent where undefined.

@@ -11,14 +11,17 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from skyscatter.errors import DomainError
-from skyscatter.geometry import Camera, Fisheye, Panorama, Perspective, PlanetView, camera_from_view
+from skyscatter.geometry import Camera, Fisheye, Panorama, Perspective, PlanetView, Telescope, camera_from_view
 from skyscatter.geometry.vectors import (
     azimuth_elevation_from_direction,
     camera_frame,
     direction_from_azimuth_elevation,
 )
 
-ORBIT = SimpleNamespace(altitude=20_000e3, planet_radius=6371e3, atmosphere_top=100e3)
+FORWARD, RIGHT, ABOVE = camera_frame(30.0, -20.0, 40.0)  # any three orthogonal axes
+ORBIT = SimpleNamespace(
+    altitude=20_000e3, planet_radius=6371e3, atmosphere_top=100e3, forward=FORWARD, right=RIGHT, up=ABOVE
+)
 EAST, NORTH, UP = np.eye(3)
 
 CAMERAS = [
@@ -30,6 +33,7 @@ CAMERAS = [
     Perspective(width=20, height=11, azimuth_deg=120, elevation_deg=15, fov_deg=70, roll_deg=-20),
     Perspective(width=9, height=9, azimuth_deg=0, elevation_deg=90, fov_deg=150),
     PlanetView(width=15, height=12),
+    Telescope(width=14, height=9, pixel_scale_deg=2.0),
 ]
 IDS = [f"{camera.kind}-{number}" for number, camera in enumerate(CAMERAS)]
 
@@ -212,6 +216,57 @@ def test_planet_view_from_inside_the_air_is_refused(altitude):
         PlanetView(width=4, height=4).directions()
 
 
+def test_telescope_looks_along_the_axes_of_its_view():
+    camera = Telescope(width=21, height=11, pixel_scale_deg=1.0 / 60)
+    d = camera.directions(ORBIT)
+    np.testing.assert_allclose(d[5, 10], FORWARD, atol=1e-15)  # rounding
+    # TAN: f tan(angle) pixels from the centre with f = 1 / radians(scale)
+    offset = d[5, 20] - FORWARD * (d[5, 20] @ FORWARD)
+    assert np.arctan2(offset @ RIGHT, d[5, 20] @ FORWARD) == pytest.approx(np.arctan(10 * np.radians(1 / 60)), rel=1e-9)
+    assert d[0, 10] @ ABOVE > 0  # the first row is the top
+    assert np.isnan(camera.pixel(-FORWARD, ORBIT)).all()
+    # a pixel of one arc minute at the centre, and cos(angle)^3 of it elsewhere
+    omega = camera.pixel_solid_angle(ORBIT)
+    assert omega[5, 10] == pytest.approx(np.radians(1 / 60) ** 2, rel=1e-12)  # rounding
+    assert omega[5, 20] == pytest.approx(np.radians(1 / 60) ** 2 * (d[5, 20] @ FORWARD) ** 3, rel=1e-12)
+
+
+def test_telescope_follows_the_celestial_tangent_projection():
+    """Against astropy's TAN, with the view's axes those of a tangent point."""
+    from astropy.wcs import WCS
+
+    ra, dec = np.radians([210.0, 54.0])
+    view = SimpleNamespace(
+        forward=np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]),
+        right=np.array([np.sin(ra), -np.cos(ra), 0.0]),  # west
+        up=np.array([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)]),
+    )
+    camera = Telescope(width=9, height=6, pixel_scale_deg=1.5)
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN"], [210.0, 54.0]
+    wcs.wcs.crpix, wcs.wcs.cdelt = [5.0, 3.5], [-1.5, 1.5]
+    x, y = np.meshgrid(np.arange(9.0), np.arange(6.0))
+    alpha, delta = np.radians(wcs.wcs_pix2world(np.column_stack([x.ravel(), 5 - y.ravel()]), 0)).T
+    expected = np.stack([np.cos(delta) * np.cos(alpha), np.cos(delta) * np.sin(alpha), np.sin(delta)], axis=-1)
+    # rounding of degrees up to 360 in trigonometric functions
+    np.testing.assert_allclose(camera.directions(view).reshape(-1, 3), expected, atol=1e-13)
+
+
+def test_telescope_by_field_of_view_and_by_length():
+    camera = Telescope.from_field_of_view(100, 50, 40.0)
+    edges = 2 * np.degrees(np.arctan(50 * np.radians(camera.pixel_scale_deg)))
+    assert edges == pytest.approx(40.0, rel=1e-12)  # rounding
+    assert (camera.width, camera.height) == (100, 50)
+    camera = Telescope.from_length(200, 100, "2 pc", "400 pc")
+    assert camera.pixel_scale_deg == pytest.approx(np.degrees(2 / 400) / 200, rel=1e-12)  # rounding
+    with pytest.raises(DomainError, match="field_of_view_deg"):
+        Telescope.from_field_of_view(10, 10, 180.0)
+    with pytest.raises(DomainError, match="distance"):
+        Telescope.from_length(10, 10, "1 pc", 0.0)
+    with pytest.raises(DomainError, match="needs right, up and forward"):
+        camera.directions()
+
+
 @pytest.mark.parametrize(
     ("kind", "values"),
     [
@@ -223,6 +278,8 @@ def test_planet_view_from_inside_the_air_is_refused(altitude):
         (Perspective, {"width": 4, "height": 4, "azimuth_deg": float("nan")}),
         (PlanetView, {"width": 4, "height": 4, "margin": -0.1}),
         (PlanetView, {"width": 4, "height": 4, "colour": "blue"}),
+        (Telescope, {"width": 4, "height": 4}),
+        (Telescope, {"width": 4, "height": 4, "pixel_scale_deg": 0.0}),
     ],
 )
 def test_bad_values_are_refused(kind, values):

@@ -14,6 +14,7 @@ import pytest
 from pydantic import model_validator
 
 import skyscatter
+from skyscatter.cli import common
 from skyscatter.cli import sky as sky_module
 from skyscatter.cli.main import main
 from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_tolerance, parse_wavelengths
@@ -353,7 +354,7 @@ def test_a_solver_without_polarisation_refuses_in_one_line(fake, capsys, monkeyp
     ],
 )  # fmt: skip
 def test_per_cent_without_exponents(share, text):
-    assert sky_module.percent(share) == text
+    assert common.percent(share) == text
 
 
 def test_folder_that_takes_no_files_is_refused(fake, capsys, monkeypatch):
@@ -437,8 +438,8 @@ def test_an_unknown_error_is_null(fake, capsys, solver, name):
 
 
 def test_resume_is_taken_out_of_the_command():
-    assert sky_module.without_resume(["sky", "--resume", "a", "-o", "b"]) == ["sky", "-o", "b"]
-    assert sky_module.without_resume(["sky", "--resume=a", "-o", "b"]) == ["sky", "-o", "b"]
+    assert common.without_resume(["sky", "--resume", "a", "-o", "b"]) == ["sky", "-o", "b"]
+    assert common.without_resume(["sky", "--resume=a", "-o", "b"]) == ["sky", "-o", "b"]
 
 
 def test_wavelength_ranges_include_both_ends():
@@ -485,6 +486,7 @@ def loaded_by(arguments):
     [
         (["--help"], 0),
         (["sky", "--help"], 0),
+        (["nebula", "--help"], 0),
         (["models", "--help"], 0),
         (["--version"], 0),
         (["info"], 0),
@@ -493,6 +495,8 @@ def loaded_by(arguments):
         (["sky", "--bogus"], 2),
         (["sky", "-o", "x.gif"], 2),
         (["sky", "-o", "x.png", "--tone", "neon"], 2),
+        (["nebula", "m", "-o", "x.png", "--palette", "neon"], 2),
+        (["nebula", "m", "-o", "x.fits", "--filters", "neon"], 2),
     ],
 )
 def test_help_and_argument_errors_load_nothing_heavy(arguments, status):

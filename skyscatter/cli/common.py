@@ -1,0 +1,265 @@
+"""What the rendering commands share: options, their checks, the run itself, and its report."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from skyscatter.cli import parse
+from skyscatter.errors import DomainError, SkyscatterError
+
+Wavelengths = Annotated[
+    str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
+]
+Samples = Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path).")]
+Noise = Annotated[
+    str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1% (path).")
+]
+Seed = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807, else 0 (path)."
+    ),
+]
+Threads = Annotated[str | None, typer.Option(metavar="N", help="Threads; by default one per processor.")]
+Exposure = Annotated[
+    str | None, typer.Option(metavar="EV", help="For PNG: auto (the default) or an exposure value (ISO 100).")
+]
+Space = Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: srgb (the default), display-p3 or rec2020.")]
+Bits = Annotated[str | None, typer.Option(metavar="N", help="For PNG: 8 (the default) or 16.")]
+Output = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="File to write, by extension: .png, .exr, .fits, .nc; may be repeated; existing files are replaced.",
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as one JSON object on stdout.")]
+Resume = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Go on from the .partial.npz that an interrupted run left.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Nothing on stderr but errors.")]
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What every rendering command is asked, checked as far as that goes without a model."""
+
+    model: str
+    size: tuple[int, int]
+    wavelengths: NDArray[np.float64]
+    solver: str
+    samples: int | None
+    noise: float | None
+    tolerance: float | None
+    max_order: int | None
+    seed: int | None
+    threads: int | None
+    bits: int
+    outputs: list[Path]
+    json: bool
+    quiet: bool
+    resume: Path | None
+
+
+def run_options(**texts: Any) -> dict[str, Any]:
+    """Values of the fields of `RunRequest` that every command parses alike, from what was typed; tolerance as it is."""
+    integer = parse.parse_integer
+    return {
+        "wavelengths": parse.parse_wavelengths(texts["wavelengths"]),
+        "samples": integer(texts["samples"], "samples", 1, "give a number of walks, 1 or more"),
+        "noise": parse.parse_noise(texts["noise"]),
+        "tolerance": texts["tolerance"],
+        "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
+        "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
+        "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
+        "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
+        "json": texts["as_json"],
+        "quiet": texts["quiet"],
+        "resume": None if texts["resume"] is None else parse.check_input(texts["resume"], "checkpoint"),
+    }
+
+
+def check_solver(request: RunRequest, meaningless: Mapping[str, tuple[str, ...]], remedy: Mapping[str, str]) -> None:
+    """Refuse unknown solvers, options that the chosen one has no use for, and runs of which nothing would be kept.
+
+    Parameters
+    ----------
+    request : RunRequest
+    meaningless : mapping
+        Solver -> options that mean nothing to it.
+    remedy : mapping
+        Option -> the solver that has a use for it.
+    """
+    if request.solver not in meaningless:
+        raise DomainError("solver", request.solver, f"choose one of {', '.join(meaningless)}")
+    if request.samples is not None and request.noise is not None:
+        raise DomainError("samples", request.samples, "give --samples or --noise, not both")
+    for option in meaningless[request.solver]:
+        value = getattr(request, option)
+        if value is not None:
+            rule = f"means nothing to the solver {request.solver}; leave it out, or add --solver {remedy[option]}"
+            raise DomainError(option, value, rule)
+    if not request.outputs and not request.json:
+        raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json")
+
+
+def has_suffix(outputs: list[Path], *suffixes: str) -> bool:
+    """Whether one of the files is of one of these kinds."""
+    return any(path.suffix.lower() in suffixes for path in outputs)
+
+
+def check_png_options(outputs: list[Path], options: dict[str, Any]) -> None:
+    """Options that only a picture for a display has would otherwise be ignored in silence."""
+    if has_suffix(outputs, ".png"):
+        return
+    for name, value in options.items():
+        if value is not None:
+            raise DomainError(name, value, "is for PNG files; name one with -o, or leave this out")
+
+
+def check_development(space: str, tone: str, bits: int) -> None:
+    """Refuse colour spaces, tone curves and depths that there are not."""
+    from skyscatter.image.colour import display_space
+    from skyscatter.image.tone import TONES
+
+    display_space(space)
+    if tone not in TONES:
+        raise DomainError("tone", tone, f"choose one of {', '.join(TONES)}")
+    if bits not in (8, 16):
+        raise DomainError("bits", bits, "choose 8 or 16")
+
+
+def stoppable(run: Callable[[], int]) -> int:
+    """Exit status of a run; 130 after Ctrl-C outside of the rendering."""
+    try:
+        return run()
+    except KeyboardInterrupt:
+        print("skyscatter: interrupted", file=sys.stderr)
+        return 130
+
+
+def render_request(
+    request: RunRequest, scene: Any, camera: Any, label: str, arguments: list[str], **more: Any
+) -> tuple[Any, float]:
+    """Render with progress; after Ctrl-C keep what is needed to go on.
+
+    Returns
+    -------
+    image : SpectralImage
+    finished : float
+        Share of the pixels; 1 unless interrupted.
+    """
+    import skyscatter
+    from skyscatter.progress import Progress
+    from skyscatter.solvers.run import Interrupted
+
+    try:
+        with Progress(1.0, label, enabled=False if request.quiet else None) as progress:
+            image = skyscatter.render(
+                scene,
+                camera,
+                request.wavelengths,
+                solver=request.solver,
+                samples=request.samples,
+                noise=request.noise,
+                tolerance=request.tolerance,
+                max_order=request.max_order,
+                seed=request.seed or 0,
+                threads=request.threads,
+                progress=progress.to,
+                resume=request.resume,
+                **more,
+            )
+    except Interrupted as stop:
+        _keep(stop, request, arguments)
+        # never 1: what `report` says of an interrupted run
+        return stop.partial, min(float(stop.state.done.mean()), np.nextafter(1.0, 0.0))
+    return image, 1.0
+
+
+def _keep(interrupted: Any, request: RunRequest, arguments: list[str]) -> None:
+    """Save what is needed to go on, and say how."""
+    first = request.outputs[0] if request.outputs else Path("skyscatter")
+    checkpoint = first.with_name(first.name + ".partial.npz")
+    try:
+        interrupted.state.save(checkpoint)
+    except SkyscatterError as error:
+        print(f"skyscatter: the finished part could not be kept: {error}", file=sys.stderr)
+        return
+    command = shlex.join(["skyscatter", *without_resume(arguments), "--resume", str(checkpoint)])
+    print(f"skyscatter: interrupted; the finished part is in {checkpoint}; go on with:\n  {command}", file=sys.stderr)
+
+
+def without_resume(arguments: list[str]) -> list[str]:
+    """The arguments without an earlier ``--resume FILE``."""
+    kept: list[str] = []
+    skip = False
+    for word in arguments:
+        if skip:
+            skip = False
+        elif word == "--resume":
+            skip = True
+        elif not word.startswith("--resume="):
+            kept.append(word)
+    return kept
+
+
+def report(request: RunRequest, summary: dict[str, Any], describe: Callable[[dict[str, Any]], str]) -> int:
+    """Print the summary for programs or for people; returns the exit status."""
+    if request.json:
+        typer.echo(json.dumps(summary, allow_nan=False))
+    elif not request.quiet:
+        typer.echo(describe(summary), err=True)
+    return 0 if summary["complete"] else 130
+
+
+def summary_of_run(request: RunRequest, model: Any, seconds: float, finished: float) -> dict[str, Any]:
+    """The part of a summary that all rendering commands have."""
+    import skyscatter
+
+    return {
+        "skyscatter": skyscatter.__version__,
+        "model": model.name,
+        "size": list(request.size),
+        "wavelengths_nm": request.wavelengths.tolist(),
+        "solver": request.solver,
+        "seed": (request.seed or 0) if request.solver == "path" else None,
+        "tolerance": request.tolerance,
+        "seconds": round(seconds, 3),
+        "complete": finished >= 1.0,
+        "finished": finished,
+        "outputs": [str(path) for path in request.outputs],
+    }
+
+
+def median_error(image: Any) -> float | None:
+    """Median over pixels and wavelengths of the relative stated error, where there is light; None in the dark."""
+    if image.standard_error is None:
+        return None
+    radiance, error = np.asarray(image.radiance), np.asarray(image.standard_error)
+    lit = np.isfinite(radiance) & np.isfinite(error) & (radiance > 0)
+    return float(np.median(error[lit] / radiance[lit])) if lit.any() else None
+
+
+def percent(share: float) -> str:
+    """Two digits in per cent, never with an exponent: ``0.034`` is ``3.4 %``, ``1`` is ``100 %``."""
+    return f"{np.format_float_positional(float(f'{100 * share:.2g}'), trim='-')} %"
+
+
+def describe_part(summary: dict[str, Any]) -> str:
+    """How much is finished, for people; nothing where all is."""
+    if summary["complete"]:
+        return ""
+    return f"interrupted with {100 * summary['finished']:.1f} % of the pixels finished; "

@@ -1,0 +1,263 @@
+"""``skyscatter nebula``: one nebula, from a model file to pictures and data files."""
+
+from __future__ import annotations
+
+import time as clock
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from skyscatter.cli import common, parse
+from skyscatter.cli import nebula_options as options
+from skyscatter.cli.nebula_options import Request
+from skyscatter.errors import DomainError
+from skyscatter.units import PARSEC
+
+DEFAULT_WAVELENGTHS = "380:780:10"
+#: Room around a nebula of finite extent whose picture has no stated width.
+MARGIN = 1.05
+
+
+def nebula(
+    context: typer.Context,
+    model: Annotated[str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")],
+    size: Annotated[str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else 256x256.")] = None,
+    field_of_view: Annotated[
+        str | None,
+        typer.Option(metavar="WIDTH", help="Width of the picture, 10arcmin or 2pc; else the whole nebula."),
+    ] = None,
+    pixel_scale: Annotated[
+        str | None, typer.Option(metavar="ANGLE", help="Angle of a pixel, such as 0.5arcsec, in place of a width.")
+    ] = None,
+    inclination: Annotated[
+        str | None, typer.Option(metavar="DEG", help="Tilt of the model's axis from the line of sight, towards north.")
+    ] = None,
+    azimuth: Annotated[
+        str | None, typer.Option(metavar="DEG", help="Turn of the model about its own axis [degree].")
+    ] = None,
+    position_angle: Annotated[
+        str | None, typer.Option(metavar="DEG", help="Turn in the sky, from north through east [degree].")
+    ] = None,
+    wavelengths: Annotated[
+        str | None,
+        typer.Option(
+            metavar="START:STOP:STEP",
+            help=f"Vacuum wavelengths [nm], ends included, or a list: 450,550; else {DEFAULT_WAVELENGTHS}, with a node "
+            "in each narrow band that is asked for.",
+        ),
+    ] = None,
+    solver: Annotated[
+        str, typer.Option(metavar="NAME", help="path (all orders of scattering) or single (the first alone).")
+    ] = "path",
+    samples: common.Samples = None,
+    noise: common.Noise = None,
+    tolerance: Annotated[
+        str | None, typer.Option(metavar="REL", help="Relative accuracy of the light scattered once, such as 0.01%.")
+    ] = None,
+    max_order: Annotated[
+        str | None,
+        typer.Option("--max-order", "--order-limit", metavar="N", help="Highest order of scattering (path)."),
+    ] = None,
+    orders: Annotated[
+        str | None, typer.Option(metavar="N", help="Layers with the light scattered once, ..., N times (path).")
+    ] = None,
+    sampling: Annotated[str | None, typer.Option(metavar="NAME", help="How flights are drawn (path).")] = None,
+    seed: common.Seed = None,
+    threads: common.Threads = None,
+    filters: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="For FITS: a plane per filter instead of the spectra; U, B, V, R, I, halpha, hbeta, oiii, nii, sii or "
+            ".csv files, with commas between them.",
+        ),
+    ] = None,
+    palette: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="For PNG: sho, hubble, hos, hoo, rvb, or three filters: sii,halpha,V."),
+    ] = None,
+    tone: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear; of a palette lupton or linear."),
+    ] = None,
+    stretch: Annotated[
+        str | None, typer.Option(metavar="X", help="For PNG with lupton: linear white as a share of the white level.")
+    ] = None,
+    softening: Annotated[
+        str | None, typer.Option(metavar="Q", help="For PNG with lupton: 8 if nothing is said.")
+    ] = None,
+    exposure: common.Exposure = None,
+    space: common.Space = None,
+    bits: common.Bits = None,
+    psf: Annotated[
+        str | None, typer.Option(metavar="PSF", help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds.")
+    ] = None,
+    aperture: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Diameter of the mirror, for photon noise: 2.4m.")
+    ] = None,
+    exposure_time: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Exposure, for photon noise: 600s, 20min, 2h.")
+    ] = None,
+    throughput: Annotated[
+        str | None, typer.Option(metavar="SHARE", help="Share of the photons that are counted, else all: 30%.")
+    ] = None,
+    output: common.Output = None,
+    as_json: common.AsJson = False,
+    resume: common.Resume = None,
+    quiet: common.Quiet = False,
+) -> int:
+    """Render a nebula as a telescope sees it: north up, east left.
+
+    Position and distance are the model's.  Ctrl-C writes what is finished and says how to go on.
+    """
+    outputs = parse.check_outputs(output or [])
+    png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
+    common.check_png_options(outputs, {**png, "space": space, "bits": bits})
+    turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
+    request = Request(
+        model=model,
+        size=parse.parse_size(size, "telescope"),
+        turned={name: parse.parse_degrees(text, name, 360.0, 0.0) for name, text in turned.items() if text is not None},
+        field=None if field_of_view is None else parse.parse_field(field_of_view),
+        pixel_scale_deg=None if pixel_scale is None else parse.parse_angle(pixel_scale, "pixel_scale"),
+        solver=solver,
+        orders=parse.parse_integer(orders, "orders", 1, "give a number of layers, 1 or more"),
+        sampling=sampling,
+        filters=filters,
+        png=options.png_options(png, space),
+        observation=options.observation(psf, aperture, exposure_time, throughput, seed),
+        outputs=outputs,
+        **common.run_options(
+            wavelengths=DEFAULT_WAVELENGTHS if wavelengths is None else wavelengths,
+            samples=samples,
+            noise=noise,
+            tolerance=parse.parse_tolerance(tolerance, options.LEAST_TOLERANCE),
+            max_order=max_order,
+            seed=None if solver == "single" and aperture is not None else seed,
+            threads=threads,
+            bits=bits,
+            as_json=as_json,
+            quiet=quiet,
+            resume=resume,
+        ),
+    )
+    common.check_solver(request, options.MEANINGLESS, options.REMEDY)
+    if wavelengths is None:
+        request = options.with_bands(request)
+    options.check(request)
+    return common.stoppable(lambda: run(request, list(context.obj or [])))
+
+
+def build_camera(request: Request, scene: Any) -> Any:
+    """Telescope of the request's width or pixel scale, else one that shows the whole nebula."""
+    from skyscatter.geometry.telescope import Telescope
+
+    width, height = request.size
+    if request.pixel_scale_deg is not None:
+        return Telescope(width=width, height=height, pixel_scale_deg=request.pixel_scale_deg)
+    if request.field is not None and request.field[0] == "angle":
+        return Telescope.from_field_of_view(width, height, request.field[1])
+    across = _whole_width(scene, width, height) if request.field is None else request.field[1]
+    return Telescope.from_length(width, height, across, scene.view.distance)
+
+
+def _whole_width(scene: Any, width: int, height: int) -> float:
+    """Width [m] of a picture that holds all components, seen along the scene's line of sight."""
+    half = np.zeros(2)
+    axes = np.stack([scene.view.right, scene.view.up])
+    for component in scene.medium.components:
+        low, high = (np.asarray(edge, dtype=float) for edge in component.density.bounds)
+        corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
+        with np.errstate(invalid="ignore"):  # an endless field: infinity times zero
+            half = np.maximum(half, np.abs(axes @ corners).max(axis=1))
+    if not np.all(np.isfinite(half)) or not half.max() > 0.0:
+        raise DomainError(
+            "field_of_view", None, "the nebula has no finite extent; give --field-of-view or --pixel-scale"
+        )
+    return float(2.0 * MARGIN * max(half[0], half[1] * width / height))
+
+
+def run(request: Request, arguments: list[str]) -> int:
+    """Render, observe, write, report; returns the exit status."""
+    import skyscatter
+    from skyscatter.image.skyframe import SkyFrame
+
+    started = clock.monotonic()
+    model = skyscatter.load_model(request.model)
+    if hasattr(model, "planet"):
+        raise DomainError("model", request.model, "is a planet with its air; use skyscatter sky")
+    scene: Any = model.scene(**request.turned)
+    camera = build_camera(request, scene)
+    sky = SkyFrame.seen(scene.view, camera, model.name)
+    more: dict[str, Any] = {"orders": request.orders, "sampling": request.sampling}
+    given = {name: value for name, value in more.items() if value is not None}
+    image, finished = common.render_request(request, scene, camera, model.name, arguments, **given)
+    noise = common.median_error(image) if request.solver == "path" else None
+    image = image.placed(sky)
+    if request.observation:
+        from skyscatter.image.instrument import observe
+
+        image = observe(image, **request.observation)
+    exposure = _write(request, image)
+    summary = summarise(request, model, scene, camera, noise, exposure, clock.monotonic() - started, finished)
+    return common.report(request, summary, describe)
+
+
+def _write(request: Request, image: Any) -> float | None:
+    """Write the files; returns the exposure value of a picture in natural colour."""
+    png, exposure = dict(request.png), None
+    if not {"palette", "filters"} & set(png):
+        stated = png.get("exposure", "auto")
+        exposure = png["exposure"] = image.auto_exposure() if stated == "auto" else float(stated)
+    for path in request.outputs:
+        taken: dict[str, Any] = {}
+        if path.suffix.lower() == ".png":
+            taken = {**png, "bits": request.bits}
+        elif path.suffix.lower() == ".fits" and request.filters is not None:
+            taken = {"filters": request.filters}
+        image.save(path, **taken)
+    return exposure
+
+
+def summarise(
+    request: Request,
+    model: Any,
+    scene: Any,
+    camera: Any,
+    noise: float | None,
+    exposure: float | None,
+    seconds: float,
+    finished: float,
+) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    view = scene.view
+    angles = ("ra_deg", "dec_deg", "inclination_deg", "azimuth_deg", "position_angle_deg")
+    observed = {
+        name: value.model_dump(exclude_none=True) if name == "psf" else value
+        for name, value in request.observation.items()
+    }
+    return {
+        **common.summary_of_run(request, model, seconds, finished),
+        "view": {"distance_pc": float(view.distance) / PARSEC, **{name: float(getattr(view, name)) for name in angles}},
+        "pixel_scale_arcsec": 3600.0 * camera.pixel_scale_deg,
+        "noise": noise,
+        "filters": request.filters,
+        "observation": observed or None,
+        "exposure_ev": None if exposure is None else float(exposure),
+    }
+
+
+def describe(summary: dict[str, Any]) -> str:
+    """The summary for people."""
+    from skyscatter.progress import format_seconds
+
+    noise, exposure = summary["noise"], summary["exposure_ev"]
+    accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
+    accuracy += "" if exposure is None else f"; EV {exposure:.1f}"
+    width = summary["size"][0] * summary["pixel_scale_arcsec"]
+    return (
+        f"{common.describe_part(summary)}{summary['model']}: at {summary['view']['distance_pc']:.4g} pc, "
+        f'{width:.4g}" wide; solver {summary["solver"]}{accuracy}; {format_seconds(summary["seconds"])}; '
+        f"wrote {', '.join(summary['outputs']) or 'nothing'}"
+    )

@@ -1,0 +1,125 @@
+"""Options of ``skyscatter nebula`` into what the image code takes, and their checks before any time is spent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from skyscatter.cli import common, parse
+from skyscatter.errors import DomainError
+from skyscatter.units import metres
+
+#: Options that some solvers have no use for.
+MEANINGLESS: dict[str, tuple[str, ...]] = {
+    "path": (),
+    "single": ("samples", "noise", "seed", "max_order", "orders", "sampling"),
+}
+#: Finest relative accuracy of the quadrature along a ray that may be asked for.
+LEAST_TOLERANCE = 1e-9
+REMEDY = dict.fromkeys(MEANINGLESS["single"], "path")
+
+
+@dataclass(frozen=True)
+class Request(common.RunRequest):
+    """What the command line asks for, checked as far as that goes without a model."""
+
+    turned: dict[str, float]
+    field: tuple[str, float] | None
+    pixel_scale_deg: float | None
+    orders: int | None
+    sampling: str | None
+    filters: str | None
+    png: dict[str, Any]
+    observation: dict[str, Any]
+
+
+def png_options(given: dict[str, Any], space: str | None) -> dict[str, Any]:
+    """Options of the PNG writer that were named, as it takes them."""
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    for name in ("stretch", "softening"):
+        if name in options:
+            options[name] = parse.parse_positive(options[name], name)
+    if "exposure" in options:
+        options["exposure"] = parse.parse_exposure(options["exposure"])
+    if space is not None:
+        options["space"] = space
+    if "," in options.get("palette", ""):
+        options["filters"] = options.pop("palette")
+    return options
+
+
+def observation(
+    psf: str | None, aperture: str | None, exposure_time: str | None, throughput: str | None, seed: str | None
+) -> dict[str, Any]:
+    """Options of `skyscatter.image.instrument.observe`; empty if nothing is asked of it."""
+    options: dict[str, Any] = {}
+    if psf is not None:
+        from skyscatter.image.psf import point_spread
+
+        options["psf"] = point_spread(psf)
+    if (aperture is None) != (exposure_time is None):
+        given, missing = ("aperture", "exposure-time") if exposure_time is None else ("exposure_time", "aperture")
+        raise DomainError(given, aperture or exposure_time, f"photon noise needs --{missing} as well")
+    if aperture is None or exposure_time is None:
+        if throughput is not None:
+            raise DomainError("throughput", throughput, "is for photon noise; give --aperture and --exposure-time")
+        return options
+    diameter = metres(aperture, "aperture")
+    if not 0.0 < diameter < math.inf:
+        raise DomainError("aperture", aperture, "give the diameter of the mirror, such as 2.4m")
+    share = parse.parse_positive(throughput, "throughput")
+    if share is not None and share > 1.0:
+        raise DomainError("throughput", throughput, "give a share above 0 and at most 100 %")
+    return options | {
+        "photon_noise": True,
+        "collecting_area_m2": math.pi * diameter**2 / 4.0,
+        "exposure_s": parse.parse_time(exposure_time, "exposure_time"),
+        "throughput": 1.0 if share is None else share,
+        "seed": parse.parse_integer(seed, "seed", 0, "give a whole number from 0 to 9223372036854775807") or 0,
+    }
+
+
+def with_bands(request: Request) -> Request:
+    """The request with wavelengths for the narrow bands that it names, so that lines are not mixed in one cell."""
+    from skyscatter.image.filters import filter_curves, with_narrow_bands
+    from skyscatter.image.palettes import three_filters
+
+    words: list[Any] = []
+    if request.filters is not None:
+        words.extend(filter_curves(request.filters))
+    palette, three = request.png.get("palette"), request.png.get("filters")
+    if palette is not None or three is not None:
+        words.extend(filter_curves(dict.fromkeys(three_filters(palette, three)[0])))
+    return replace(request, wavelengths=with_narrow_bands(request.wavelengths, words)) if words else request
+
+
+def check(request: Request) -> None:
+    """Refuse, before any time is spent, what the files could not hold."""
+    if request.field is not None and request.pixel_scale_deg is not None:
+        raise DomainError("pixel_scale", request.pixel_scale_deg, "give --field-of-view or --pixel-scale, not both")
+    if request.filters is not None:
+        if not common.has_suffix(request.outputs, ".fits"):
+            raise DomainError("filters", request.filters, "are for FITS files (PNG: --palette); name one with -o")
+        from skyscatter.image.filters import filter_curves
+
+        for curve in filter_curves(request.filters):
+            curve.weights(request.wavelengths)
+    if not {"palette", "filters"} & set(request.png):
+        png = request.png
+        common.check_development(png.get("space", "srgb"), png.get("tone", "filmic"), request.bits)
+    if common.has_suffix(request.outputs, ".png"):
+        _try_picture(request)
+
+
+def _try_picture(request: Request) -> None:
+    """Make the picture of one dark pixel with the options of the PNG file, which refuses what it would refuse later."""
+    from skyscatter.image.spectral import SpectralImage
+
+    dark = SpectralImage(np.zeros((1, 1, request.wavelengths.size)), request.wavelengths)
+    with TemporaryDirectory() as folder:
+        dark.save(Path(folder) / "try.png", bits=request.bits, **request.png)

@@ -1,0 +1,104 @@
+"""FITS files with a plane for each filter: cube (filter, y, x), celestial axes as in spectral files.
+
+- The third axis counts the planes (``CTYPE3 = 'FILTER'``, linear); ``FILTER1``, ``FILTER2``, ... name them in the
+  headers of the radiance and of its standard error (extension ``STDERR``).
+- Extension ``FILTERS`` has a row for each: name, mean wavelength, weighting, the share of the filter that the computed
+  wavelengths covered, and the curve as JSON.
+- Layers stand in ``LAYER1``, ..., named by the card ``LAYER``; extension ``RECIPE`` as in spectral files.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError
+from skyscatter.image.filterimage import FilterImage
+from skyscatter.image.filters import FilterCurve
+from skyscatter.image.fits import cube_of, flipped, open_fits, read_recipe, recipe_table, stamp
+from skyscatter.image.spectral import UNITS
+from skyscatter.image.wcs import celestial_cards, read_celestial
+
+if TYPE_CHECKING:
+    from astropy.io import fits
+
+_TABLE = "FILTERS"
+
+
+def _fill(hdu: Any, image: FilterImage, comment: str) -> None:
+    height, width, planes = image.radiance.shape
+    axis = [("CTYPE3", "FILTER", "number of the filter"), ("CRPIX3", 1.0, ""), ("CRVAL3", 1.0, ""), ("CDELT3", 1.0, "")]
+    hdu.header["BUNIT"] = UNITS
+    hdu.header["WCSAXES"] = (3, "x, y, filter")
+    for card in (*axis, *celestial_cards(image.sky, width, height)):
+        hdu.header[card[0]] = card[1:]
+    for number in range(planes):
+        curve = image.filters[number]
+        hdu.header[f"FILTER{number + 1}"] = (curve.name, f"plane {number + 1}, about {curve.centre:.6g} nm")
+    hdu.header["COMMENT"] = comment
+    hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
+
+
+def _filter_table(image: FilterImage) -> Any:
+    from astropy.io import fits
+
+    texts: dict[str, list[str]] = {
+        "NAME": list(image.names),
+        "WEIGHTING": [curve.weighting for curve in image.filters],
+        "CURVE": [curve.model_dump_json() for curve in image.filters],
+    }
+    columns = [
+        fits.Column(name, f"{max(len(word) for word in words)}A", array=np.array(words))
+        for name, words in texts.items()
+    ]
+    columns.append(fits.Column("CENTRE", "D", unit="nm", array=np.array([curve.centre for curve in image.filters])))
+    columns.append(fits.Column("COVERAGE", "D", array=np.array(image.coverage)))
+    return fits.BinTableHDU.from_columns(columns, name=_TABLE)
+
+
+def write(image: FilterImage, path: Path) -> None:
+    """Write a FITS file with checksums."""
+    from astropy.io import fits
+
+    primary = fits.PrimaryHDU(flipped(image.radiance))
+    _fill(primary, image, "Spectral radiance, averaged over the band of each filter.")
+    stamp(primary)
+    hdus = fits.HDUList([primary])
+    if image.standard_error is not None:
+        hdus.append(fits.ImageHDU(flipped(image.standard_error), name="STDERR"))
+        _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
+    for number, (name, cube) in enumerate(image.layers.items(), start=1):
+        hdus.append(fits.ImageHDU(flipped(cube), name=f"LAYER{number}"))
+        hdus[-1].header["LAYER"] = (name, "name of the layer")
+        _fill(hdus[-1], image, "A part of the radiance in the primary array.")
+    hdus.append(_filter_table(image))
+    hdus.append(recipe_table(image.recipe))
+    with atomic_path(path) as temporary:
+        hdus.writeto(temporary, overwrite=True, checksum=True)
+
+
+def _image(hdus: fits.HDUList, path: Path) -> FilterImage:
+    if _TABLE not in hdus or hdus[0].data is None or hdus[0].data.ndim != 3:
+        raise DomainError(
+            "image file", str(path), "holds no planes of filters; spectra are read with SpectralImage.load"
+        )
+    table = hdus[_TABLE].data
+    return FilterImage(
+        cube_of(hdus[0]),
+        [FilterCurve(**json.loads(str(text))) for text in table["CURVE"]],
+        cube_of(hdus["STDERR"]) if "STDERR" in hdus else None,
+        coverage=[float(share) for share in table["COVERAGE"]],
+        sky=read_celestial(hdus[0].header),
+        recipe=read_recipe(hdus),
+        layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
+    )
+
+
+def read(path: Path) -> FilterImage:
+    """Read a file that `write` wrote."""
+    image: FilterImage = open_fits(path, _image)
+    return image

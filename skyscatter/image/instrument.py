@@ -1,0 +1,156 @@
+"""A picture as a telescope takes it: blurred by a point spread function, counted in photons."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.image.filters import cells
+from skyscatter.image.polarisation import STOKES_ERRORS
+from skyscatter.image.psf import PointSpread, blurred, point_spread
+from skyscatter.image.skyframe import SkyFrame
+from skyscatter.image.spectral import SpectralImage
+from skyscatter.spectra.table import Spectral, evaluate
+
+Array = NDArray[np.float64]
+
+# Exact SI constants (2019).
+_PLANCK, _LIGHT = 6.62607015e-34, 299792458.0
+#: Above this many photons a normal deviate stands for the Poisson draw, from which it cannot be told.
+_MANY = 1e15
+
+
+def photons_per_radiance(
+    image: SpectralImage, collecting_area_m2: float, exposure_s: float, throughput: Spectral = 1.0
+) -> Array:
+    """Photons that unit radiance brings into each pixel and wavelength cell, shape (y, x, wavelength).
+
+    ``A t η Ω Δλ λ / (h c)``: collecting area, exposure time, throughput, solid angle of the pixel, width of the cell
+    (see `skyscatter.image.filters`), over the energy of a photon.
+
+    Raises
+    ------
+    DomainError
+        For an image without a celestial frame, which alone gives the solid angle, and for values out of range.
+    """
+    for name, value in (("collecting_area_m2", collecting_area_m2), ("exposure_s", exposure_s)):
+        if not 0.0 < value < np.inf:
+            raise DomainError(name, value, "a number above 0")
+    shares = evaluate(throughput, image.wavelengths)
+    if not (np.all(shares > 0.0) and np.all(shares <= 1.0)):
+        raise DomainError("throughput", (shares.min(), shares.max()), "above 0 and at most 1 at every wavelength")
+    height, width, _ = image.shape
+    omega = _sky(image, "photon noise").pixel_solid_angle(width, height)
+    low, high = cells(image.wavelengths)
+    energy = _PLANCK * _LIGHT / (image.wavelengths * 1e-9)
+    per_steradian = shares * (high - low) / energy
+    return np.asarray(collecting_area_m2 * exposure_s * omega[..., None] * per_steradian)
+
+
+def _sky(image: SpectralImage, purpose: str) -> SkyFrame:
+    if image.sky is None:
+        raise DomainError("sky", None, f"{purpose} needs the pixel scale: give the image a SkyFrame")
+    return image.sky
+
+
+def observe(
+    image: SpectralImage,
+    psf: str | PointSpread | None = None,
+    *,
+    photon_noise: bool = False,
+    collecting_area_m2: float | None = None,
+    exposure_s: float | None = None,
+    throughput: Spectral = 1.0,
+    seed: int = 0,
+) -> SpectralImage:
+    """Blur a picture and draw its photons.
+
+    Parameters
+    ----------
+    image : SpectralImage
+        With a celestial frame, which gives the pixel scale.
+    psf : str or PointSpread, optional
+        ``"gaussian:2.0"`` or ``"moffat:2.0:2.5"``: full width at half maximum [arc second], and β.  Light carried over
+        the picture's edge is lost and none comes in: within one kernel of a bright edge the result is too dark.
+    photon_noise : bool
+        Replace each value by a Poisson draw of the photons in its pixel and wavelength cell, back in radiance.  Values
+        below zero, which a noisy estimate may have, count as dark.
+    collecting_area_m2, exposure_s : float, optional
+        Of the telescope [m2] and the picture [s]; needed for photon noise and refused without.
+    throughput : float or SpectralTable
+        Share of the photons that are counted.
+    seed : int
+        Same seed, same noise.
+
+    Returns
+    -------
+    SpectralImage
+        Its standard error is that of the picture, carried through the blur as independent between pixels, and that of
+        the photons (the root of the expected number), added in squares.  Layers are blurred but not drawn.  The recipe
+        says what was done under ``observation``.
+
+    Raises
+    ------
+    DomainError
+        For an image without a frame, options out of range or without purpose, negative radiance where photons are to
+        be counted, and more photons than can be drawn (1e18 in a pixel).
+    """
+    if psf is None and not photon_noise:
+        raise DomainError("psf", None, "nothing to do: name a point spread function or ask for photon noise")
+    given = {"collecting_area_m2": collecting_area_m2, "exposure_s": exposure_s}
+    for name, value in given.items():
+        if photon_noise and value is None:
+            raise DomainError(name, value, "photon noise needs it")
+        if not photon_noise and value is not None:
+            raise DomainError(name, value, "is for photon noise only; leave it out or ask for that")
+    done: dict[str, Any] = {}
+    if psf is not None:
+        spread = point_spread(psf)
+        image = _blurred_image(image, spread)
+        done["psf"] = spread.model_dump(exclude_none=True)
+    if photon_noise:
+        assert collecting_area_m2 is not None  # checked above
+        assert exposure_s is not None
+        image = _counted(image, photons_per_radiance(image, collecting_area_m2, exposure_s, throughput), seed)
+        table = throughput if isinstance(throughput, (int, float)) else throughput.model_dump(mode="json")
+        done |= {**given, "throughput": table, "seed": seed}
+    return _like(image, image.radiance, image.standard_error, {**image.recipe, "observation": done}, image.layers)
+
+
+def _like(
+    image: SpectralImage, radiance: Any, error: Any, recipe: dict[str, Any], layers: dict[str, NDArray[Any]]
+) -> SpectralImage:
+    return SpectralImage(radiance, image.wavelengths, error, recipe=recipe, layers=layers, sky=image.sky)
+
+
+def _blurred_image(image: SpectralImage, spread: PointSpread) -> SpectralImage:
+    height, width, _ = image.shape
+    scale = 3600.0 * _sky(image, "a point spread function").pixel_scale_deg
+    kernel = spread.kernel(scale, max(height, width))
+
+    def spread_error(values: NDArray[Any]) -> Array:
+        return np.sqrt(blurred(np.square(values, dtype=float), kernel**2))
+
+    layers = {
+        name: spread_error(cube) if name in STOKES_ERRORS else blurred(cube, kernel)
+        for name, cube in image.layers.items()
+    }
+    error = None if image.standard_error is None else spread_error(image.standard_error)
+    return _like(image, blurred(image.radiance, kernel), error, image.recipe, layers)
+
+
+def _counted(image: SpectralImage, photons: Array, seed: int) -> SpectralImage:
+    inside = np.isfinite(image.radiance)
+    expected = np.where(inside, np.maximum(image.radiance, 0.0), 0.0) * photons
+    generator = np.random.Generator(np.random.PCG64(seed))
+    draws = generator.poisson(np.minimum(expected, _MANY)).astype(float)
+    many = expected > _MANY
+    draws[many] = expected[many] + np.sqrt(expected[many]) * generator.standard_normal(int(many.sum()))
+    square = expected / photons**2
+    if image.standard_error is not None:
+        square = square + np.where(inside, image.standard_error, 0.0) ** 2
+    radiance, error = np.where(inside, draws / photons, np.nan), np.where(inside, np.sqrt(square), np.nan)
+    return _like(image, radiance, error, image.recipe, image.layers)
