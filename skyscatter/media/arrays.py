@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, PlainSerializer
 from pydantic.json_schema import SkipJsonSchema
 
 from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.media.space import SpatialField
 
 #: Arrays of up to so many numbers are written out with their record; larger ones only as shape and digest.
 WRITTEN_NUMBERS = 4096
@@ -75,6 +76,15 @@ def _written(value: FrozenArray | None) -> Any:
 ArrayField = Annotated[
     SkipJsonSchema[Any], BeforeValidator(_frozen), PlainSerializer(_written, return_type=Any, when_used="json")
 ]
+
+
+class ArrayRecord(SpatialField):
+    """A field that holds arrays, and keeps what it makes of them: only its fields say whether it equals another one."""
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
 
 
 def read_arrays(path: str, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:

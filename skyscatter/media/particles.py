@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError, MissingDataError
-from skyscatter.media.arrays import ArrayField, FrozenArray, read_arrays
-from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
+from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_arrays
+from skyscatter.media.space import Array, FieldTerm, Instruction
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.units import Metres
 
@@ -33,7 +33,7 @@ class Particles(NamedTuple):
     lengths: Array  #: (n,) smoothing lengths h [m]
 
 
-class ParticleSet(SpatialField):
+class ParticleSet(ArrayRecord):
     """Sum of the cubic splines of particles (Monaghan & Lattanzio 1985, A&A 149, 135).
 
     Density = factor * sum of m W(r, h), where W falls to nought at r = 2 h and its integral is 1.
@@ -183,14 +183,15 @@ class ParticleSet(SpatialField):
         box_nodes(points, 2.000001 * h, levels, boxes)
         boxes = boxes.astype(np.float32)
         leaf = np.arange(leaves + 1) * number >> levels
-        centre = np.repeat(boxes[leaves:].astype(float), np.diff(leaf), axis=0)
+        owner = np.repeat(np.arange(leaves), np.diff(leaf))
+        centre = (np.add.reduceat(points, leaf[:-1]) / np.diff(leaf)[:, None]).astype(np.float32)
         weight = (mass / mass.max()) / (math.pi * h**3)
         peak = float(weight.max())
-        rows = np.column_stack([points - 0.5 * (centre[:, :3] + centre[:, 3:]), 1 / h, weight / peak])
         bodies = np.zeros((leaves, 5, _ROOM), np.float32)
-        owner = np.repeat(np.arange(leaves), np.diff(leaf))
+        rows = np.column_stack([points - centre[owner], 1 / h, weight / peak])
         bodies[owner, :, np.arange(number) - leaf[owner]] = rows
-        data = np.concatenate([boxes.ravel(), bodies.ravel()])
+        blocks = np.column_stack([bodies.reshape(leaves, -1), centre, np.zeros(leaves, np.float32)])
+        data = np.concatenate([boxes.ravel(), blocks.ravel()])
         affine = np.hstack([np.eye(3), -middle[:, None]]) / size
         return Instruction(PARTICLES, affine, (1.0,), data, (number, levels)), self.factor * mass.max() * peak / size**3
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.arrays import ArrayField, FrozenArray, read_cube
+from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_cube
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
 from skyscatter.units import Metres
 
@@ -25,7 +25,7 @@ _LOOKS = 16
 Point = tuple[Metres, Metres, Metres]
 
 
-class VoxelGrid(SpatialField):
+class VoxelGrid(ArrayRecord):
     """Density on a grid of equal cells, read from an array or a file.
 
     Give `values` or `file`; and either the corners `low` and `high` of the whole grid, or the side of a cell, `spacing`,

@@ -12,9 +12,9 @@ as long as that is a first child.
 
 A leaf `PARTICLES` has, after its affine map, the parameter `largest weight`, and the integers `place of the data,
 number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A leaf
-has room for 16 particles: 16 numbers each for x, y, z relative to the middle of its box, 1 / h, and the weight
-m / (pi h^3) over the largest; weights of empty places are nought.  Relative places keep single precision enough for
-particles of any size, and numbers side by side are added up in vector registers.
+has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight m / (pi h^3)
+over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative places keep single
+precision enough for particles of any size, and numbers side by side are added up in vector registers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel, summing
 
 #: Numbers of a node, places in a leaf, numbers of a leaf.
 NODE, ROOM = 6, 16
-LEAF = 5 * ROOM
+LEAF = 5 * ROOM + 4
 
 
 @inlined
@@ -41,7 +41,7 @@ def spline(q2):
 
 @summing
 def leaf_sum(data, n, a, b, c):
-    """Density, over the largest weight, of the leaf that begins at n, at a point relative to the middle of its box."""
+    """Density, over the largest weight, of the leaf that begins at n, at a point relative to its middle."""
     total = np.float32(0.0)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     # Unsigned numbers of places: signed ones are asked whether they count from the end.
@@ -136,9 +136,10 @@ def chord_integral(b2):
 
 
 @inlined
-def middle(low, high):
-    """Half-way between two single-precision numbers, exact in double precision."""
-    return 0.5 * (np.float64(low) + np.float64(high))
+def leaf_middle(data, n):
+    """The point to which the places in the leaf that begins at n are relative."""
+    n += 5 * ROOM
+    return np.float64(data[n]), np.float64(data[n + 1]), np.float64(data[n + 2])
 
 
 @kernel
@@ -160,9 +161,9 @@ def particle_density(p, i, data, at, j, x, y, z):
             if k < leaves:
                 k *= 2
                 continue
-            a, b = u - middle(data[n], data[n + 3]), v - middle(data[n + 1], data[n + 4])
-            c = w - middle(data[n + 2], data[n + 5])
-            total += leaf_sum(data, bodies + LEAF * (k - leaves), np.float32(a), np.float32(b), np.float32(c))
+            x, y, z = leaf_middle(data, bodies + LEAF * (k - leaves))
+            a, b, c = np.float32(u - x), np.float32(v - y), np.float32(w - z)
+            total += leaf_sum(data, bodies + LEAF * (k - leaves), a, b, c)
         k = next_node(k)
         if k == 1:
             return total * p[at + 12]
@@ -209,8 +210,8 @@ def particle_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
             if k < leaves:
                 k *= 2
                 continue
-            a, b = u - middle(data[n], data[n + 3]), v - middle(data[n + 1], data[n + 4])
-            c = w - middle(data[n + 2], data[n + 5])
+            x, y, z = leaf_middle(data, bodies + LEAF * (k - leaves))
+            a, b, c = u - x, v - y, w - z
             # From the point of the line that is nearest to the middle of the leaf.
             here = -(a * du + b * dv + c * dw)
             a, b, c = a + here * du, b + here * dv, c + here * dw
@@ -268,8 +269,8 @@ def particle_bounds(data, number, levels, low, high, lowest, highest):
                 if k < leaves:
                     k *= 2
                     continue
-                a, b, c = middle(data[n], data[n + 3]), middle(data[n + 1], data[n + 4]), middle(data[n + 2], data[n + 5])
                 first = bodies + LEAF * (k - leaves)
+                a, b, c = leaf_middle(data, first)
                 for m in range(first, first + ((k - leaves + 1) * number >> levels) - ((k - leaves) * number >> levels)):
                     x, y, z, h2 = a + data[m], b + data[m + ROOM], c + data[m + 2 * ROOM], data[m + 3 * ROOM] ** 2
                     e, f, g = max(x0 - x, x - x1, 0.0), max(y0 - y, y - y1, 0.0), max(z0 - z, z - z1, 0.0)
