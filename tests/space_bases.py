@@ -10,7 +10,6 @@ from bases import complaint
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 from scipy.spatial.transform import Rotation
-from scipy.special import roots_legendre
 
 from skyscatter.media.operations import AnySpatialField
 from skyscatter.media.space import SpatialField
@@ -25,6 +24,8 @@ def own_frame(field: Any, points: Array) -> Array:
     z = np.array([0.0, 0.0, 1.0])
     axis = np.array(field.axis) / np.linalg.norm(field.axis)
     normal, angle = np.cross(z, axis), np.arccos(np.clip(axis[2], -1, 1))
+    if axis[2] == -1:
+        normal = np.array([1.0, 0.0, 0.0])  # any way is as short as another; this one is documented
     tilt = Rotation.from_rotvec(angle * normal / max(np.linalg.norm(normal), 1e-300))
     turn = Rotation.from_euler("z", field.turn_deg, degrees=True)
     return (tilt * turn).inv().apply(points - np.array(field.position)) / np.array(field.axes)
@@ -33,15 +34,19 @@ def own_frame(field: Any, points: Array) -> Array:
 def reference_columns(field: SpatialField, start: Array, end: Array) -> Array:
     """Columns by adaptive quadrature of the density, to 1e-11 of each, for all lines at once.
 
-    Every panel is integrated by Gauss-Legendre rules of 12 points, whole and as two halves, and halved until both
-    agree or, at a jump, until it is too short to matter.
+    Every panel is integrated by the Clenshaw-Curtis rule of 17 points, whole and as two halves, and halved until both
+    agree or, at a jump, until it is too short to matter.  The rule has points at the ends (just within them, for edges
+    are likely there), so that no jump hides between an end and the next point.
     """
     low, high = field.bounds
     with np.errstate(divide="ignore", invalid="ignore"):
         walls = np.sort([(low - start) / (end - start), (high - start) / (end - start)], axis=0)
     enter, leave = np.nanmax(walls[0], axis=1).clip(0), np.nanmin(walls[1], axis=1).clip(None, 1)
     leave = np.maximum(enter, leave)
-    nodes, weights = roots_legendre(12)
+    angle, even = np.pi * np.arange(17) / 16, 2 * np.arange(1, 9)
+    share = np.where(even == 16, 1.0, 2.0) / (even**2 - 1)
+    weights = np.where((angle == 0) | (angle == np.pi), 1, 2) / 16 * (1 - np.cos(np.outer(angle, even)) @ share)
+    nodes = np.cos(angle) * (1 - 1e-13)
     origin, along = start + enter[:, None] * (end - start), (leave - enter)[:, None] * (end - start)
 
     def integrals(line: Array, a: Array, width: Array) -> Array:
