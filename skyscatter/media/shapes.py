@@ -67,7 +67,8 @@ class Shape(SpatialField):
     position : three lengths
         Where its middle is [m].
     axis : three numbers
-        Direction of its own z axis in the model's frame, of any length; x and y follow on the shortest way.
+        Direction of its own z axis in the model's frame, of any length; x and y follow on the shortest way (for the
+        opposite of z: about x).
     turn_deg : float
         Rotation about its own z axis before that.
     axes : three numbers

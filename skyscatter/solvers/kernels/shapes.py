@@ -207,7 +207,8 @@ def fill_mode_bounds(modes, low, high, parts, lowest, highest):
     cells = parts * parts * parts
     for n in range(low.shape[0]):
         lowest[n], highest[n] = math.inf, -math.inf
-        hx, hy, hz = (0.5 * (high[n, i] - low[n, i]) / parts for i in range(3))
+        hx, hy = 0.5 * (high[n, 0] - low[n, 0]) / parts, 0.5 * (high[n, 1] - low[n, 1]) / parts
+        hz = 0.5 * (high[n, 2] - low[n, 2]) / parts
         for cell in range(cells):
             i, j, k = cell // (parts * parts), cell // parts % parts, cell % parts
             x, y, z = low[n, 0] + (2 * i + 1) * hx, low[n, 1] + (2 * j + 1) * hy, low[n, 2] + (2 * k + 1) * hz

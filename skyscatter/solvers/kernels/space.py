@@ -75,6 +75,9 @@ _G = (0.0, 0.129484966168869693270611432679082, 0.0, 0.2797053914892766679014677
 KRONROD_X = np.array([*(-x for x in _X), 0.0, *_X[::-1]])
 KRONROD_W = np.array([*_W, 0.209482141084727828012999174891714, *_W[::-1]])
 GAUSS_W = np.array([*_G, 0.417959183673469387755102040816327, *_G[::-1]])
+#: Lagrange weights that carry the values at the nodes on to an end of the panel, a hair within it.
+END = 1.0 - 1e-9
+TO_END = np.array([np.prod([(END - y) / (x - y) for y in KRONROD_X if y != x]) for x in KRONROD_X])
 #: Error of a column by quadrature relative to it, and halvings of a panel at most: a jump is found to 1e-7 of it.
 TOLERANCE, DEPTH = 1e-6, 24
 #: Numbers of a leaf's affine map, row by row: local = A (x, y, z, 1).
@@ -328,17 +331,25 @@ def put_panel(space, term, ox, oy, oz, dx, dy, dz, start, width, panel, work):
     """Gauss-Kronrod integral of a term over a stretch of a line, and its error, into `panel`.
 
     The pair's difference is the error of the coarser rule; for a smooth integrand the finer one's goes as its power
-    of 3/2 (as in QUADPACK, Piessens et al. 1983), for a jump within the panel it is as large as the panel's share.
+    of 3/2 (as in QUADPACK, Piessens et al. 1983), for a jump among the nodes it is as large as the jump's share.
+    A jump between an end and the outermost node shows in what the nodes foretell for the end.
     """
-    fine, coarse, size = 0.0, 0.0, 0.0
-    for k in range(KRONROD_X.size):
-        t = start + 0.5 * width * (1.0 + KRONROD_X[k])
+    fine, coarse, first, last, beyond = 0.0, 0.0, 0.0, 0.0, 0.0
+    nodes = KRONROD_X.size
+    for k in range(nodes + 2):
+        x = KRONROD_X[k] if k < nodes else (END if k == nodes else -END)
+        t = start + 0.5 * width * (1.0 + x)
         value = term_density(space, term, ox + t * dx, oy + t * dy, oz + t * dz, work)
-        fine += KRONROD_W[k] * value
-        coarse += GAUSS_W[k] * value
-    size = max(fine, 1e-300)
+        if k < nodes:
+            fine += KRONROD_W[k] * value
+            coarse += GAUSS_W[k] * value
+            last += TO_END[k] * value
+            first += TO_END[nodes - 1 - k] * value
+        else:
+            beyond += abs(value - (last if k == nodes else first))
     panel[0], panel[1], panel[2] = start, width, 0.5 * width * fine
-    panel[3] = panel[2] * min((10.0 * abs(fine - coarse) / size) ** 1.5, 1.0)
+    panel[3] = panel[2] * min((10.0 * abs(fine - coarse) / max(fine, 1e-300)) ** 1.5, 1.0)
+    panel[3] += 0.5 * width * (1.0 + KRONROD_X[0]) * beyond
 
 
 @kernel
