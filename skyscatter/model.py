@@ -96,7 +96,7 @@ class Model(Record):
 
     def to_toml(self) -> str:
         """The model as TOML text, which `load_model` reads back to an equal model."""
-        return _toml(self.model_dump(mode="json", exclude_none=True))
+        return to_toml(self)
 
     def save(self, path: str | Path) -> None:
         """Write the model file; an existing one is replaced only when the new one is complete."""
@@ -109,8 +109,13 @@ def model_names() -> list[str]:
     return sorted(path.stem for path in models_dir().glob("*.toml"))
 
 
-def load_model(name_or_path: str | Path) -> Model:
+def load_model(name_or_path: str | Path) -> Any:
     """Read a model by the name of a shipped one or from a TOML file.
+
+    Returns
+    -------
+    Model or NebulaModel
+        A planet with its air, or, where the file has a table ``view``, a nebula.
 
     Raises
     ------
@@ -134,10 +139,12 @@ def load_model(name_or_path: str | Path) -> Model:
     return parse_model(content, path)
 
 
-def parse_model(content: dict[str, Any], source: object) -> Model:
-    """Build a `Model` from the content of a file; `source` is named in errors."""
+def parse_model(content: dict[str, Any], source: object) -> Any:
+    """Build a `Model` or a `NebulaModel` from the content of a file; `source` is named in errors."""
+    from skyscatter.nebula import NebulaModel
+
     try:
-        return Model.model_validate(content)
+        return (NebulaModel if "view" in content else Model).model_validate(content)
     except ValidationError as error:
         raise ModelFileError(source, first_problem(error)) from error
 
@@ -166,8 +173,9 @@ def first_problem(error: ValidationError) -> str:
     return f"{field} = {shown if len(shown) < 80 else shown[:77] + '...'}: {message}"
 
 
-def _toml(content: dict[str, Any]) -> str:
+def to_toml(model: Record) -> str:
     """TOML text of plain values, tables and one list of tables."""
+    content = model.model_dump(mode="json", exclude_none=True)
     plain = {k: v for k, v in content.items() if not isinstance(v, dict) and k != "components"}
     lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
     for key, value in content.items():

@@ -17,6 +17,7 @@ from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium
 from skyscatter.record import Record
 from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.starfield import StarField
 from skyscatter.units import PARSEC, Metres
 
 Array = NDArray[np.float64]
@@ -103,6 +104,8 @@ class SpaceScene(Record):
         Lights so distant that their rays are parallel.
     background : float or SpectralTable or "interstellar"
         Uniform radiance from outside [W m-2 sr-1 nm-1]; the last is that of the Galaxy near the Sun.
+    star_field : StarField, optional
+        Stars behind everything: seen through the dust, they do not light it.
     view : View
     """
 
@@ -110,6 +113,7 @@ class SpaceScene(Record):
     stars: tuple[PointStar, ...] = ()
     parallel: tuple[ParallelLight, ...] = ()
     background: Spectral | Literal["interstellar"] = 0.0
+    star_field: StarField | None = None
     view: View = View()
 
     @model_validator(mode="after")

@@ -28,7 +28,7 @@ from pydantic import Field, ValidationError, model_validator
 from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.record import Record, nearest
-from skyscatter.spectra.solar import _cell_edges
+from skyscatter.spectra.cells import cell_edges
 from skyscatter.spectra.table import SpectralTable
 
 Array = NDArray[np.float64]
@@ -169,7 +169,7 @@ def _integral(curve: FilterCurve, low: Array, high: Array, power: int) -> Array:
 def cells(wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
     """Lower and upper edges [nm] of the cells that sampled wavelengths stand for, each of shape (wavelength,)."""
     wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
-    return (wl - 0.5, wl + 0.5) if wl.size == 1 else _cell_edges(wl)
+    return cell_edges(wl)
 
 
 def with_narrow_bands(wavelengths_nm: ArrayLike, curves: Iterable[FilterCurve]) -> Array:

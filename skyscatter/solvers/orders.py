@@ -33,7 +33,7 @@ class Context(NamedTuple):
 
 def check(options: Options) -> None:
     """Refuse what means nothing here."""
-    options.refuse("orders", "samples", "noise", "sampling", "orders")
+    options.refuse("orders", "samples", "noise", "sampling", "transmittance", "orders")
     if options.tolerance is not None and options.tolerance < 1e-4:
         raise DomainError("tolerance", options.tolerance, "at least 1e-4 for solver orders")
 

@@ -31,6 +31,7 @@ prepare = prepare_tables
 
 def check(options: Options) -> None:
     """Refuse what contradicts itself."""
+    options.refuse("path in shells", "transmittance")
     if options.samples is not None and options.noise is not None:
         raise DomainError("samples", options.samples, "give samples or noise, not both")
     if options.sampling is not None and options.sampling not in SAMPLINGS:

@@ -16,13 +16,18 @@ from skyscatter.solvers.run import Interrupted, RenderState, check_wavelengths, 
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
+    from skyscatter.space import SpaceScene
 
+    AnyScene = Scene | SpaceScene
+
+#: Tolerance of the light scattered once near the stars of a nebula.
+CLOSE_TOLERANCE = 1e-3
 #: Sub-pixels along each side of a pixel that the edge of the Sun may cross.
 SUN_SUBPIXELS = 8
 
 
 def render(
-    scene: Scene,
+    scene: AnyScene,
     camera: Any,
     wavelengths: ArrayLike,
     solver: str = "orders",
@@ -32,6 +37,8 @@ def render(
     seed: int = 0,
     max_order: int | None = None,
     tolerance: float | None = None,
+    sampling: str | None = None,
+    transmittance: str | None = None,
     parts: bool = False,
     orders: int = 0,
     stokes: bool = False,
@@ -42,16 +49,17 @@ def render(
     """Render a picture.
 
     Each pixel is the radiance along the ray through its middle; the direct light of the solar disk, which is often
-    smaller than a pixel, is averaged over the pixel instead.
+    smaller than a pixel, is averaged over the pixel instead.  In a nebula so is the light scattered once in the pixels
+    around a star, and every star adds its own light, dimmed by the dust before it.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or SpaceScene
     camera : Camera
         What is seen where; see `skyscatter.geometry.camera`.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver, samples, noise, seed, max_order, tolerance, parts, orders, stokes, threads, progress
+    solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads, progress
         As for `skyscatter.radiance`.
     resume : path, optional
         Checkpoint of an interrupted render with the same arguments.
@@ -69,7 +77,7 @@ def render(
         For options out of range, and for a checkpoint of another render.
     """
     wl = check_wavelengths(wavelengths)
-    options = Options(samples, noise, seed, max_order, tolerance, None, parts, orders, stokes)
+    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance)
     recipe = _recipe(scene, camera, wl, solver, options)
     grid = camera.directions(scene.observer)
     inside = np.isfinite(grid[..., 0])
@@ -82,13 +90,13 @@ def render(
     else:
         state = RenderState.load(resume, recipe)
     complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress)
-    image = _picture(scene, grid, inside, wl, state)
+    image = _picture(scene, camera, grid, inside, wl, state)
     if not complete:
         raise Interrupted(image, state)
     return image
 
 
-def _recipe(scene: Scene, camera: Any, wl: Array, solver: str, options: Options) -> dict[str, Any]:
+def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options) -> dict[str, Any]:
     """All that is needed to make the picture again."""
     from skyscatter import __version__
 
@@ -109,7 +117,9 @@ def _recipe(scene: Scene, camera: Any, wl: Array, solver: str, options: Options)
     }
 
 
-def _picture(scene: Scene, grid: Array, inside: NDArray[np.bool_], wl: Array, state: RenderState) -> SpectralImage:
+def _picture(
+    scene: AnyScene, camera: Any, grid: Array, inside: NDArray[np.bool_], wl: Array, state: RenderState
+) -> SpectralImage:
     from skyscatter.image.spectral import SpectralImage
 
     def spread(values: Array) -> Array:
@@ -119,12 +129,39 @@ def _picture(scene: Scene, grid: Array, inside: NDArray[np.bool_], wl: Array, st
 
     cube = spread(state.radiance)
     layers = {name: spread(values) for name, values in state.layers.items()}
+    if not isinstance(scene, Scene):
+        return _space_picture(scene, camera, cube, layers, spread(state.standard_error), wl, state)
     correction = _sun_correction(scene, grid, wl)
     if correction is not None:
         cube[correction[0]] += correction[1]
         if "direct" in layers:
             layers["direct"][correction[0]] += correction[1]
     return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers)
+
+
+def _space_picture(
+    scene: SpaceScene, camera: Any, cube: Array, layers: dict[str, Array], error: Array, wl: Array, state: RenderState
+) -> SpectralImage:
+    """A nebula with its stars, and its place in the sky."""
+    from skyscatter.image.skyframe import SkyFrame
+    from skyscatter.image.spectral import SpectralImage
+    from skyscatter.solvers.starlight import close_correction, star_images
+
+    sky = None
+    if hasattr(camera, "pixel_scale_deg"):
+        sky = SkyFrame.seen(scene.view, camera)
+        tolerance = state.recipe["options"].get("tolerance", CLOSE_TOLERANCE)
+        correction = close_correction(scene, camera, wl, tolerance)
+        stars = star_images(scene, camera, wl)
+        cube += stars
+        for name in ("direct",) if "direct" in layers else ():
+            layers[name] += stars
+        if correction is not None:
+            cube[correction[0]] += correction[1]
+            for name in ("scattered", "order1"):
+                if name in layers:
+                    layers[name][correction[0]] += correction[1]
+    return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=sky)
 
 
 def _sun_correction(scene: Scene, grid: Array, wl: Array) -> tuple[NDArray[np.bool_], Array] | None:

@@ -236,6 +236,7 @@ def radiance(
     parts: bool = False,
     orders: int = 0,
     stokes: bool = False,
+    transmittance: str | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Answer:
@@ -243,15 +244,17 @@ def radiance(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or SpaceScene
     origins : array_like, shape (..., 3)
-        Where the rays are observed, from the planet's centre in the scene's frame (east, north, up) [m].
+        Where the rays are observed [m]: from the planet's centre in the scene's frame (east, north, up), or in the
+        frame of a nebula's model.
     directions : array_like, shape (..., 3)
         Unit vectors in which to look.  Broadcast against the origins.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
     solver : {"orders", "path", "single"}
-        All orders of scattering by a deterministic solution, all of them by Monte Carlo, or the first by quadrature.
+        All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, or the first by
+        quadrature.
     samples : int, optional
         Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 16 if this and `noise` are not given.
     noise : float, optional
@@ -265,8 +268,12 @@ def radiance(
         For ``orders`` the relative accuracy that is aimed at, 5e-3 when not given.  For the others the largest
         disagreement of the quadrature rules on a piece of a ray, relative to its radiance: 5e-5 for ``single`` and
         5e-4 for the first order in ``path`` when not given; the error is as a rule a tenth of it.
-    sampling : {"march", "free-flight"}, optional
-        How walks find their vertices; "free-flight" is the plain, slow way, kept for tests (``path``).
+    sampling : {"march", "free-flight", "delta"}, optional
+        How walks find their vertices (``path``): forced to where the light is, or, slow and plain and kept for tests,
+        by free flights through inverted columns, or by delta tracking (in three dimensions only).
+    transmittance : {"auto", "quadrature", "ratio", "residual-ratio"}, optional
+        How walks find the transmittance towards lights (``path`` in three dimensions): from columns, by ratio
+        tracking, by residual ratio tracking, or by that of them which should cost least at equal error.
     parts : bool
         Return the parts of the radiance as layers: direct, scattered (once), ground (reflected once), multiple.
     orders : int
@@ -297,7 +304,7 @@ def radiance(
     o, d = check_rays(scene, origins, directions)
     shape = o.shape[:-1]
     rays = Rays(o.reshape(-1, 3), d.reshape(-1, 3), np.arange(int(np.prod(shape)), dtype=np.int64))
-    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes)
+    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance)
     state = RenderState.empty({}, len(rays.origins), wl.size)
     if not solve_rays(scene, rays, wl, solver, options, state, threads, progress):
         raise KeyboardInterrupt

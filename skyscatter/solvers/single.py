@@ -24,7 +24,7 @@ prepare = prepare_tables
 
 def check(options: Options) -> None:
     """Refuse what means nothing here."""
-    options.refuse("single", "samples", "noise", "max_order", "sampling", "orders")
+    options.refuse("single", "samples", "noise", "max_order", "sampling", "transmittance", "orders")
 
 
 def single_parts(scene: SceneTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:

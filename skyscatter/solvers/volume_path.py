@@ -7,21 +7,33 @@ delta tracking with local majorants; both take all orders from the walks.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from skyscatter.errors import DomainError
-from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.kernels.tracking import QUADRATURE, RATIO, RESIDUAL
 from skyscatter.solvers.kernels.volume import VolumeTable
 from skyscatter.solvers.kernels.volume_flight import make_flight_scratch, volume_flight_rays
 from skyscatter.solvers.kernels.volume_walks import scratch_of, volume_path_rays
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
-from skyscatter.solvers.volume_single import prepare, single_parts
+from skyscatter.solvers.transmittance import cheapest
+from skyscatter.solvers.volume_single import prepare as prepare_single
+from skyscatter.solvers.volume_single import single_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from skyscatter.space import SpaceScene
 
 __all__ = ["check", "prepare", "solve"]
 
 #: Tolerance of the first order.
 DEFAULT_TOLERANCE = 5e-4
 SAMPLINGS = ("march", "free-flight", "delta")
+#: Ways to find transmittances towards lights, and their codes in the kernels.
+TRANSMITTANCES = {"auto": -1, "quadrature": QUADRATURE, "ratio": RATIO, "residual-ratio": RESIDUAL}
 
 
 def check(options: Options) -> None:
@@ -31,8 +43,26 @@ def check(options: Options) -> None:
         raise DomainError("samples", options.samples, "give samples or noise, not both")
     if options.sampling is not None and options.sampling not in SAMPLINGS:
         raise DomainError("sampling", options.sampling, f"choose from {', '.join(SAMPLINGS)}")
+    if options.transmittance is not None and options.transmittance not in TRANSMITTANCES:
+        raise DomainError("transmittance", options.transmittance, f"choose from {', '.join(TRANSMITTANCES)}")
     if options.sampling in ("free-flight", "delta"):
         options.refuse(f"path with {options.sampling} sampling", "noise", "tolerance")
+
+
+def prepare(
+    scene: SpaceScene,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> VolumeTable:
+    """The tables of a scene, and how transmittances are found."""
+    table = prepare_single(scene, rays, wavelengths, options, threads, progress)
+    # Delta tracking is there to test what is made of columns: it uses none, unless told to.
+    usual = "ratio" if options.sampling == "delta" else "auto"
+    wanted = TRANSMITTANCES[options.transmittance or usual]
+    return table._replace(tracking=cheapest(table) if wanted < 0 else wanted)
 
 
 def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:

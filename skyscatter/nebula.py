@@ -1,0 +1,91 @@
+"""Model files of nebulae: gas and dust in space, their stars, and where they stand in the sky."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import model_validator
+
+from skyscatter.atomic import atomic_path
+from skyscatter.lights import ParallelLight, PointStar
+from skyscatter.media.medium import Component, Medium
+from skyscatter.record import Record
+from skyscatter.space import SpaceScene, View
+from skyscatter.spectra.table import Spectral
+from skyscatter.starfield import StarField
+
+
+class NebulaModel(Record):
+    """What a nebula's model file says; `scene` turns it as it is to be seen.
+
+    Parameters
+    ----------
+    name, description : str
+    sources : tuple of str
+        Where the numbers come from.
+    view : View
+        Position, distance and orientation.
+    components : tuple of Component
+        Gas and dust; their densities are fields in three dimensions.
+    stars : tuple of PointStar
+    parallel : tuple of ParallelLight
+    background : float or SpectralTable or "interstellar"
+        Uniform radiance from outside [W m-2 sr-1 nm-1].
+    star_field : StarField, optional
+        Stars behind everything, seen through the dust.
+    """
+
+    name: str
+    description: str = ""
+    sources: tuple[str, ...] = ()
+    view: View
+    components: tuple[Component, ...]
+    stars: tuple[PointStar, ...] = ()
+    parallel: tuple[ParallelLight, ...] = ()
+    background: Spectral | Literal["interstellar"] = 0.0
+    star_field: StarField | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> NebulaModel:
+        _ = self.scene()
+        return self
+
+    @property
+    def medium(self) -> Medium:
+        """Gas and dust."""
+        return Medium(components=self.components)
+
+    def scene(
+        self,
+        inclination_deg: float | None = None,
+        azimuth_deg: float | None = None,
+        position_angle_deg: float | None = None,
+    ) -> SpaceScene:
+        """The scene, turned as the model says or by other angles [degree]; see `View`."""
+        given = {
+            "inclination_deg": inclination_deg,
+            "azimuth_deg": azimuth_deg,
+            "position_angle_deg": position_angle_deg,
+        }
+        turned = {name: value for name, value in given.items() if value is not None}
+        view = View(**{**self.view.model_dump(), **turned})
+        return SpaceScene(
+            medium=self.medium,
+            stars=self.stars,
+            parallel=self.parallel,
+            background=self.background,
+            star_field=self.star_field,
+            view=view,
+        )
+
+    def to_toml(self) -> str:
+        """The model as TOML text, which `load_model` reads back to an equal model."""
+        from skyscatter.model import to_toml
+
+        return to_toml(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model file; an existing one is replaced only when the new one is complete."""
+        with atomic_path(path) as temporary:
+            temporary.write_text(self.to_toml(), encoding="utf-8")
