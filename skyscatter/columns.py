@@ -48,7 +48,7 @@ def optical_depth(
     if a.shape[-1:] != (3,):
         raise DomainError("start", a.shape, "points are arrays of shape (..., 3) [m]")
     shape, a, b = a.shape[:-1], a.reshape(-1, 3), b.reshape(-1, 3)
-    radius = scene.medium.planet_radius
+    radius = scene.medium.radius
     for name, point in (("start", a), ("end", b)):
         low = np.linalg.norm(point, axis=1).min(initial=np.inf) - radius
         if low < -1e-6 * radius:

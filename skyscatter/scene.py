@@ -170,12 +170,12 @@ class Scene(Record):
     @property
     def observer(self) -> Observer:
         """The observer as cameras see it."""
-        return Observer(self.altitude, self.medium.planet_radius, self.medium.top)
+        return Observer(self.altitude, self.medium.radius, self.medium.top)
 
     def check_origins(self, origins: NDArray[np.float64]) -> None:
         """Refuse rays (..., 3) [m] that start inside the planet."""
         # Rounding may put a point on the ground a hair below it; more is inside the planet.
-        radius = self.medium.planet_radius
+        radius = self.medium.radius
         low = np.linalg.norm(origins, axis=-1).min(initial=np.inf) - radius
         if low < -1e-6 * radius:
             raise DomainError("origins", f"altitude {low:.6g} m", "inside the planet; start on the ground or above")

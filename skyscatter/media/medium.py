@@ -86,6 +86,13 @@ class Medium(Record):
         return self
 
     @property
+    def radius(self) -> float:
+        """The planet's radius [m]; refused where there is no planet."""
+        if self.planet_radius is None:
+            raise DomainError("planet_radius", None, "a medium in space has no planet; this is for atmospheres")
+        return self.planet_radius
+
+    @property
     def top(self) -> float:
         """Altitude of the top of the highest component [m]."""
         return max(component.density.top_altitude for component in self.components)

@@ -168,7 +168,7 @@ def solve(
     if not 1e-4 <= tolerance <= 0.1:
         raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
     Options(max_order=max_order).check()
-    margin = 2 * reach(scene.medium.planet_radius, scene.medium.top)
+    margin = 2 * reach(scene.medium.radius, scene.medium.top)
     zenith = (np.radians(90 - high) - margin, np.radians(90 - low) + margin)
     workers = worker_count(threads)
     return solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress)
@@ -344,7 +344,7 @@ class RadianceField:
         directions, weights = sphere_rule(sun.azimuth_deg)
         weights = weights * np.maximum(directions @ n, 0.0)
         seen = weights > 0
-        origin = np.array([0.0, 0.0, self.scene.medium.planet_radius + altitude])
+        origin = np.array([0.0, 0.0, self.scene.medium.radius + altitude])
         answer = self.radiance(
             origin, directions[seen], sun_elevation_deg=sun.elevation_deg, sun_azimuth_deg=sun.azimuth_deg, parts=True
         )
@@ -403,7 +403,7 @@ class RadianceField:
     def check_coverage(self, origins: Array, directions: Array, sun: Sun) -> None:
         """Refuse rays on which the Sun stands where the field was not solved."""
         medium = self.scene.medium
-        low, high = needed_zenith(origins, directions, sun.direction, medium.planet_radius, medium.top)
+        low, high = needed_zenith(origins, directions, sun.direction, medium.radius, medium.top)
         if low < self.zenith[0] - 1e-6 or high > self.zenith[1] + 1e-6:
             need, have = ((90 - np.degrees(z[1]), 90 - np.degrees(z[0])) for z in ((low, high), self.zenith))
             raise DomainError(

@@ -52,12 +52,12 @@ def prepare(
     medium = scene.medium
     table = compile_scene(scene, wavelengths)
     top = scattering_top(table)
-    low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.planet_radius, top)
+    low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.radius, top)
     if low != low:  # not a number: every ray passes by
         low = high = 0.0
     # Beyond what the rays see, light that is scattered twice comes from there: by day from near by, in twilight from
     # where the Sun shines; and little from where it is darker.
-    margin = reach(medium.planet_radius, top)
+    margin = reach(medium.radius, top)
     twilight = float(np.clip((np.degrees(high) - 80) / 10, 0, 1))
     zenith = (low - margin * (0.5 + 0.5 * twilight), high + 0.25 * margin)
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance

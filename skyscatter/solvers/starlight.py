@@ -23,7 +23,8 @@ def dimmed(scene: SpaceScene, points: Array, wl: Array) -> Array:
     table = compile_volume(scene, tuple(float(w) for w in wl))
     columns = np.zeros((len(points), len(table.sigma_t)))
     observer = np.broadcast_to(scene.view.position, points.shape)
-    fill_columns(table.space, np.ascontiguousarray(observer), np.ascontiguousarray(points), make_space_work(), columns)
+    # Copies: a broadcast array would be another type, for which kernels are compiled anew.
+    fill_columns(table.space, np.array(observer, order="C"), np.array(points, order="C"), make_space_work(), columns)
     return np.asarray(np.exp(-columns @ table.sigma_t))
 
 
@@ -105,14 +106,14 @@ def close_correction(scene: SpaceScene, camera: Any, wl: Array, tolerance: float
     directions = np.concatenate(
         [_towards(fine, scene, *every).reshape(-1, 3), _towards(camera, scene, j, i).reshape(-1, 3)]
     )
-    origins = np.ascontiguousarray(np.broadcast_to(scene.view.position, directions.shape))
+    origins = np.tile(scene.view.position, (len(directions), 1))
     rays = Rays(origins, directions, np.arange(len(directions)))
     light = single_parts(table, rays, tolerance)[0]
     mean = light[: -len(j)].reshape(len(j), -1, wl.size).mean(axis=1)
     return near, mean - light[-len(j) :]
 
 
-def _towards(camera: Any, scene: SpaceScene, rows: Array, columns: Array) -> Array:
+def _towards(camera: Any, scene: SpaceScene, rows: Any, columns: Any) -> Array:
     """Directions through some pixels, without those of all the others."""
     view, step = scene.view, np.radians(camera.pixel_scale_deg)
     rows, columns = np.broadcast_arrays(rows, columns)

@@ -112,7 +112,7 @@ class CorrectionTerms:
             raise DomainError("altitude", altitude, "a sensor above the ground")
         theta, phi = np.radians(zenith), np.radians(azimuth)
         up = np.stack([np.sin(theta) * np.sin(phi), np.sin(theta) * np.cos(phi), np.cos(theta)], axis=-1)
-        radius = medium.planet_radius
+        radius = medium.radius
         length = np.sqrt((radius * np.cos(theta)) ** 2 + height * (2 * radius + height)) - radius * np.cos(theta)
         origin = np.array([0.0, 0.0, radius]) + length[..., None] * up
         shape = (*elevation.shape, self.wavelengths.size)

@@ -20,17 +20,20 @@ from skyscatter.solvers.kernels.volume import VolumeTable, make_volume_work
 SEGMENTS, REPEATS = 32, 16
 #: Cost of one crossed cell of a grid, in evaluations of its density: two, but next to each other in memory.
 CELL_COST = 0.5
+#: Evaluations that a column in closed form is worth.
+CLOSED = 2.0
 #: Evaluations of a panel of the quadrature.
 PANEL = 15
 
 
 def cheapest(table: VolumeTable) -> int:
     """Code of the way that costs least at equal error, for the walks of this scene."""
-    points = _points(table)
-    if not len(table.power) or not len(points):
+    costs = {QUADRATURE: _column_cost(table)}
+    # Nothing is cheaper than a closed form.
+    points = _points(table) if len(table.power) and costs[QUADRATURE] > CLOSED * len(table.sigma_t) else np.zeros((0, 3))
+    if not len(points):
         return QUADRATURE
     # A walk's own spread is about its mean light; noise of the transmittance adds to it.
-    costs = {QUADRATURE: _column_cost(table)}
     for way in (RATIO, RESIDUAL):
         count, spread = _tracking(table, points, way == RESIDUAL)
         costs[way] = count * (1.0 + spread)
@@ -55,7 +58,7 @@ def _column_cost(table: VolumeTable) -> float:
     for method, scale, box in zip(table.space.method, table.space.scale, table.space.box, strict=True):
         along = min(half, 0.5 * float(np.linalg.norm(box[1] - box[0])))
         if method in (CLOSED_FORM, PIECES):
-            cost += 2.0
+            cost += CLOSED
         elif method == CELLS:
             cost += CELL_COST * along / max(scale, 1e-300)
         else:

@@ -77,7 +77,7 @@ def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
     if options.sampling in ("free-flight", "delta"):
         volume_flight_rays(
             table, options.sampling == "delta", rays.origins, rays.directions, rays.numbers, np.int64(options.seed),
-            walks, max_order, make_flight_scratch(*table.sigma_s.shape), mean, error, by_order, used,
+            walks, max_order, make_flight_scratch(*table.sigma_s.shape, table.tracking != QUADRATURE), mean, error, by_order, used,
         )  # fmt: skip
         scattered = np.zeros_like(mean)
     else:

@@ -300,7 +300,7 @@ def term_cuts(space, term, ox, oy, oz, dx, dy, dz, length, work):
     """
     p, cuts, depth = space.parameters, work.cuts, 0
     cuts[0], cuts[1] = 0.0, length
-    n = 2
+    n = np.int64(2)
     for row in range(space.code_start[term], space.code_start[term + 1]):
         kind, at = space.code[row, 0], space.code[row, 1]
         if kind <= LAST_SHAPE or kind == WARP:

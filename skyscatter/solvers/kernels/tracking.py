@@ -135,11 +135,11 @@ def dim_by_bound(v, cell, length, work):
 
 @inlined
 def light_reaching(v, k, x, y, z, work, walker, walk):
-    """Irradiance of light k at a point into ``work.arriving`` in the way that the table asks for; its direction.
+    """Irradiance of light k at a point into ``work.arriving``, from columns or, given a walker, tracked; its direction.
 
     ``work.density`` is overwritten by tracking.
     """
-    if v.tracking == QUADRATURE:
+    if walker is None:
         return light_arriving(v, k, x, y, z, work)
     return track_light(v, k, x, y, z, v.tracking == RESIDUAL, work, walker, walk)
 

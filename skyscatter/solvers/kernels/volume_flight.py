@@ -32,17 +32,19 @@ class FlightScratch(NamedTuple):
     """Scratch arrays of `volume_flight_rays`."""
 
     work: VolumeWork
-    walker: Walker
+    walker: Walker  #: for delta tracking
+    to_lights: Walker | None  #: None where transmittances come from columns
     walk: Walk
     start: np.ndarray  #: (component,) columns at the start of a step
     total: np.ndarray  #: (wavelength,) light of one walk
     square: np.ndarray  #: (wavelength,)
 
 
-def make_flight_scratch(components: int, wavelengths: int) -> FlightScratch:
+def make_flight_scratch(components: int, wavelengths: int, tracked: bool) -> FlightScratch:
     """Scratch arrays; a thread needs its own."""
     return FlightScratch(
-        make_volume_work(components, wavelengths), make_walker(), make_walk(wavelengths), np.zeros(components),
+        make_volume_work(components, wavelengths), make_walker(), make_walker() if tracked else None,
+        make_walk(wavelengths), np.zeros(components),
         np.zeros(wavelengths), np.zeros(wavelengths),
     )  # fmt: skip
 
@@ -154,7 +156,7 @@ def add_stars(v, order, s, by_order):
     work, walk = s.work, s.walk
     x, d = walk.position, walk.direction
     for k in range(v.power.shape[0]):
-        a, b, c = light_reaching(v, k, x[0], x[1], x[2], work, s.walker, walk)
+        a, b, c = light_reaching(v, k, x[0], x[1], x[2], work, s.to_lights, walk)
         # Tracking leaves other densities behind.
         space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
         phase_at(v.phase, d[0] * a + d[1] * b + d[2] * c, work.phase)

@@ -142,7 +142,7 @@ def add_edges(space, term, o, d, start, end, work, cuts, n):
 @kernel
 def cut_ray(v, o, d, start, end, work, cuts):
     """Where the quadrature must stop: at sharp edges, and at pieces that grow from the points nearest to the stars."""
-    cuts[0], cuts[1], n = start, end, 2
+    cuts[0], cuts[1], n = start, end, np.int64(2)
     for term in range(v.space.box.shape[0]):
         n = add_edges(v.space, term, o, d, start, end, work, cuts, n)
     share = (cuts.size - n) // (2 * max(v.power.shape[0], 1))

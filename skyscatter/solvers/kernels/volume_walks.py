@@ -41,7 +41,7 @@ from skyscatter.solvers.kernels.path import (
 )
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
-from skyscatter.solvers.kernels.tracking import light_reaching
+from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching
 from skyscatter.solvers.kernels.volume import (
     VolumeTable,
     VolumeWork,
@@ -86,7 +86,7 @@ class WalkScratch(NamedTuple):
     """Scratch arrays of `volume_path_rays`."""
 
     work: VolumeWork
-    walker: Walker
+    walker: Walker | None  #: None where transmittances come from columns
     camera: VolumeLeg
     leg: VolumeLeg
     lights: np.ndarray  #: (light, 4) direction to a light and its share of the direct light
@@ -104,11 +104,11 @@ def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg
     )  # fmt: skip
 
 
-def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: int) -> WalkScratch:
+def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: int, tracked: bool) -> WalkScratch:
     """Scratch arrays of `volume_path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
     return WalkScratch(
-        make_volume_work(components, wavelengths), make_walker(), make_volume_leg(CAMERA_STRATA, components, wavelengths),
+        make_volume_work(components, wavelengths), make_walker() if tracked else None, make_volume_leg(CAMERA_STRATA, components, wavelengths),
         make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
@@ -563,7 +563,9 @@ def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, li
         start, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
         if end <= start:
             return
-        found = prepare_volume_leg(v, x, d, start, end, False, next_number(walk, order, 2), leg, work)
+        found = prepare_volume_leg(
+            v, x, d, start, end, np.bool_(False), next_number(walk, order, 2), leg, work
+        )  # fmt: skip
         if order < max_order:
             fetch_light(v, hero, next_number(walk, order, 3), leg, work, walker, walk)
         for i in range(wavelengths):
@@ -616,7 +618,7 @@ def volume_path_rays(
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] = 0.0
         start, end = clip_to_space(v.space, o[0], o[1], o[2], d[0], d[1], d[2])
-        if end <= start or not prepare_volume_leg(v, o, d, start, end, True, 0.5, s.camera, s.work):
+        if end <= start or not prepare_volume_leg(v, o, d, start, end, np.bool_(True), 0.5, s.camera, s.work):
             continue
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
@@ -647,4 +649,4 @@ def volume_path_rays(
 def scratch_of(table: VolumeTable, samples: int) -> Any:
     """Scratch arrays for a table."""
     components, wavelengths = table.sigma_s.shape
-    return make_walk_scratch(components, wavelengths, len(table.power), samples)
+    return make_walk_scratch(components, wavelengths, len(table.power), samples, table.tracking != QUADRATURE)
