@@ -215,29 +215,32 @@ def test_extremes_contain_all_values():
 def test_upper_bounds_are_close_where_particles_are_many():
     places = np.random.default_rng(5).random((20_000, 3))
     field = ParticleSet(positions=places, resolution=0)
-    low = RNG.uniform(0.2, 0.7, (200, 3))
+    low = RNG.uniform(0.2, 0.7, (50, 3))
     high = low + 0.1
     _, highest = field.extremes(low, high)
-    density = field.density(low + RNG.uniform(0, 1, (2000, 200, 3)) * (high - low)).max(axis=0)
+    density = field.density(low + RNG.uniform(0, 1, (2000, 50, 3)) * (high - low)).max(axis=0)
     assert np.all(highest >= density)
-    assert np.median(highest / density) < 2.0
+    # Twice a density in the box, which 2000 places find to some 10 %.
+    assert np.max(highest / density) < 2.2
 
 
 def test_a_grid_of_particles_has_their_mass_and_nearly_their_columns():
     rng = np.random.default_rng(17)
-    places = plummer(20_000, rng)
-    places = places[np.linalg.norm(places, axis=1) < 2]
-    exact = ParticleSet(positions=places, resolution=0)
-    size = (exact.bounds[1] - exact.bounds[0]).max()
-    fine = ParticleSet(positions=places, resolution=math.ceil(2 * size / np.median(exact.particles.lengths)))
-    assert fine.grid.cube.sum(dtype=float) * fine.grid.cell.prod() * fine.grid.factor == pytest.approx(exact.mass, rel=1e-12)
-    points = rng.uniform(-0.7, 0.7, (4000, 3))
-    ratio = fine.density(points) / exact.density(points)
-    ends = points + 10 * rng.normal(size=(4000, 3))
-    columns = fine.column(2 * points - ends, ends) / exact.column(2 * points - ends, ends)
-    print("grid: rms of values", np.sqrt(np.mean((ratio - 1) ** 2)), "columns", np.sqrt(np.mean((columns - 1) ** 2)))
-    assert np.sqrt(np.mean((ratio - 1) ** 2)) < 0.03
-    assert np.sqrt(np.mean((columns - 1) ** 2)) < 0.01
+    exact = ParticleSet(positions=rng.random((8000, 3)), resolution=0)
+    size = (exact.bounds[1] - exact.bounds[0]).max() / np.median(exact.particles.lengths)
+    points, directions = rng.uniform(0.3, 0.7, (2000, 3)), rng.normal(size=(2000, 3))
+    value, column = exact.density(points), exact.column(points - 9 * directions, points + 9 * directions)
+    errors = []
+    for fineness in (2, 4):
+        voxels = exact.resampled(math.ceil(fineness * size))
+        mass = voxels.cube.sum(dtype=float) * voxels.cell.prod() * voxels.factor
+        assert mass == pytest.approx(exact.mass, rel=1e-12)
+        values, columns = voxels.density(points), voxels.column(points - 9 * directions, points + 9 * directions)
+        errors.append([np.sqrt(np.mean((values / value - 1) ** 2)), np.sqrt(np.mean((columns / column - 1) ** 2))])
+    # What the documentation promises; columns here are shorter, through 20 particles instead of 31: sqrt(31 / 20).
+    assert errors[0][0] < 0.05
+    assert errors[0][1] < 0.008 * 1.25
+    np.testing.assert_allclose(np.log2(np.array(errors[0]) / errors[1]), 2.0, atol=0.25)
     # Particles smaller than a cell lose nothing either, nor do those at the edge.
     coarse = particles().resampled(9)
     assert coarse.cube.sum(dtype=float) * coarse.cell.prod() * coarse.factor == pytest.approx(MASSES.sum(), rel=1e-12)
