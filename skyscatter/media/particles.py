@@ -228,10 +228,8 @@ def _refined_bounds(leaf: Instruction, low: Array, high: Array) -> tuple[Array, 
     owner = np.arange(len(low))
     corners = np.stack(np.meshgrid(*3 * [[0.0, 0.5]], indexing="ij"), axis=-1).reshape(-1, 3)
     for turn in range(17):
-        least, most, unused, sample = np.empty((4, len(owner)))
-        particle_bounds(leaf.data, *leaf.index, low, high, least, most)
-        middle = 0.5 * (low + high)
-        particle_bounds(leaf.data, *leaf.index, middle, middle, unused, sample)
+        least, sample, most = np.empty((3, len(owner)))
+        particle_bounds(leaf.data, leaf.index[1], low, high, least, sample, most)
         np.maximum.at(reached, owner, sample)
         done = (most <= 2.0 * reached[owner]) | (most <= highest[owner]) | (turn == 16)
         np.maximum.at(highest, owner[done], most[done])
