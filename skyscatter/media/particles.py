@@ -21,6 +21,8 @@ PARTICLES = 51
 CELLS = 1
 #: Particles for which a leaf of the tree has room: `kernels.particles` ROOM.
 _ROOM = 16
+#: What a particle has.
+NAMES: tuple[str, ...] = ("positions", "masses", "smoothing_lengths")
 #: Cells along the longest side of the grid that `resolution = "auto"` makes, at most.
 AUTO_CELLS = 256
 
@@ -56,9 +58,10 @@ class ParticleSet(ArrayRecord):
     neighbours : int
         See `smoothing_lengths`.
     resolution : "auto" or int
-        0: all particles, exactly.  A number: through a grid of so many cells along the longest side (`resampled`), which
-        has the same mass, is faster, and whose error is stated there.  "auto": cells of half the median smoothing length,
-        of up to the whole of it where more than 256 along a side would be needed, and exactly if those do not do.
+        0: all particles, exactly.  A number: through a grid of so many cells along the longest side (`resampled`),
+        which has the same mass, is faster, and whose error is stated there.  "auto": cells of half the median smoothing
+        length, of up to the whole of it where more than 256 along a side would be needed, and exactly if those do not
+        do.
     """
 
     kind: Literal["sph-particles"] = "sph-particles"
@@ -73,7 +76,7 @@ class ParticleSet(ArrayRecord):
 
     @model_validator(mode="after")
     def _check(self) -> ParticleSet:
-        given = [name for name in ("positions", "masses", "smoothing_lengths") if getattr(self, name) is not None]
+        given = [name for name in NAMES if getattr(self, name) is not None]
         if ("positions" in given) == (self.file is not None) or (self.file is not None and given):
             raise DomainError("positions", given, "give positions (and masses, smoothing_lengths), or a file, not both")
         if not self.length_unit > 0:
@@ -88,8 +91,7 @@ class ParticleSet(ArrayRecord):
     def particles(self) -> Particles:
         """The particles in metres, with smoothing lengths."""
         if self.file is None:
-            names = ("positions", "masses", "smoothing_lengths")
-            given = {name: getattr(self, name).array for name in names if getattr(self, name) is not None}
+            given = {name: getattr(self, name).array for name in NAMES if getattr(self, name) is not None}
         else:
             given = _read(self.file)
         positions = np.asarray(given["positions"], float) * self.length_unit
@@ -133,8 +135,8 @@ class ParticleSet(ArrayRecord):
 
         Each particle goes to the cells by its spline at their middles, scaled to its mass; smoothing lengths below a
         cell's side are raised to it.  The error is that of linear interpolation and falls with the square of the side:
-        for particles at random places with 32 neighbours and cells of half a smoothing length, the density at a point is
-        within 5 % (root mean square) of the exact one, columns through many particles within 0.8 %.
+        for particles at random places with 32 neighbours and cells of half a smoothing length, the density at a point
+        is within 5 % (root mean square) of the exact one, columns through many particles within 0.8 %.
 
         Parameters
         ----------
@@ -260,7 +262,8 @@ def neighbour_distances(positions: Array, neighbours: int) -> Array:
     distances = np.empty(len(positions))
     distances[order] = tree.query(points, k=[count + 1], workers=-1)[0][:, 0]
     if not distances.min() > 0:
-        raise DomainError("positions", "equal", f"more than {neighbours} particles in one place; give smoothing_lengths")
+        remedy = f"more than {neighbours} particles in one place; give smoothing_lengths"
+        raise DomainError("positions", "equal", remedy)
     return distances
 
 
@@ -280,8 +283,8 @@ def _check_particles(given: dict[str, NDArray[Any]]) -> None:
 
 
 def _read(path: str) -> dict[str, NDArray[Any]]:
-    columns = read_arrays(path, ("positions", "x", "y", "z", "masses", "smoothing_lengths"))
-    given = {name: columns[name] for name in ("positions", "masses", "smoothing_lengths") if name in columns}
+    columns = read_arrays(path, (*NAMES, "x", "y", "z"))
+    given = {name: columns[name] for name in NAMES if name in columns}
     if "positions" not in given:
         if not {"x", "y", "z"} <= set(columns):
             raise MissingDataError(path, "holds no positions; name the column `positions`, or three `x`, `y`, `z`")

@@ -11,9 +11,9 @@ and smoothing lengths may differ by any factor.  Going on to the next node needs
 as long as that is a first child.
 
 A leaf `PARTICLES` has, after its affine map, the parameter `largest weight`, and the integers `place of the data,
-number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A leaf
-has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight m / (pi h^3)
-over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative places keep single
+number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A
+leaf has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight
+m / (pi h^3) over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative places keep single
 precision enough for particles of any size, and numbers side by side are added up in vector registers.
 """
 
@@ -44,7 +44,7 @@ def leaf_sum(data, n, a, b, c, u, v, w):
     """Sum over the leaf that begins at n, over the largest weight.
 
     The place a, b, c, relative to the leaf's middle, is taken farther from every particle by u, v, w along the axes: 0
-    gives the density there; minus and plus half the sides of a box, an upper and a lower bound within the box around it.
+    gives the density there; minus and plus half the sides of a box, an upper and a lower bound in the box around it.
     """
     total = np.float32(0.0)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
@@ -279,7 +279,8 @@ def particle_bounds(data, levels, low, high, lowest, reached, highest):
                     continue
                 first = bodies + LEAF * (k - leaves)
                 x, y, z = leaf_middle(data, first)
-                a, b, c = np.float32(0.5 * (x0 + x1) - x), np.float32(0.5 * (y0 + y1) - y), np.float32(0.5 * (z0 + z1) - z)
+                a, b = np.float32(0.5 * (x0 + x1) - x), np.float32(0.5 * (y0 + y1) - y)
+                c = np.float32(0.5 * (z0 + z1) - z)
                 near = leaf_sum(data, first, a, b, c, -u, -v, -w)
                 if near > zero:
                     most += near
