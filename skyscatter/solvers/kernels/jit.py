@@ -50,6 +50,13 @@ def inlined(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 
 
+def reduction(function: Callable[..., Any]) -> Any:
+    """Like `kernel`, for a long sum: its terms may be added in any order, and so several at a time."""
+    return _compile(
+        function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"reassoc", "contract"}
+    )
+
+
 def merged(function: Callable[..., Any]) -> Any:
     """Like `kernel`, for a function that is called from one place: its body is compiled there, and only there."""
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")
