@@ -121,10 +121,12 @@ def cosine_of_turns(x):
 @reduction
 def sum_of_modes(data, start, count, a, b, c):
     """Sum of amplitude cos(2 pi (k . x + phase)); data: kx, ky, kz, phase and amplitude, each (count,)."""
+    # Slices, whose indices are plainly not negative: a test of the sign would keep the loop from being vectorised.
+    kx, ky, kz = data[start : start + count], data[start + count :], data[start + 2 * count :]
+    phase, amplitude = data[start + 3 * count :], data[start + 4 * count :]
     total = 0.0
-    for i in range(start, start + count):
-        turns = data[i] * a + data[i + count] * b + data[i + 2 * count] * c + data[i + 3 * count]
-        total += data[i + 4 * count] * cosine_of_turns(turns)
+    for i in range(count):
+        total += amplitude[i] * cosine_of_turns(kx[i] * a + ky[i] * b + kz[i] * c + phase[i])
     return total
 
 
