@@ -58,6 +58,13 @@ def summing(function: Callable[..., Any]) -> Any:
     )
 
 
+def reduction(function: Callable[..., Any]) -> Any:
+    """Like `kernel`, for a long sum: its terms may be added in any order, and so several at a time."""
+    return _compile(
+        function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"reassoc", "contract"}
+    )
+
+
 def merged(function: Callable[..., Any]) -> Any:
     """Like `kernel`, for a function that is called from one place: its body is compiled there, and only there."""
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")

@@ -1,0 +1,394 @@
+"""Operations on density fields; each is a field again.
+
+``a + b``, ``2 * a``, ``a * b``, ``a ** 2``, ``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)`` and
+``a.warped(...)`` write the same records as files do.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache, reduce
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.media.filaments import Filament
+from skyscatter.media.fronts import Front
+from skyscatter.media.particles import ParticleSet
+from skyscatter.media.programs import (
+    FRAMES,
+    STACK,
+    WARP,
+    carve_term,
+    depths,
+    map_boxes,
+    map_term,
+    multiply_terms,
+    raise_terms,
+    warp_term,
+)
+from skyscatter.media.shapes import (
+    BonnorEbert,
+    GaussianShell,
+    GaussianSphere,
+    King,
+    Plummer,
+    PowerLaw,
+    Shell,
+    Sphere,
+    Triple,
+    axis_rotation,
+    require_positive,
+)
+from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
+from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
+from skyscatter.media.turbulence import Turbulence, random_directions
+from skyscatter.media.voxels import VoxelGrid
+from skyscatter.units import Metres
+
+#: Modes of each component of a warp; also in `kernels.shapes`.
+WARP_MODES = 8
+
+
+def _bounded(terms: tuple[FieldTerm, ...], kind: str) -> tuple[FieldTerm, ...]:
+    """The same terms, unless their programs are too deep for the kernels."""
+    values, warps = np.max([depths(term.program) for term in terms], axis=0)
+    if values > STACK or warps > FRAMES:
+        allowed = f"holds operations within operations too deep: at most {STACK} values and {FRAMES} warps at one time"
+        raise DomainError(kind, f"{values} values, {warps} warps", allowed)
+    return terms
+
+
+class _Mapped(SpatialField):
+    """A field in other coordinates."""
+
+    field: AnySpatialField
+
+    def _map(self) -> tuple[Array, Array]:
+        """Matrix (3, 3) and offset (3,) [m] that take a point of the field to where it comes to lie."""
+        raise NotImplementedError
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes: the image of the field's."""
+        matrix, offset = self._map()
+        return matrix @ self.field.centre + offset
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels."""
+        return tuple(map_term(term, *self._map()) for term in self.field.terms())
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`."""
+        matrix, offset = self._map()
+        back = np.linalg.inv(matrix)
+        return self.field.extremes(*map_boxes(low, high, back, -back @ offset))
+
+
+class Moved(_Mapped):
+    """A field moved by a vector [m]."""
+
+    kind: Literal["move"] = "move"
+    by: tuple[Metres, Metres, Metres]
+
+    def _map(self) -> tuple[Array, Array]:
+        return np.eye(3), np.array(self.by)
+
+
+class Rotated(_Mapped):
+    """A field turned about a point: about the z axis by `turn_deg`, then with z towards `axis` on the shortest way."""
+
+    kind: Literal["rotate"] = "rotate"
+    axis: Triple = (0.0, 0.0, 1.0)
+    turn_deg: float = 0.0
+    about: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Rotated:
+        if not np.linalg.norm(self.axis) > 0:
+            raise DomainError("axis", self.axis, "must point somewhere: one of its numbers is not 0")
+        return self
+
+    def _map(self) -> tuple[Array, Array]:
+        matrix = axis_rotation(self.axis, self.turn_deg)
+        return matrix, np.array(self.about) - matrix @ np.array(self.about)
+
+
+class Scaled(_Mapped):
+    """A field stretched by factors along x, y and z about a point; its densities stay."""
+
+    kind: Literal["scale"] = "scale"
+    factors: Triple
+    about: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Scaled:
+        if min(self.factors) <= 0:
+            raise DomainError("factors", self.factors, "must be three factors above 0")
+        return self
+
+    def _map(self) -> tuple[Array, Array]:
+        matrix = np.diag(self.factors)
+        return matrix, np.array(self.about) - matrix @ np.array(self.about)
+
+
+class Product(SpatialField):
+    """Product of fields; the reference column goes through the centre of the first.
+
+    Put the field that is quickest to compute first: where it is nought, the others are not asked.
+    """
+
+    kind: Literal["product"] = "product"
+    fields: tuple[AnySpatialField, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> Product:
+        if not self.fields:
+            raise DomainError("fields", 0, "a product needs at least one field")
+        if not self._terms():
+            raise DomainError("fields", len(self.fields), "do not overlap: their product is nought everywhere")
+        _bounded(self._terms(), self.kind)
+        return self
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes."""
+        return self.fields[0].centre
+
+    def _terms(self) -> tuple[FieldTerm, ...]:
+        terms = self.fields[0].terms()
+        for field in self.fields[1:]:
+            pairs = [multiply_terms(a, b) for a in terms for b in field.terms()]
+            terms = tuple(pair for pair in pairs if pair is not None)
+        return terms
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels: products of the terms, one by one."""
+        return self._terms()
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`."""
+        bounds = np.array([field.extremes(low, high) for field in self.fields])
+        return bounds[:, 0].prod(axis=0), bounds[:, 1].prod(axis=0)
+
+
+class Sum(SpatialField):
+    """Weighted sum of fields, exactly linear; the reference column goes through the centre of the first.
+
+    Parameters
+    ----------
+    fields : tuple of fields
+    factors : tuple of float, optional
+        One for each, 0 or above; all 1 when not given.
+    """
+
+    kind: Literal["sum"] = "sum"
+    fields: tuple[AnySpatialField, ...]
+    factors: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Sum:
+        if not self.fields:
+            raise DomainError("fields", 0, "a sum needs at least one field")
+        if self.factors is not None and len(self.factors) != len(self.fields):
+            raise DomainError("factors", len(self.factors), f"give one for each of the {len(self.fields)} fields")
+        if min(self._weights()) < 0:
+            raise DomainError("factors", min(self._weights()), "must be 0 or above; densities are not negative")
+        return self
+
+    def _weights(self) -> tuple[float, ...]:
+        return (1.0,) * len(self.fields) if self.factors is None else self.factors
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes."""
+        return self.fields[0].centre
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels."""
+        pairs = zip(self.fields, self._weights(), strict=True)
+        return tuple(term._replace(factor=term.factor * weight) for field, weight in pairs for term in field.terms())
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`."""
+        bounds = np.array([field.extremes(low, high) for field in self.fields])
+        lowest, highest = np.tensordot(self._weights(), bounds, axes=1)
+        return lowest, highest
+
+
+class Carved(SpatialField):
+    """A field with another cut out of it.
+
+    Parameters
+    ----------
+    field : field
+        a.
+    by : field
+        b.
+    level : float, optional
+        The density is a where b is below the level, and nought elsewhere; when not given it is a max(1 - b, 0).
+    """
+
+    kind: Literal["carve"] = "carve"
+    field: AnySpatialField
+    by: AnySpatialField
+    level: float | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Carved:
+        if self.level is not None and not self.level > 0:
+            raise DomainError("level", self.level, "must be above 0")
+        _bounded(self.terms(), self.kind)
+        return self
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes."""
+        return self.field.centre
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels."""
+        carver = self.by.terms()
+        return tuple(carve_term(term, carver, self.level) for term in self.field.terms())
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`."""
+        (lowest, highest), (b_low, b_high) = self.field.extremes(low, high), self.by.extremes(low, high)
+        if self.level is None:
+            return lowest * np.maximum(1 - b_high, 0), highest * np.maximum(1 - b_low, 0)
+        return np.where(b_high < self.level, lowest, 0.0), np.where(b_low < self.level, highest, 0.0)
+
+
+class Power(SpatialField):
+    """A power of a field's density, such as the square that recombination lines follow."""
+
+    kind: Literal["power"] = "power"
+    field: AnySpatialField
+    exponent: float
+
+    @model_validator(mode="after")
+    def _check(self) -> Power:
+        require_positive(self, "exponent")
+        _bounded(self.terms(), self.kind)
+        return self
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes."""
+        return self.field.centre
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels."""
+        return raise_terms(self.field.terms(), self.exponent)
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`."""
+        lowest, highest = self.field.extremes(low, high)
+        return lowest**self.exponent, highest**self.exponent
+
+
+@lru_cache(maxsize=32)
+def warp_modes(seed: int) -> Array:
+    """Modes (3, 8, 4) of a smooth vector noise: wave vector in turns per scale, and phase in turns."""
+    random = np.random.default_rng(seed)
+    count = 3 * WARP_MODES
+    k = 2.0 ** random.random(count)
+    vectors = k[:, None] * random_directions(random, count)
+    return np.column_stack([vectors, random.random(count)]).reshape(3, WARP_MODES, 4)
+
+
+class Warped(SpatialField):
+    """A field seen through displaced coordinates: the density at x is the field's at x + v(x).
+
+    Each component of v is a sum of 8 random waves between half the scale and the scale.
+
+    Parameters
+    ----------
+    field : field
+    amplitude : length
+        Root mean square of each component of v [m]; none is ever above 4 times that.
+    scale : length
+        Longest wave of v [m].
+    seed : int
+        Of the waves.
+    """
+
+    kind: Literal["warp"] = "warp"
+    field: AnySpatialField
+    amplitude: Metres
+    scale: Metres
+    seed: int = 0
+
+    @model_validator(mode="after")
+    def _check(self) -> Warped:
+        require_positive(self, "amplitude", "scale")
+        if self.seed < 0:
+            raise DomainError("seed", self.seed, "must be 0 or above")
+        _bounded(self.terms(), self.kind)
+        return self
+
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes."""
+        return self.field.centre
+
+    @property
+    def _wave(self) -> float:
+        """Amplitude of one wave [m]: `WARP_MODES` of them add to the root mean square asked for."""
+        return self.amplitude * float(np.sqrt(2 / WARP_MODES))
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """The field as data for the kernels."""
+        affine = np.column_stack([np.eye(3) / self.scale, np.zeros(3)])
+        modes = warp_modes(self.seed)
+        step = Instruction(WARP, affine, (self._wave / self.scale, *modes.ravel()))
+        reach = WARP_MODES * self._wave
+        return tuple(warp_term(term, step, reach, 0.5 * self.scale) for term in self.field.terms())
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`.
+
+        The displacement of a box is that of its middle, and what the waves can change from there to a corner.
+        """
+        modes = warp_modes(self.seed)
+        middle, half = 0.5 * (low + high) / self.scale, 0.5 * (high - low) / self.scale
+        shift, change = np.empty_like(low), np.empty_like(low)
+        for i in range(3):
+            k, phase = modes[i, :, :3], modes[i, :, 3]
+            shift[:, i] = self._wave * np.cos(2 * np.pi * (middle @ k.T + phase)).sum(axis=1)
+            change[:, i] = self._wave * np.minimum(2 * np.pi * half @ np.abs(k).T, 2.0).sum(axis=1)
+        # A rounding error more than that, and more than the error of the kernel's cosine.
+        change += 1e-8 * self._wave
+        return self.field.extremes(low + shift - change, high + shift + change)
+
+
+def sum_of(a: SpatialField, b: SpatialField) -> Sum:
+    """a + b, sums in one level."""
+    parts = [(x.fields, x._weights()) if isinstance(x, Sum) else ((x,), (1.0,)) for x in (a, b)]
+    return Sum(fields=parts[0][0] + parts[1][0], factors=parts[0][1] + parts[1][1])
+
+
+def multiple_of(a: SpatialField, factor: float) -> Sum:
+    """factor a."""
+    fields, weights = (a.fields, a._weights()) if isinstance(a, Sum) else ((a,), (1.0,))
+    return Sum(fields=fields, factors=tuple(factor * weight for weight in weights))
+
+
+def product_of(a: SpatialField, b: SpatialField) -> Product:
+    """a b, products in one level."""
+    parts = [x.fields if isinstance(x, Product) else (x,) for x in (a, b)]
+    return Product(fields=reduce(lambda x, y: x + y, parts))
+
+
+#: Every field of three dimensions that a file can name.
+AnySpatialField = Annotated[
+    Sphere | GaussianSphere | Plummer | King | PowerLaw | BonnorEbert | Shell | GaussianShell
+    | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front
+    | VoxelGrid | ParticleSet
+    | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped,
+    Field(discriminator="kind"),
+]  # fmt: skip
+
+for _record in (Moved, Rotated, Scaled, Product, Sum, Carved, Power, Warped):
+    _record.model_rebuild()
