@@ -13,8 +13,9 @@ as long as that is a first child.
 A leaf `PARTICLES` has, after its affine map, the parameter `largest weight`, and the integers `place of the data,
 number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A
 leaf has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight
-m / (pi h^3) over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative places keep single
-precision enough for particles of any size, and numbers side by side are added up in vector registers.
+m / (pi h^3) over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative
+places keep single precision enough for particles of any size, and numbers side by side are added up in vector
+registers.
 """
 
 from __future__ import annotations
