@@ -42,7 +42,7 @@ class FrozenArray:
         """Digest of type, shape and content."""
         digest = hashlib.blake2b(digest_size=16)
         digest.update(f"{self.array.dtype.str}{self.array.shape}".encode())
-        digest.update(memoryview(self.array).cast("B") if self.array.size else b"")
+        digest.update(self.array.data.cast("B") if self.array.size else b"")
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:

@@ -93,8 +93,8 @@ class Filament(Shape):
         vector = np.diff(curve, axis=0)
         chain = np.column_stack([curve[:-1], vector, 1.0 / (vector**2).sum(axis=1)])
         head = (float(self.profile == "plummer"), 0.5 * self.exponent, self.reach**2, float(len(chain)))
-        half = np.abs(curve).max(axis=0) + self.reach
-        return Leaf(FILAMENT, self.width, half, 4.0, (*head, *chain.ravel()))
+        box = np.array([curve.min(axis=0) - self.reach, curve.max(axis=0) + self.reach])
+        return Leaf(FILAMENT, self.width, box, 4.0, (*head, *chain.ravel()))
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame: no point is farther from the middle than a corner."""

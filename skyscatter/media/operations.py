@@ -384,7 +384,8 @@ def product_of(a: SpatialField, b: SpatialField) -> Product:
 #: Every field of three dimensions that a file can name.
 AnySpatialField = Annotated[
     Sphere | GaussianSphere | Plummer | King | PowerLaw | BonnorEbert | Shell | GaussianShell
-    | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front | VoxelGrid | ParticleSet
+    | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front
+    | VoxelGrid | ParticleSet
     | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped,
     Field(discriminator="kind"),
 ]  # fmt: skip

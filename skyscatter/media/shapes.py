@@ -16,6 +16,7 @@ from skyscatter.media.programs import (
     POWER_LAW,
     SHELL,
     SPHERE,
+    map_box,
     map_boxes,
     method_of,
 )
@@ -52,7 +53,7 @@ class Leaf(NamedTuple):
 
     operation: int
     unit: float | Triple  #: length [m] of the frame's unit, along each axis
-    reach: float | Array  #: radius, or half sizes (3,), of what holds it, in units
+    reach: float | Array  #: radius of the ball, or corners (2, 3) of the box, that holds it, in units
     scale: float  #: longest panel of the quadrature, in (the shortest of the) units
     parameters: tuple[float, ...] = ()
     data: Array | None = None
@@ -118,11 +119,13 @@ class Shape(SpatialField):
             leaf.operation, np.column_stack([matrix, offset]), leaf.parameters, leaf.data, leaf.index
         )
         out = np.linalg.inv(matrix)
+        place = np.array(self.position)
         if isinstance(leaf.reach, np.ndarray):
-            half = np.abs(out) @ leaf.reach
+            box = map_box(leaf.reach, out, place)
         else:
-            half = np.linalg.norm(out, axis=1) * leaf.reach
-        box = np.array(self.position) + np.array([[-1.0], [1.0]]) * half * (1 + 1e-12)
+            box = place + np.array([[-1.0], [1.0]]) * np.linalg.norm(out, axis=1) * leaf.reach
+        # A rounding error wider, so that nothing sticks out.
+        box += 1e-12 * np.array([[-1.0], [1.0]]) * (box[1] - box[0])
         scale = leaf.scale * float((np.array(self.axes) * leaf.unit).min())
         return (FieldTerm((step,), method_of((step,)), 1.0, box, scale),)
 

@@ -60,7 +60,7 @@ class FlaredDisk(Shape):
         """The shape in its own frame."""
         inner, outer, height = self.inner / self.radius, self.outer / self.radius, self.height / self.radius
         thickest = GAUSSIAN_CUT * height * max(inner**self.flaring, outer**self.flaring)
-        reach = np.array([outer, outer, thickest])
+        reach = np.array([[-outer, -outer, -thickest], [outer, outer, thickest]])
         return Leaf(DISK, self.radius, reach, outer, (self.exponent, self.flaring, height, inner, outer, GAUSSIAN_CUT))
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
@@ -110,11 +110,19 @@ class Cone(Shape):
             raise DomainError("inner", self.inner, "must be above 0 where the density follows a power of the radius")
         return self
 
+    @property
+    def centre(self) -> Array:
+        """Point (3,) [m] through which the reference column goes: on the axis, half-way between the radii."""
+        height = 0.5 * (self.inner + self.length) * self.axes[2]
+        return np.array(self.position) + self.rotation @ [0.0, 0.0, height]
+
     def leaf(self) -> Leaf:
         """The shape in its own frame."""
         cosine = float(np.cos(np.radians(self.half_angle_deg)))
         parameters = (cosine, self.inner / self.length, self.exponent, float(self.both_sides))
-        return Leaf(CONE, self.length, 1.0, 1.0, parameters)
+        side = float(np.sin(np.radians(self.half_angle_deg)))
+        reach = np.array([[-side, -side, -1.0 if self.both_sides else 0.0], [side, side, 1.0]])
+        return Leaf(CONE, self.length, reach, 1.0, parameters)
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame."""
@@ -203,7 +211,7 @@ class _Cuboid(Shape):
 
     def leaf(self) -> Leaf:
         """The shape in its own frame."""
-        return Leaf(BOX, self._half_sizes(), np.ones(3), 2.0)
+        return Leaf(BOX, self._half_sizes(), np.array([[-1.0], [1.0]]) * np.ones(3), 2.0)
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame."""

@@ -28,8 +28,8 @@ Point = tuple[Metres, Metres, Metres]
 class VoxelGrid(ArrayRecord):
     """Density on a grid of equal cells, read from an array or a file.
 
-    Give `values` or `file`; and either the corners `low` and `high` of the whole grid, or the side of a cell, `spacing`,
-    with the middle of the grid, `position`.
+    Give `values` or `file`; and either the corners `low` and `high` of the whole grid, or the side of a cell,
+    `spacing`, with the middle of the grid, `position`.
 
     The integral of the density over space is the sum of the values times the volume of a cell, whatever the
     interpolation and the edge.

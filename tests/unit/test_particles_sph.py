@@ -37,7 +37,8 @@ def direct(points, lengths=LENGTHS):
 
 
 def particles(**options):
-    return ParticleSet(**{"positions": PLACES, "masses": MASSES, "smoothing_lengths": LENGTHS, "resolution": 0} | options)
+    given = {"positions": PLACES, "masses": MASSES, "smoothing_lengths": LENGTHS, "resolution": 0}
+    return ParticleSet(**given | options)
 
 
 def plummer(number, rng):
@@ -49,8 +50,9 @@ def plummer(number, rng):
 
 @pytest.mark.parametrize(("lengths", "tolerance"), [(LENGTHS, 2e-5), (np.full(NUMBER, 0.3), 3e-6)])
 def test_densities_are_the_sum_over_all_particles(lengths, tolerance):
-    """In single precision: places are known to 6e-8 of half a leaf, up to 2 units, which is 1e-5 of h = 0.02; or of 1."""
-    points = np.concatenate([RNG.normal(size=(1000, 3)) * [1, 2, 0.5], PLACES[:200] + 1e-3, RNG.uniform(-9, 9, (300, 3))])
+    """In single precision: places are known to 6e-8 of half a leaf, up to 2 units: 1e-5 of h = 0.02, 4e-7 of 0.3."""
+    many, far = RNG.normal(size=(1000, 3)) * [1, 2, 0.5], RNG.uniform(-9, 9, (300, 3))
+    points = np.concatenate([many, PLACES[:200] + 1e-3, far])
     expected = direct(points, lengths)
     density = particles(smoothing_lengths=lengths).density(points)
     np.testing.assert_allclose(density, expected, rtol=tolerance, atol=1e-6 * np.median(expected))
@@ -95,7 +97,8 @@ def test_the_tabulated_chord_is_the_integral():
     for b in (0.0, 0.01, 0.07, 0.3, 0.9, 1.0, 1.4, 1.99):
         half = math.sqrt(4 - b * b)
         points = [math.sqrt(1 - b * b)] if b < 1 else None
-        exact = 2 * np.pi * quad(lambda s, b=b: float(kernel(math.hypot(b, s))), 0, half, points=points, epsabs=1e-12)[0]
+        along = quad(lambda s, b=b: float(kernel(math.hypot(b, s))), 0, half, points=points, epsabs=1e-12)[0]
+        exact = 2 * np.pi * along
         assert _chord_integral(b * b) == pytest.approx(exact, abs=4e-7)
 
 
@@ -117,12 +120,13 @@ def test_parts_of_a_column_add_up():
 def test_mass_is_the_integral_of_the_columns():
     """Gauss-Legendre over the cross-section of two particles that overlap."""
     field = ParticleSet(
-        positions=[[0, 0, 0], [0.3, 0.2, 0.5]], masses=[1.0, 2.0], smoothing_lengths=[0.5, 0.6], resolution=0, factor=7.0
-    )
+        positions=[[0, 0, 0], [0.3, 0.2, 0.5]], masses=[1.0, 2.0], smoothing_lengths=[0.5, 0.6], resolution=0,
+        factor=7.0,
+    )  # fmt: skip
     node, weight = np.polynomial.legendre.leggauss(120)
     x, y = np.meshgrid(1.6 * node, 1.6 * node)
     start = np.stack([x, y, np.full_like(x, -5.0)], axis=-1)
-    total = 1.6**2 * np.einsum("ij,i,j", field.column(start, start + [0, 0, 10]), weight, weight)
+    total = 1.6**2 * np.einsum("ij,i,j", field.column(start, start + np.array([0, 0, 10])), weight, weight)
     assert field.mass == 21.0
     assert total == pytest.approx(21.0, rel=1e-5)
 
@@ -159,8 +163,8 @@ def test_a_sampled_plummer_sphere_converges():
     """With one smoothing length h for all, the error at a point has two parts that are known beforehand.
 
     Noise: the variance of a Poisson sum, density * m * integral of W^2.  Bias: h^2 / 2 times the second moment of W
-    along an axis times the Laplacian of the density (and terms of h^4).  With h falling as N^(-1/7) both fall together, as
-    N^(-2/7).
+    along an axis times the Laplacian of the density (and terms of h^4).  With h falling as N^(-1/7) both fall
+    together, as N^(-2/7).
     """
     q, w = np.polynomial.legendre.leggauss(200)
     q, w = q + 1, w * 4 * np.pi * (q + 1) ** 2
@@ -215,29 +219,32 @@ def test_extremes_contain_all_values():
 def test_upper_bounds_are_close_where_particles_are_many():
     places = np.random.default_rng(5).random((20_000, 3))
     field = ParticleSet(positions=places, resolution=0)
-    low = RNG.uniform(0.2, 0.7, (200, 3))
+    low = RNG.uniform(0.2, 0.7, (50, 3))
     high = low + 0.1
     _, highest = field.extremes(low, high)
-    density = field.density(low + RNG.uniform(0, 1, (2000, 200, 3)) * (high - low)).max(axis=0)
+    density = field.density(low + RNG.uniform(0, 1, (2000, 50, 3)) * (high - low)).max(axis=0)
     assert np.all(highest >= density)
-    assert np.median(highest / density) < 2.0
+    # Twice a density in the box, which 2000 places find to some 10 %.
+    assert np.max(highest / density) < 2.2
 
 
 def test_a_grid_of_particles_has_their_mass_and_nearly_their_columns():
     rng = np.random.default_rng(17)
-    places = plummer(20_000, rng)
-    places = places[np.linalg.norm(places, axis=1) < 2]
-    exact = ParticleSet(positions=places, resolution=0)
-    size = (exact.bounds[1] - exact.bounds[0]).max()
-    fine = ParticleSet(positions=places, resolution=math.ceil(2 * size / np.median(exact.particles.lengths)))
-    assert fine.grid.cube.sum(dtype=float) * fine.grid.cell.prod() * fine.grid.factor == pytest.approx(exact.mass, rel=1e-12)
-    points = rng.uniform(-0.7, 0.7, (4000, 3))
-    ratio = fine.density(points) / exact.density(points)
-    ends = points + 10 * rng.normal(size=(4000, 3))
-    columns = fine.column(2 * points - ends, ends) / exact.column(2 * points - ends, ends)
-    print("grid: rms of values", np.sqrt(np.mean((ratio - 1) ** 2)), "columns", np.sqrt(np.mean((columns - 1) ** 2)))
-    assert np.sqrt(np.mean((ratio - 1) ** 2)) < 0.03
-    assert np.sqrt(np.mean((columns - 1) ** 2)) < 0.01
+    exact = ParticleSet(positions=rng.random((8000, 3)), resolution=0)
+    size = (exact.bounds[1] - exact.bounds[0]).max() / np.median(exact.particles.lengths)
+    points, directions = rng.uniform(0.3, 0.7, (2000, 3)), rng.normal(size=(2000, 3))
+    value, column = exact.density(points), exact.column(points - 9 * directions, points + 9 * directions)
+    errors = []
+    for fineness in (2, 4):
+        voxels = exact.resampled(math.ceil(fineness * size))
+        mass = voxels.cube.sum(dtype=float) * voxels.cell.prod() * voxels.factor
+        assert mass == pytest.approx(exact.mass, rel=1e-12)
+        values, columns = voxels.density(points), voxels.column(points - 9 * directions, points + 9 * directions)
+        errors.append([np.sqrt(np.mean((values / value - 1) ** 2)), np.sqrt(np.mean((columns / column - 1) ** 2))])
+    # What the documentation promises; columns here are shorter, through 20 particles instead of 31: sqrt(31 / 20).
+    assert errors[0][0] < 0.05
+    assert errors[0][1] < 0.008 * 1.25
+    np.testing.assert_allclose(np.log2(np.array(errors[0]) / errors[1]), 2.0, atol=0.25)
     # Particles smaller than a cell lose nothing either, nor do those at the edge.
     coarse = particles().resampled(9)
     assert coarse.cube.sum(dtype=float) * coarse.cell.prod() * coarse.factor == pytest.approx(MASSES.sum(), rel=1e-12)
@@ -257,9 +264,8 @@ def test_files_and_units(tmp_path):
     from astropy.table import Table
 
     np.savez(tmp_path / "a.npz", positions=PLACES, masses=MASSES, smoothing_lengths=LENGTHS)
-    Table({"X": PLACES[:, 0], "Y": PLACES[:, 1], "Z": PLACES[:, 2], "masses": MASSES, "smoothing_lengths": LENGTHS}).write(
-        tmp_path / "a.fits"
-    )
+    columns = {"X": PLACES[:, 0], "Y": PLACES[:, 1], "Z": PLACES[:, 2]}
+    Table(columns | {"masses": MASSES, "smoothing_lengths": LENGTHS}).write(tmp_path / "a.fits")
     points = RNG.normal(size=(100, 3))
     for name in ("a.npz", "a.fits"):
         field = ParticleSet(file=str(tmp_path / name), length_unit="1 km", resolution=0)

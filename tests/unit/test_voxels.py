@@ -116,7 +116,7 @@ def test_the_integral_is_the_sum_of_the_cells(options):
     x = LOW[0] + cell[0] * (np.arange(-2, 2 * SHAPE[0] + 2) + 0.5) / 2
     y = LOW[1] + cell[1] * (np.arange(-2, 2 * SHAPE[1] + 2) + 0.5) / 2
     start = np.stack(np.meshgrid(x, y, [LOW[2] - 9], indexing="ij"), axis=-1)
-    columns = field.column(start, start + [0, 0, 40])
+    columns = field.column(start, start + np.array([0, 0, 40]))
     assert columns.sum() * cell[0] * cell[1] / 4 == pytest.approx(VALUES.sum() * cell.prod(), rel=2e-7)
 
 
@@ -143,8 +143,8 @@ def test_a_repeating_grid_repeats():
     np.testing.assert_allclose(field.density(a + shift), field.density(a), rtol=0, atol=1e-8)
     np.testing.assert_allclose(field.column(a + shift, b + shift), field.column(a, b), rtol=1e-8)
     period = HIGH[0] - LOW[0]
-    one = field.column(a, a + [period, 0, 0])
-    np.testing.assert_allclose(field.column(a, a + [50 * period, 0, 0]), 50 * one, rtol=1e-9)
+    one = field.column(a, a + np.array([period, 0, 0]))
+    np.testing.assert_allclose(field.column(a, a + np.array([50 * period, 0, 0])), 50 * one, rtol=1e-9)
     assert field.bounds[0][0] < -1e4 * period < 1e4 * period < field.bounds[1][0]
     assert field.bounds[1][2] == pytest.approx(HIGH[2] + 0.75)
 

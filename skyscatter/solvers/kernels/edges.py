@@ -95,6 +95,23 @@ def disk_edges(p, at, cuts, n, a, b, c, u, v, w, length):
 
 
 @kernel
+def joint_edge(p, j, reach, cuts, n, a, b, c, u, v, w, speed, length):
+    """A cut where a line crosses the plane between a part of a filament and the part before: there its density kinks.
+
+    p[j]: the part, 7 numbers; the plane goes through the joint, across the mean direction of both.
+    """
+    here, there = math.sqrt(p[j + 6]), math.sqrt(p[j - 1])
+    x, y, z = p[j + 3] * here + p[j - 4] * there, p[j + 4] * here + p[j - 3] * there, p[j + 5] * here + p[j - 2] * there
+    slope = u * x + v * y + w * z
+    if slope != 0.0:
+        t = ((p[j] - a) * x + (p[j + 1] - b) * y + (p[j + 2] - c) * z) / slope
+        x, y, z = a + t * u - p[j], b + t * v - p[j + 1], c + t * w - p[j + 2]
+        if x * x + y * y + z * z < reach:
+            n = put_cut(cuts, n, t / speed, length)
+    return n
+
+
+@kernel
 def filament_edges(p, at, cuts, n, a, b, c, u, v, w, length):
     """Where a line comes nearest to the whole filament, and near to any part of it; p[at + 2]: its squared reach."""
     speed = math.sqrt(u * u + v * v + w * w)
@@ -115,6 +132,8 @@ def filament_edges(p, at, cuts, n, a, b, c, u, v, w, length):
         if m > before and falling and before < p[at + 2]:
             n = put_cut(cuts, n, before_t / speed, length)
         falling, before, before_t = m < before, m, t
+        if k > 0:
+            n = joint_edge(p, j, p[at + 2], cuts, n, a, b, c, u, v, w, speed, length)
     if before < p[at + 2] and falling:
         n = put_cut(cuts, n, before_t / speed, length)
     if best < p[at + 2]:

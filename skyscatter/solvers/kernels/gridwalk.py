@@ -25,7 +25,8 @@ class Walker(NamedTuple):
     """Where a walk through the grid of bounds is; a thread needs its own."""
 
     place: np.ndarray  #: (15,) int64: cell (3), step (3), number of cells (3), stride (3), whether it repeats (3)
-    line: np.ndarray  #: (14,) distances of the next faces (3), their numbers (3), start (3), distance per cell (3), t, end
+    line: np.ndarray  #: (14,) distances of the next faces (3), their numbers (3), start (3), distance per cell (3), t,
+    #: end
 
 
 def make_walker() -> Walker:

@@ -51,10 +51,17 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def summing(function: Callable[..., Any]) -> Any:
-    """Like `inlined`, for a loop that adds up numbers whose order does not matter, so that it can use vector registers."""
+    """Like `inlined`, for a sum whose order does not matter, so that it can use vector registers."""
     flags = {"reassoc", "nsz", "contract"}
     return _compile(
         function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True, fastmath=flags
+    )
+
+
+def reduction(function: Callable[..., Any]) -> Any:
+    """Like `kernel`, for a long sum: its terms may be added in any order, and so several at a time."""
+    return _compile(
+        function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"reassoc", "contract"}
     )
 
 

@@ -11,10 +11,11 @@ and smoothing lengths may differ by any factor.  Going on to the next node needs
 as long as that is a first child.
 
 A leaf `PARTICLES` has, after its affine map, the parameter `largest weight`, and the integers `place of the data,
-number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A leaf
-has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight m / (pi h^3)
-over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative places keep single
-precision enough for particles of any size, and numbers side by side are added up in vector registers.
+number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A
+leaf has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight
+m / (pi h^3) over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative
+places keep single precision enough for particles of any size, and numbers side by side are added up in vector
+registers.
 """
 
 from __future__ import annotations
@@ -40,21 +41,27 @@ def spline(q2):
 
 
 @summing
-def leaf_sum(data, n, a, b, c):
-    """Density, over the largest weight, of the leaf that begins at n, at a point relative to its middle."""
+def leaf_sum(data, n, a, b, c, u, v, w):
+    """Sum over the leaf that begins at n, over the largest weight.
+
+    The place a, b, c, relative to the leaf's middle, is taken farther from every particle by u, v, w along the axes: 0
+    gives the density there; minus and plus half the sides of a box, an upper and a lower bound in the box around it.
+    """
     total = np.float32(0.0)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     # Unsigned numbers of places: signed ones are asked whether they count from the end.
     x = np.uint64(n)
-    y, z, h, w = x + np.uint64(ROOM), x + np.uint64(2 * ROOM), x + np.uint64(3 * ROOM), x + np.uint64(4 * ROOM)
+    y, z = x + np.uint64(ROOM), x + np.uint64(2 * ROOM)
+    lengths, weights = x + np.uint64(3 * ROOM), x + np.uint64(4 * ROOM)
     for m in range(np.uint64(ROOM)):
-        e, f, g = a - data[x + m], b - data[y + m], c - data[z + m]
+        e, f, g = abs(a - data[x + m]) + u, abs(b - data[y + m]) + v, abs(c - data[z + m]) + w
+        e, f, g = (e if e > zero else zero), (f if f > zero else zero), (g if g > zero else zero)
         # Without branches; beyond the sphere both parts are nought.
-        q = math.sqrt(e * e + f * f + g * g) * data[h + m]
+        q = math.sqrt(e * e + f * f + g * g) * data[lengths + m]
         outer, inner = two - q, one - q
         outer = outer if outer > zero else zero
         inner = inner if inner > zero else zero
-        total += data[w + m] * (np.float32(0.25) * outer * outer * outer - inner * inner * inner)
+        total += data[weights + m] * (np.float32(0.25) * outer * outer * outer - inner * inner * inner)
     return total
 
 
@@ -162,8 +169,8 @@ def particle_density(p, i, data, at, j, x, y, z):
                 k *= 2
                 continue
             x, y, z = leaf_middle(data, bodies + LEAF * (k - leaves))
-            a, b, c = np.float32(u - x), np.float32(v - y), np.float32(w - z)
-            total += leaf_sum(data, bodies + LEAF * (k - leaves), a, b, c)
+            a, b, c, zero = np.float32(u - x), np.float32(v - y), np.float32(w - z), np.float32(0.0)
+            total += leaf_sum(data, bodies + LEAF * (k - leaves), a, b, c, zero, zero, zero)
         k = next_node(k)
         if k == 1:
             return total * p[at + 12]
@@ -239,26 +246,28 @@ def particle_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
 
 
 @entry
-def particle_bounds(data, number, levels, low, high, lowest, highest):
+def particle_bounds(data, levels, low, high, lowest, reached, highest):
     """Bounds of the density within boxes: every particle as far from and as near to the box as it can be.
 
     Parameters
     ----------
     data : ndarray, float32
         As a leaf's, from its first number on.
-    number, levels : int
-        Particles and levels of the tree.
+    levels : int
+        Of the tree.
     low, high : ndarray, shape (box, 3)
         Corners in the frame of the tree.
-    lowest, highest : ndarray, shape (box,)
-        Results, over the largest weight.
+    lowest, reached, highest : ndarray, shape (box,)
+        Lower bound, density in the middle, upper bound; all over the largest weight.
     """
     leaves = 1 << levels
     bodies = 2 * leaves * NODE
     for box in range(low.shape[0]):
         x0, y0, z0 = low[box, 0], low[box, 1], low[box, 2]
         x1, y1, z1 = high[box, 0], high[box, 1], high[box, 2]
-        least, most, k = 0.0, 0.0, 1
+        u, v, w = np.float32(0.5 * (x1 - x0)), np.float32(0.5 * (y1 - y0)), np.float32(0.5 * (z1 - z0))
+        zero = np.float32(0.0)
+        least, here, most, k = 0.0, 0.0, 0.0, 1
         while True:
             n = NODE * k
             if (
@@ -270,17 +279,15 @@ def particle_bounds(data, number, levels, low, high, lowest, highest):
                     k *= 2
                     continue
                 first = bodies + LEAF * (k - leaves)
-                a, b, c = leaf_middle(data, first)
-                for m in range(first, first + ((k - leaves + 1) * number >> levels) - ((k - leaves) * number >> levels)):
-                    x, y, z, h2 = a + data[m], b + data[m + ROOM], c + data[m + 2 * ROOM], data[m + 3 * ROOM] ** 2
-                    e, f, g = max(x0 - x, x - x1, 0.0), max(y0 - y, y - y1, 0.0), max(z0 - z, z - z1, 0.0)
-                    q2 = (e * e + f * f + g * g) * h2
-                    if q2 < 4.0:
-                        most += data[m + 4 * ROOM] * spline(q2)
-                        e, f, g = max(x - x0, x1 - x), max(y - y0, y1 - y), max(z - z0, z1 - z)
-                        q2 = (e * e + f * f + g * g) * h2
-                        least += data[m + 4 * ROOM] * spline(q2) if q2 < 4.0 else 0.0
+                x, y, z = leaf_middle(data, first)
+                a, b = np.float32(0.5 * (x0 + x1) - x), np.float32(0.5 * (y0 + y1) - y)
+                c = np.float32(0.5 * (z0 + z1) - z)
+                near = leaf_sum(data, first, a, b, c, -u, -v, -w)
+                if near > zero:
+                    most += near
+                    here += leaf_sum(data, first, a, b, c, zero, zero, zero)
+                    least += leaf_sum(data, first, a, b, c, u, v, w)
             k = next_node(k)
             if k == 1:
                 break
-        lowest[box], highest[box] = least, most
+        lowest[box], reached[box], highest[box] = least, here, most

@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, reduction
 
 #: Opcodes of the shapes; 50 to 69 are grids and particles, 100 and above operations.
 SPHERE, GAUSSIAN_SPHERE, POWER_LAW, BONNOR_EBERT, SHELL, GAUSSIAN_SHELL = 0, 1, 2, 3, 4, 5
@@ -110,8 +110,7 @@ def cosine_of_turns(x):
     With r the distance of x from the nearest whole number it is sin(2 pi q), q = 1/4 - r, |q| <= 1/4: Taylor's series
     up to the power 13, whose next term is (pi/2)^15 / 15! < 7e-10.
     """
-    rounded = x + 6755399441055744.0  # 1.5 * 2^52 leaves the nearest whole number
-    q = 6.283185307179586 * (0.25 - abs(x - (rounded - 6755399441055744.0)))
+    q = 6.283185307179586 * (0.25 - abs(x - math.floor(x + 0.5)))
     s = q * q
     return q * (
         1.0
@@ -119,25 +118,16 @@ def cosine_of_turns(x):
     )
 
 
-@kernel
+@reduction
 def sum_of_modes(data, start, count, a, b, c):
-    """Sum of amplitude cos(2 pi (k . x + phase)); data: kx, ky, kz, phase and amplitude, each (count,).
-
-    The remainder of four running sums keeps the order of additions fixed, so that it vectorises without fast-math.
-    """
+    """Sum of amplitude cos(2 pi (k . x + phase)); data: kx, ky, kz, phase and amplitude, each (count,)."""
+    # Slices, whose indices are plainly not negative: a test of the sign would keep the loop from being vectorised.
     kx, ky, kz = data[start : start + count], data[start + count :], data[start + 2 * count :]
     phase, amplitude = data[start + 3 * count :], data[start + 4 * count :]
-    s0, s1, s2, s3, s4, s5, s6, s7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(0, count, 8):
-        s0 += amplitude[i] * cosine_of_turns(kx[i] * a + ky[i] * b + kz[i] * c + phase[i])
-        s1 += amplitude[i + 1] * cosine_of_turns(kx[i + 1] * a + ky[i + 1] * b + kz[i + 1] * c + phase[i + 1])
-        s2 += amplitude[i + 2] * cosine_of_turns(kx[i + 2] * a + ky[i + 2] * b + kz[i + 2] * c + phase[i + 2])
-        s3 += amplitude[i + 3] * cosine_of_turns(kx[i + 3] * a + ky[i + 3] * b + kz[i + 3] * c + phase[i + 3])
-        s4 += amplitude[i + 4] * cosine_of_turns(kx[i + 4] * a + ky[i + 4] * b + kz[i + 4] * c + phase[i + 4])
-        s5 += amplitude[i + 5] * cosine_of_turns(kx[i + 5] * a + ky[i + 5] * b + kz[i + 5] * c + phase[i + 5])
-        s6 += amplitude[i + 6] * cosine_of_turns(kx[i + 6] * a + ky[i + 6] * b + kz[i + 6] * c + phase[i + 6])
-        s7 += amplitude[i + 7] * cosine_of_turns(kx[i + 7] * a + ky[i + 7] * b + kz[i + 7] * c + phase[i + 7])
-    return ((s0 + s4) + (s1 + s5)) + ((s2 + s6) + (s3 + s7))
+    total = 0.0
+    for i in range(count):
+        total += amplitude[i] * cosine_of_turns(kx[i] * a + ky[i] * b + kz[i] * c + phase[i])
+    return total
 
 
 @inlined

@@ -1,16 +1,17 @@
 """Voxel grids: the density at a point, the exact column along a line, and bounds within boxes.
 
-A leaf `VOXELS` has, after its affine map, the six parameters `low, high` of its support in the grid's own frame, and the
-integers `place of the data, walked cells (3), repeats (3), smooth, places along x, along y, along z`.  In the grid's own
-frame cells have a side of 1.  Two kinds:
+A leaf `VOXELS` has, after its affine map, the six parameters `low, high` of its support in the grid's own frame, and
+the integers `place of the data, walked cells (3), repeats (3), smooth, places along x, along y, along z`.  In the
+grid's own frame cells have a side of 1.  Two kinds:
 
 - smooth: the stored numbers are nodes, cell i of the walk lies between the nodes i and i + 1, and within it the density
   is trilinear.  The values outside the outermost cells are stored too, so no kernel asks about edges.
 - not smooth: the stored numbers are the densities of the cells.
 
 Number (x, y, z) is found at the sum of three places, one for each axis (one more than there are cells).  So the order
-of the numbers is free, and neighbours in space can be neighbours in memory, whatever a line's direction: a column through
-128^3 to 256^3 cells then takes some 25 % less time than in C order, when the lines have nothing to do with each other.
+of the numbers is free, and neighbours in space can be neighbours in memory, whatever a line's direction: a column
+through 128^3 to 256^3 cells then takes some 25 % less time than in C order, when the lines have nothing to do with
+each other.
 
 Along a line a trilinear density is a cubic: with its middle m, half-length vector (a, b, c) and the mixed second
 derivatives at m, its mean over a cell is f(m) + (f_xy ab + f_xz ac + f_yz bc) / 3, without any further error.
@@ -39,8 +40,8 @@ def clip_axis(low, high, x, d, ta, tb):
 def trilinear_mean(data, x0, x1, y0, y1, z0, z1, a, b, c, ab, ac, bc):
     """Mean of the density over a piece of a line within a cell.
 
-    `x0` to `z1` are the places of the cell's nodes along each axis; `a, b, c` is the middle of the piece in fractions of
-    the cell; `ab`, `ac`, `bc` are a third of the products of the components of half the piece.
+    `x0` to `z1` are the places of the cell's nodes along each axis; `a, b, c` is the middle of the piece in fractions
+    of the cell; `ab`, `ac`, `bc` are a third of the products of the components of half the piece.
     """
     # Unsigned numbers of places: signed ones are asked whether they count from the end.
     w0, w1 = np.uint64(z0), np.uint64(z1)
