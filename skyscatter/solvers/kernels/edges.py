@@ -134,9 +134,7 @@ def capsule(p, j, reach, a, b, c, u, v, w):
     x, y, z, inverse = a - p[j], b - p[j + 1], c - p[j + 2], p[j + 6]
     s, r = (x * e + y * f + z * g) * inverse, (u * e + v * f + w * g) * inverse
     x, y, z, u, v, w = x - s * e, y - s * f, z - s * g, u - r * e, v - r * f, w - r * g
-    t0, t1 = widen(
-        math.inf, -math.inf, u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - reach
-    )
+    t0, t1 = widen(math.inf, -math.inf, u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - reach)
     if t0 < t1:
         if 0.0 <= s + r * t0 <= 1.0:
             first = min(first, t0)
@@ -152,9 +150,9 @@ def filament_rim(p, at, cuts, n, a, b, c, u, v, w, speed, length):
     for k in range(int(p[at + 3])):
         first, last = capsule(p, at + 4 + 7 * k, reach, a, b, c, u, v, w)
         for t in (first, last):
-            if 0.0 < t < length * speed and n < cuts.size:
-                if filament_distance(p, at + 3, a + t * u, b + t * v, c + t * w) > reach * (1.0 - 1e-9):
-                    n = put_cut(cuts, n, t / speed, length)
+            near = filament_distance(p, at + 3, a + t * u, b + t * v, c + t * w) if 0.0 < t < length * speed else 0.0
+            if near > reach * (1.0 - 1e-9):
+                n = put_cut(cuts, n, t / speed, length)
     return n
 
 
