@@ -92,7 +92,7 @@ class SpatialFieldBase:
         return np.subtract(*field.bounds[::-1])
 
     def sample(self, field: SpatialField, count: int, reach: float = 0.6, seed: int = 1) -> Array:
-        """Points (count, 3) around the field's middle, up to `reach` of its sides away, many of them near the middle."""
+        """Points (count, 3) around the middle, up to `reach` of the field's sides away, many of them near it."""
         random = np.random.default_rng(seed)
         low, high = field.bounds
         spread = random.uniform(-1, 1, (count, 3)) * reach * np.where(random.random((count, 1)) < 0.3, 0.1, 1.0)
@@ -109,7 +109,8 @@ class SpatialFieldBase:
         end[3] = p[3] + 3 * (q[3] - p[3])  # from inside to outside
         end[4] = p[4] + 0.02 * (q[4] - p[4])  # short
         # Grazing: just within the widest place.
-        start[5], end[5] = middle + [-size[0], 0.498 * size[1], 0], middle + [size[0], 0.498 * size[1], 0]
+        graze = np.array([[-1, 0.498, 0], [1, 0.498, 0]])
+        start[5], end[5] = middle + size * graze
         start[6], end[6] = p[6] + [0, 0, -size[2]], p[6] + [0, 0, size[2]]
         start[7] = p[7] + 1e4 * size.max() * np.array([0.48, -0.6, 0.64])  # an observer far away
         end[7] = 2 * p[7] - start[7]

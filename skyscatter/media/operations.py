@@ -1,12 +1,12 @@
 """Operations on density fields; each is a field again.
 
-``a + b``, ``2 * a``, ``a * b``, ``a ** 2``, ``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)`` and
-``a.warped(...)`` write the same records as files do.
+``a + b``, ``2 * a``, ``a * b``, ``a ** 2``, ``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)``
+and ``a.warped(...)`` write the same records as files do.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -82,7 +82,7 @@ class _Mapped(SpatialField):
     def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes; see `SpatialField`."""
         matrix, offset = self._map()
-        back = np.linalg.inv(matrix)
+        back = np.linalg.inv(matrix).astype(float)
         return self.field.extremes(*map_boxes(low, high, back, -back @ offset))
 
 
@@ -364,21 +364,20 @@ class Warped(SpatialField):
 
 
 def sum_of(a: SpatialField, b: SpatialField) -> Sum:
-    """a + b, sums in one level."""
+    """A + b, sums in one level."""
     parts = [(x.fields, x._weights()) if isinstance(x, Sum) else ((x,), (1.0,)) for x in (a, b)]
     return Sum(fields=parts[0][0] + parts[1][0], factors=parts[0][1] + parts[1][1])
 
 
 def multiple_of(a: SpatialField, factor: float) -> Sum:
-    """factor a."""
+    """Factor a."""
     fields, weights = (a.fields, a._weights()) if isinstance(a, Sum) else ((a,), (1.0,))
     return Sum(fields=fields, factors=tuple(factor * weight for weight in weights))
 
 
 def product_of(a: SpatialField, b: SpatialField) -> Product:
-    """a b, products in one level."""
-    parts = [x.fields if isinstance(x, Product) else (x,) for x in (a, b)]
-    return Product(fields=reduce(lambda x, y: x + y, parts))
+    """A b, products in one level."""
+    return Product(fields=tuple(part for x in (a, b) for part in (x.fields if isinstance(x, Product) else (x,))))
 
 
 #: Every field of three dimensions that a file can name.

@@ -89,9 +89,7 @@ def multiply_terms(a: FieldTerm, b: FieldTerm) -> FieldTerm | None:
 
 def one_program(terms: Sequence[FieldTerm]) -> tuple[Instruction, ...]:
     """One program for the sum of terms, factors included."""
-    parts = [
-        t.program if t.factor == 1.0 else (*t.program, Instruction(SCALE, parameters=(t.factor,))) for t in terms
-    ]
+    parts = [t.program if t.factor == 1.0 else (*t.program, Instruction(SCALE, parameters=(t.factor,))) for t in terms]
     return reduce(lambda a, b: (*a, *b, Instruction(SUM)), parts)
 
 

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
@@ -56,8 +57,8 @@ class Leaf(NamedTuple):
     reach: float | Array  #: radius of the ball, or corners (2, 3) of the box, that holds it, in units
     scale: float  #: longest panel of the quadrature, in (the shortest of the) units
     parameters: tuple[float, ...] = ()
-    data: Array | None = None
-    index: tuple[int, ...] = ()
+    data: NDArray[np.float32] | None = None
+    numbers: tuple[int, ...] = ()
 
 
 class Shape(SpatialField):
@@ -115,10 +116,8 @@ class Shape(SpatialField):
         """The field as data for the kernels."""
         leaf = self.leaf()
         matrix, offset = self._into(leaf)
-        step = Instruction(
-            leaf.operation, np.column_stack([matrix, offset]), leaf.parameters, leaf.data, leaf.index
-        )
-        out = np.linalg.inv(matrix)
+        step = Instruction(leaf.operation, np.column_stack([matrix, offset]), leaf.parameters, leaf.data, leaf.numbers)
+        out = np.linalg.inv(matrix).astype(float)
         place = np.array(self.position)
         if isinstance(leaf.reach, np.ndarray):
             box = map_box(leaf.reach, out, place)
@@ -353,7 +352,9 @@ class BonnorEbert(_Round):
     def _check(self) -> BonnorEbert:
         require_positive(self, "radius")
         if self.dimensionless_radius is not None and self.pressure_contrast is not None:
-            raise DomainError("pressure_contrast", self.pressure_contrast, "follows from dimensionless_radius; give one")
+            raise DomainError(
+                "pressure_contrast", self.pressure_contrast, "follows from dimensionless_radius; give one"
+            )
         if self.dimensionless_radius is not None and not 0.01 <= self.dimensionless_radius <= 1000:
             raise DomainError("dimensionless_radius", self.dimensionless_radius, "must lie from 0.01 to 1000")
         if self.pressure_contrast is not None and not 1.0001 <= self.pressure_contrast <= 1e5:
@@ -386,7 +387,7 @@ class BonnorEbert(_Round):
 
 
 def isothermal_psi(u: Array | float, step: float, nodes: tuple[float, ...]) -> Array:
-    """psi of the isothermal sphere at u = ln(1 + xi^2 / 6), by the cubics of `isothermal_table`."""
+    """Psi of the isothermal sphere at u = ln(1 + xi^2 / 6), by the cubics of `isothermal_table`."""
     table = np.array(nodes).reshape(-1, 2)
     k = np.clip(np.asarray(u) / step, 0, len(table) - 2).astype(int)
     f = np.asarray(u) / step - k
@@ -417,7 +418,8 @@ class Shell(Shape):
         """Bounds of the density within boxes of its own frame."""
         near, far = radii(low, high)
         inner = self.inner / self.outer
-        return 1.0 * ((near >= inner) & (far <= 1.0)), 1.0 * ((far >= inner) & (near <= 1.0))
+        inside, meets = (near >= inner) & (far <= 1.0), (far >= inner) & (near <= 1.0)
+        return inside.astype(float), meets.astype(float)
 
 
 class GaussianShell(Shape):

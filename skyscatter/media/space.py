@@ -23,7 +23,7 @@ class Instruction(NamedTuple):
     operation: int
     affine: Array | None = None  #: (3, 4) from the model's frame to the leaf's; None for operations
     parameters: tuple[float, ...] = ()
-    data: NDArray[Any] | None = None  #: float32 numbers of a grid or of particles
+    data: NDArray[np.float32] | None = None  #: float32 numbers of a grid or of particles
     index: tuple[int, ...] = ()
 
 

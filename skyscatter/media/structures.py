@@ -70,8 +70,12 @@ class FlaredDisk(Shape):
         within = np.array([np.clip(near, inner, outer), np.clip(far, inner, outer)])
         plane, height = within**-alpha, h * within**beta
         thin, thick = z_far / height.min(axis=0), z_near / height.max(axis=0)
-        lowest = np.where((near >= inner) & (far <= outer) & (thin <= cut), plane.min(axis=0) * np.exp(-0.5 * thin**2), 0.0)
-        highest = np.where((far >= inner) & (near <= outer) & (thick <= cut), plane.max(axis=0) * np.exp(-0.5 * thick**2), 0.0)
+        lowest = np.where(
+            (near >= inner) & (far <= outer) & (thin <= cut), plane.min(axis=0) * np.exp(-0.5 * thin**2), 0.0
+        )
+        highest = np.where(
+            (far >= inner) & (near <= outer) & (thick <= cut), plane.max(axis=0) * np.exp(-0.5 * thick**2), 0.0
+        )
         return lowest, highest
 
 
@@ -139,7 +143,7 @@ class Cone(Shape):
         meets = (largest >= cosine) & (r_near <= 1.0) & (r_far >= inner)
         inside = (smallest >= cosine) & (r_near >= inner) & (r_far <= 1.0)
         if exponent == 0.0:
-            return 1.0 * inside, 1.0 * meets
+            return inside.astype(float), meets.astype(float)
         falls = np.array([np.clip(r, inner, 1.0) / inner for r in (r_near, r_far)]) ** -exponent
         return np.where(inside, falls.min(axis=0), 0.0), np.where(meets, falls.max(axis=0), 0.0)
 
@@ -216,7 +220,8 @@ class _Cuboid(Shape):
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame."""
         inside = (low >= -1.0).all(axis=1) & (high <= 1.0).all(axis=1)
-        return 1.0 * inside, 1.0 * ((low <= 1.0).all(axis=1) & (high >= -1.0).all(axis=1))
+        meets = (low <= 1.0).all(axis=1) & (high >= -1.0).all(axis=1)
+        return inside.astype(float), meets.astype(float)
 
 
 class Box(_Cuboid):

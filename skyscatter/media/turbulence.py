@@ -102,7 +102,9 @@ class Turbulence(Shape):
         offset = -float(np.log(np.i0(modes[4].astype(float))).sum())
         # A panel holds two of the shortest waves, the weakest ones; where that is too few it is halved.
         scale = 2 * self.inner_scale / self.outer_scale
-        return Leaf(TURBULENCE, self.outer_scale, np.array([-half, half]), scale, (offset, *half), modes, (modes.shape[1],))
+        return Leaf(
+            TURBULENCE, self.outer_scale, np.array([-half, half]), scale, (offset, *half), modes, (modes.shape[1],)
+        )
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,12 @@ from skyscatter.media.shapes import (
 from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
 from skyscatter.media.turbulence import Turbulence, turbulent_modes
 
-PLACED: dict[str, Any] = {"position": (1.0, -2.0, 0.5), "axis": (1.0, 2.0, 3.0), "turn_deg": 25.0, "axes": (1, 0.6, 1.7)}
+PLACED: dict[str, Any] = {
+    "position": (1.0, -2.0, 0.5),
+    "axis": (1.0, 2.0, 3.0),
+    "turn_deg": 25.0,
+    "axes": (1, 0.6, 1.7),
+}
 BAD_PLACES = (({"axis": (0, 0, 0)}, "axis = "), ({"axes": (1, 0, 1)}, "axes = "))
 
 
@@ -96,7 +102,13 @@ class TestPowerLaw(SpatialFieldBase):
     field_class = PowerLaw
     examples = tuple(
         PowerLaw(core=1.0, exponent=exponent, cut=cut, **place)
-        for exponent, cut, place in ((2.0, 50.0, {}), (1.0, 5.0, PLACED), (2.37, 1e3, {}), (7.0, 9.0, {}), (31.3, 2.0, {}))
+        for exponent, cut, place in (
+            (2.0, 50.0, {}),
+            (1.0, 5.0, PLACED),
+            (2.37, 1e3, {}),
+            (7.0, 9.0, {}),
+            (31.3, 2.0, {}),
+        )
     )
     refused = (
         ({"core": 0.0, "cut": 1.0, "exponent": 2.0}, "core = 0.0"),
@@ -298,7 +310,7 @@ class TestFilament(SpatialFieldBase):
     def expected(self, field: Any, points: Array) -> Array:
         p, curve = own_frame(field, points), field.curve()
         near = np.full(len(p), np.inf)
-        for a, b in zip(curve, curve[1:], strict=False):
+        for a, b in pairwise(curve):
             s = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
             near = np.minimum(near, np.linalg.norm(p - a - s[:, None] * (b - a), axis=1))
         x = near / field.width
@@ -361,7 +373,7 @@ class TestTurbulence(SpatialFieldBase):
             for seed in range(4):
                 field = Turbulence(outer_scale=1.0, inner_scale=0.0625, slope=slope, seed=seed, modes=400)
                 transform = np.fft.fftn(window * np.log(field.density(grid)))
-                power += np.bincount(shell.ravel(), abs(transform.ravel()) ** 2)[8:32] / np.bincount(shell.ravel())[8:32]
+                power += (np.bincount(shell.ravel(), abs(transform.ravel()) ** 2) / np.bincount(shell.ravel()))[8:32]
             fitted = np.polyfit(np.log(np.arange(8, 32)), np.log(power), 1)[0]
             # Four fields of some 240 waves over two octaves fix a slope to about 0.15.
             assert fitted == pytest.approx(-slope - 2, abs=0.3)
@@ -619,3 +631,14 @@ def test_columns_of_segments_broadcast_and_vanish() -> None:
     assert field.column([0, 0, -1], [[0, 0, 1], [0, 0, 2]]).shape == (2,)
     assert field.column([0, 0, 0], [0, 0, 0]) == 0
     assert field.column([9, 9, 9], [9, 9, 10]) == 0
+
+
+def test_numbers_of_shapes_and_operations_are_those_of_the_kernels() -> None:
+    from skyscatter.media import operations, programs
+    from skyscatter.solvers.kernels import shapes, space
+
+    assert operations.WARP_MODES == shapes.WARP_MODES
+    names = [name for name in vars(programs) if name.isupper() and not name.startswith("_")]
+    assert len(names) == 26
+    for name in names:
+        assert getattr(programs, name) == getattr(space, name), name

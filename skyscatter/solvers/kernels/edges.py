@@ -23,6 +23,7 @@ from skyscatter.solvers.kernels.shapes import (
     SHELL,
     SPHERE,
     TURBULENCE,
+    filament_distance,
 )
 
 #: Ratio of the distances of successive cuts from a peak.
@@ -111,6 +112,50 @@ def joint_edge(p, j, reach, cuts, n, a, b, c, u, v, w, speed, length):
     return n
 
 
+@inlined
+def widen(first, last, a, b, c):
+    """The interval [first, last] with the roots of a t^2 + 2 b t + c."""
+    square = b * b - a * c
+    if square < 0.0 or a <= 0.0:
+        return first, last
+    root = math.sqrt(square)
+    return min(first, (-b - root) / a), max(last, (-b + root) / a)
+
+
+@kernel
+def capsule(p, j, reach, a, b, c, u, v, w):
+    """Where a line of unit direction enters and leaves the points within a distance (squared: reach) of a part."""
+    first, last = math.inf, -math.inf
+    e, f, g = p[j + 3], p[j + 4], p[j + 5]
+    for end in range(2):
+        x, y, z = a - p[j] - end * e, b - p[j + 1] - end * f, c - p[j + 2] - end * g
+        first, last = widen(first, last, 1.0, x * u + y * v + z * w, x * x + y * y + z * z - reach)
+    # Across the part: vectors less what they have along it.
+    x, y, z, inverse = a - p[j], b - p[j + 1], c - p[j + 2], p[j + 6]
+    s, r = (x * e + y * f + z * g) * inverse, (u * e + v * f + w * g) * inverse
+    x, y, z, u, v, w = x - s * e, y - s * f, z - s * g, u - r * e, v - r * f, w - r * g
+    t0, t1 = widen(math.inf, -math.inf, u * u + v * v + w * w, x * u + y * v + z * w, x * x + y * y + z * z - reach)
+    if t0 < t1:
+        if 0.0 <= s + r * t0 <= 1.0:
+            first = min(first, t0)
+        if 0.0 <= s + r * t1 <= 1.0:
+            last = max(last, t1)
+    return first, last
+
+
+@kernel
+def filament_rim(p, at, cuts, n, a, b, c, u, v, w, speed, length):
+    """Cuts where a line enters or leaves all that is near a filament: not where the parts of it only overlap."""
+    reach = p[at + 2]
+    for k in range(int(p[at + 3])):
+        first, last = capsule(p, at + 4 + 7 * k, reach, a, b, c, u, v, w)
+        for t in (first, last):
+            near = filament_distance(p, at + 3, a + t * u, b + t * v, c + t * w) if 0.0 < t < length * speed else 0.0
+            if near > reach * (1.0 - 1e-9):
+                n = put_cut(cuts, n, t / speed, length)
+    return n
+
+
 @kernel
 def filament_edges(p, at, cuts, n, a, b, c, u, v, w, length):
     """Where a line comes nearest to the whole filament, and near to any part of it; p[at + 2]: its squared reach."""
@@ -138,10 +183,7 @@ def filament_edges(p, at, cuts, n, a, b, c, u, v, w, length):
         n = put_cut(cuts, n, before_t / speed, length)
     if best < p[at + 2]:
         n = put_peak(cuts, n, best_t / speed, math.sqrt(1.0 + best) / speed, length)
-        # The edge where the profile is cut off, were the filament straight there: halving corrects it.
-        half = math.sqrt(p[at + 2] - best) / speed
-        n = put_cut(cuts, n, best_t / speed - half, length)
-        n = put_cut(cuts, n, best_t / speed + half, length)
+        n = filament_rim(p, at, cuts, n, a, b, c, u, v, w, speed, length)
     return n
 
 

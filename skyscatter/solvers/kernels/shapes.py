@@ -113,8 +113,7 @@ def cosine_of_turns(x):
     q = 6.283185307179586 * (0.25 - abs(x - math.floor(x + 0.5)))
     s = q * q
     return q * (
-        1.0
-        + s * (-1 / 6 + s * (1 / 120 + s * (-1 / 5040 + s * (1 / 362880 + s * (-1 / 39916800 + s / 6227020800)))))
+        1.0 + s * (-1 / 6 + s * (1 / 120 + s * (-1 / 5040 + s * (1 / 362880 + s * (-1 / 39916800 + s / 6227020800)))))
     )
 
 
@@ -132,7 +131,7 @@ def sum_of_modes(data, start, count, a, b, c):
 
 @inlined
 def turbulence(p, at, data, start, count, a, b, c):
-    """exp of a sum of modes, within a box; p: minus the logarithm of the mean, half sizes of the box."""
+    """Exp of a sum of modes, within a box; p: minus the logarithm of the mean, half sizes of the box."""
     if abs(a) > p[at + 1] or abs(b) > p[at + 2] or abs(c) > p[at + 3]:
         return 0.0
     return math.exp(p[at] + sum_of_modes(data, start, count, a, b, c))

@@ -335,7 +335,7 @@ def put_panel(space, term, ox, oy, oz, dx, dy, dz, start, width, panel, work):
     """Gauss-Kronrod integral of a term over a stretch of a line, and its error, into `panel`.
 
     The pair's difference is the error of the coarser rule; for a smooth integrand the finer one's goes as its power
-    of 3/2 (as in QUADPACK, Piessens et al. 1983), for a jump among the nodes it is as large as the jump's share.
+    of 3/2 (as in QUADPACK, Piessens et al. 1983), for a kink or a jump among the nodes it is as large as itself.
     A jump between an end and the outermost node shows in what the nodes foretell for the end.
     """
     fine, coarse, other, first, last, beyond = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -355,7 +355,7 @@ def put_panel(space, term, ox, oy, oz, dx, dy, dz, start, width, panel, work):
     apart = max(abs(fine - coarse), abs(fine - other))
     panel[0], panel[1], panel[2] = start, width, 0.5 * width * fine
     panel[3] = panel[2] * min((20.0 * apart / max(fine, 1e-300)) ** 1.5, 1.0)
-    panel[3] += 0.5 * width * (1.0 + KRONROD_X[0]) * beyond
+    panel[3] += 0.5 * width * (apart + (1.0 + KRONROD_X[0]) * beyond)
 
 
 @kernel
