@@ -59,8 +59,10 @@ def render(
         What is seen where; see `skyscatter.geometry.camera`.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads, progress
+    solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads
         As for `skyscatter.radiance`.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
     resume : path, optional
         Checkpoint of an interrupted render with the same arguments.
 

@@ -41,7 +41,8 @@ def star_images(scene: SpaceScene, camera: Any, wl: Array) -> Array:
         distance = float(np.linalg.norm(offset))
         flux = star.spectral_luminosity(wl, scene.view.distance) / (4 * np.pi * distance**2)
         through = dimmed(scene, np.array([star.position], float), wl)
-        _splat(picture, *camera.pixel(offset[None, :] / distance, scene.view), flux * through)
+        x, y = camera.pixel(offset[None, :] / distance, scene.view)
+        _splat(picture, x, y, flux * through)
     if scene.star_field is not None:
         _add_field(picture, scene, camera, wl)
     return picture / per_pixel[..., None]
@@ -56,10 +57,11 @@ def _add_field(picture: Array, scene: SpaceScene, camera: Any, wl: Array) -> Non
     plane = np.radians(np.stack([stars.x_deg, stars.y_deg], axis=1))
     direction = view.forward + plane @ np.stack([view.right, view.up])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    low, high = (np.array(edge) for edge in zip(*(c.density.bounds for c in scene.medium.components), strict=True))
+    low, high = (np.array(edge) for edge in zip(*(field.bounds for field in scene.medium.fields), strict=True))
     behind = view.distance + 4 * float(np.abs([low.min(), high.max()]).max())
     through = dimmed(scene, view.position + behind * direction, wl)
-    _splat(picture, *camera.pixel(direction, view), stars.fluxes(wl) * through)
+    x, y = camera.pixel(direction, view)
+    _splat(picture, x, y, stars.fluxes(wl) * through)
 
 
 def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:

@@ -1,8 +1,8 @@
 """Which way to a transmittance costs least at equal error: columns, ratio tracking or residual ratio tracking.
 
-Columns have no noise; tracking has, and its cost is the number of its tentative collisions.  Both are judged on the same
-segments between points of the medium and its lights, by counting evaluations of the density, so that the choice is the
-same on every machine.
+Columns have no noise; tracking has, and its cost is the number of its tentative collisions.  Both are judged on the
+same segments between points of the medium and its lights, by counting evaluations of the density, so that the choice
+is the same on every machine.
 """
 
 from __future__ import annotations
@@ -22,15 +22,23 @@ SEGMENTS, REPEATS = 32, 16
 CELL_COST = 0.5
 #: Evaluations that a column in closed form is worth.
 CLOSED = 2.0
+#: Evaluations of a component's column that still count as few.
+CHEAP = 8.0
 #: Evaluations of a panel of the quadrature.
 PANEL = 15
+
+
+def has_cheap_columns(table: VolumeTable) -> bool:
+    """Whether quadrature of the first order, hundreds of columns a ray, is worth its time."""
+    return _column_cost(table) <= CHEAP * len(table.sigma_t)
 
 
 def cheapest(table: VolumeTable) -> int:
     """Code of the way that costs least at equal error, for the walks of this scene."""
     costs = {QUADRATURE: _column_cost(table)}
     # Nothing is cheaper than a closed form.
-    points = _points(table) if len(table.power) and costs[QUADRATURE] > CLOSED * len(table.sigma_t) else np.zeros((0, 3))
+    closed = costs[QUADRATURE] <= CLOSED * len(table.space.method)
+    points = np.zeros((0, 3)) if closed or not len(table.power) else _points(table)
     if not len(points):
         return QUADRATURE
     # A walk's own spread is about its mean light; noise of the transmittance adds to it.

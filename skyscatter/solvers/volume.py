@@ -29,13 +29,18 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     from skyscatter.solvers.kernels.volume import VolumeTable
 
     wl = np.array(wavelengths)
-    space = field_table(tuple(component.density for component in scene.medium.components))
+    space = field_table(scene.medium.fields)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
     distance = scene.view.distance
     # A star without a surface, given by its spectrum alone, stops to grow where nothing could be seen of it.
     least = 1e-9 * float(np.linalg.norm(space.high - space.low))
     lights = [
-        (star.position, False, least if star.temperature is None else star.radius_m(distance), _intensity(star, wl, distance))
+        (
+            np.array(star.position),
+            False,
+            least if star.temperature is None else star.radius_m(distance),
+            _intensity(star, wl, distance),
+        )
         for star in scene.stars
     ]
     lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]

@@ -135,9 +135,9 @@ def dim_by_bound(v, cell, length, work):
 
 @inlined
 def light_reaching(v, k, x, y, z, work, walker, walk):
-    """Irradiance of light k at a point into ``work.arriving``, from columns or, given a walker, tracked; its direction.
+    """Irradiance of light k at a point into ``work.arriving``, from columns or, given a walker, tracked.
 
-    ``work.density`` is overwritten by tracking.
+    Returns the direction to it.  ``work.density`` is overwritten by tracking.
     """
     if walker is None:
         return light_arriving(v, k, x, y, z, work)
@@ -146,7 +146,7 @@ def light_reaching(v, k, x, y, z, work, walker, walk):
 
 @entry
 def fill_tracked(v, k, points, residual, seed_state, work, walker, walk, out):
-    """Tracked transmittance-weighted irradiance of light k at `points` (n, 3), into `out` (n, wavelength); for tests."""
+    """Irradiance of light k at `points` (n, 3) by tracking, into `out` (n, wavelength)."""
     walk.state[0] = seed_state
     for n in range(points.shape[0]):
         track_light(v, k, points[n, 0], points[n, 1], points[n, 2], residual, work, walker, walk)

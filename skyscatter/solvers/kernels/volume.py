@@ -1,11 +1,11 @@
-"""A scene in three dimensions as the solvers' kernels see it: fields, optics, lights, and the light that reaches a point.
+"""A scene in three dimensions as the solvers' kernels see it: fields, optics, lights, and what arrives from them.
 
-Every light is either a point, whose irradiance falls as 1 / d^2, or so distant that its rays are parallel.  What reaches
-a point is power (x 1 / d^2) x transmittance; the transmittance comes from columns (closed forms and quadrature) or from
-ratio tracking, unbiased both.
+Every light is either a point, whose irradiance falls as 1 / d^2, or so distant that its rays are parallel.  What
+reaches a point is power (x 1 / d^2) x transmittance; the transmittance comes from columns (closed forms and quadrature)
+or from ratio tracking, unbiased both.
 
-Beside this exact light there is the *guide*: columns towards every light, tabulated on a coarse grid as the mean density
-along the way.  It decides where walks look for light and never what they find there.
+Beside this exact light there is the *guide*: columns towards every light, tabulated on a coarse grid as the mean
+density along the way.  It decides where walks look for light and never what they find there.
 """
 
 from __future__ import annotations
@@ -93,6 +93,18 @@ def columns_ahead(v, x, y, z, a, b, c, far, work, out):
         space_columns(v.space, x, y, z, a, b, c, start, end, work.space, out)
 
 
+@inlined
+def least_depth(v, columns):
+    """Optical depth of columns at the most transparent wavelength."""
+    least = math.inf
+    for i in range(v.sigma_t.shape[1]):
+        tau = 0.0
+        for c in range(columns.size):
+            tau += columns[c] * v.sigma_t[c, i]
+        least = min(least, tau)
+    return least
+
+
 @kernel
 def light_arriving(v, k, x, y, z, work):
     """Irradiance of light k at a point into ``work.arriving`` [W m-2 nm-1]; returns the unit vector towards it."""
@@ -150,7 +162,7 @@ def guess_light(v, x, y, z, work, direct, diffuse):
 
 @entry
 def fill_guide(v, points, work, out):
-    """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into `out` (light, n, component)."""
+    """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into (light, n, component)."""
     for k in range(out.shape[0]):
         for n in range(points.shape[0]):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]
