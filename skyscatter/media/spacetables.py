@@ -89,6 +89,12 @@ def bound_grid(
 
 
 @lru_cache(maxsize=32)
+def medium_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
+    """`pack_space` for solvers, kept between calls."""
+    return pack_space(fields)
+
+
+@lru_cache(maxsize=32)
 def field_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
     """`pack_space` without a grid of bounds, which densities and columns do not need; kept between calls."""
     return pack_space(fields, bound_cells=1)

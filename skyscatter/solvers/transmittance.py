@@ -53,7 +53,8 @@ def _points(table: VolumeTable) -> Array:
     from skyscatter.solvers.kernels.space import fill_densities, make_space_work
 
     rng = np.random.default_rng(20)
-    points = table.space.low + rng.random((64 * SEGMENTS, 3)) * (table.space.high - table.space.low)
+    size = table.space.bound_step * table.space.cells
+    points = table.space.bound_low + rng.random((64 * SEGMENTS, 3)) * size
     density = np.zeros((len(points), len(table.sigma_t)))
     fill_densities(table.space, points, make_space_work(), density)
     return points[np.any(density * table.rate > 0, axis=1)][:SEGMENTS]
@@ -61,7 +62,7 @@ def _points(table: VolumeTable) -> Array:
 
 def _column_cost(table: VolumeTable) -> float:
     """Evaluations of the density that a column through half of the medium takes."""
-    half = 0.5 * float(np.linalg.norm(table.space.high - table.space.low))
+    half = 0.5 * float(np.linalg.norm(table.space.bound_step * table.space.cells))
     cost = 0.0
     for method, scale, box in zip(table.space.method, table.space.scale, table.space.box, strict=True):
         along = min(half, 0.5 * float(np.linalg.norm(box[1] - box[0])))
@@ -78,7 +79,7 @@ def _tracking(table: VolumeTable, points: Array, residual: bool) -> tuple[float,
     """Tentative collisions of a tracked transmittance, and its squared relative standard deviation."""
     components, wavelengths = table.sigma_s.shape
     bound = (table.space.upper - table.space.lower if residual else table.space.upper) @ table.rate
-    half = 0.5 * float(np.linalg.norm(table.space.high - table.space.low))
+    half = 0.5 * float(np.linalg.norm(table.space.bound_step * table.space.cells))
     occupied = bound[bound > 0]
     count = 1.0 + (float(occupied.mean()) if occupied.size else 0.0) * half
     work, walker, walk = make_volume_work(components, wavelengths), make_walker(), make_walk(wavelengths)

@@ -44,6 +44,7 @@ from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching
 from skyscatter.solvers.kernels.volume import (
     VolumeTable,
     VolumeWork,
+    depth_at,
     face_light,
     guess_light,
     guide_columns,
@@ -57,6 +58,8 @@ CAMERA_STRATA, LEG_STRATA = 32, 8
 LIT_POINTS = 2
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
+#: Exponent of the light in the depths below which flights are exact.
+SLOW = 0.4
 #: Depth of its first stratum beyond which a dark leg is cut anew.
 COARSE = 1.0
 #: Optical depth at which a star is deep; shares of the guess of directions that are uniform in the angle from a star
@@ -340,10 +343,65 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
 
 
 @kernel
-def go_to_vertex(v, hero, u, leg, work, walk):
-    """Move the walk to its next vertex; False if there is none."""
+def invert_column(v, i, wanted, low, high, first, x, d, work):
+    """Distance between low and high at which the optical depth at wavelength number i is `wanted`.
+
+    Newton's steps within a bracket; `first` holds the columns at `low`.
+    """
+    begin, t, width = low, 0.5 * (low + high), high - low
+    for _ in range(60):
+        for c in range(work.along.size):
+            work.along[c] = first[c]
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], begin, t, work.space, work.along)
+        miss = depth_at(v, work.along, i) - wanted
+        if miss < 0.0:
+            low = t
+        else:
+            high = t
+        if abs(miss) < 1e-10 * (1.0 + wanted) or high - low < 1e-13 * width:
+            break
+        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+        sigma = depth_at(v, work.density, i)
+        t = t - miss / sigma if sigma > 0.0 else 0.5 * (low + high)
+        if not low < t < high:
+            t = 0.5 * (low + high)
+    return t
+
+
+@kernel
+def fly_forced(v, hero, u, leg, work, walk):
+    """A free flight that ends on the leg, and its density [m-1] under every hero; the stratum is -1 if there is none."""
     x, d = walk.position, walk.direction
-    t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
+    last = leg.edge.size - 1
+    lost = -math.expm1(-depth_at(v, leg.column[last], hero))
+    if not lost > 0.0:
+        return 0.0, -1
+    wanted = -math.log1p(-u * lost)
+    k = 0
+    while k < last - 1 and depth_at(v, leg.column[k + 1], hero) < wanted:
+        k += 1
+    t = invert_column(v, hero, wanted, leg.edge[k], leg.edge[k + 1], leg.column[k], x, d, work)
+    columns_to(v, x, d, leg, k, t, work)
+    transmittance(work.along, v.sigma_t, work.through)
+    space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+    for i in range(leg.draw.size):
+        whole = -math.expm1(-depth_at(v, leg.column[last], i))
+        leg.draw[i] = depth_at(v, work.density, i) * work.through[i] / max(whole, 1e-300)
+    return t, k
+
+
+@kernel
+def go_to_vertex(v, hero, u, leg, work, walk):
+    """Move the walk to its next vertex; False if there is none.
+
+    Where light falls slowly the guess of it has little to add, and over many orders the small errors of a leg's strata
+    would multiply: there the flight is exact.
+    """
+    x, d = walk.position, walk.direction
+    if v.decay[v.decay.size // 2] < SLOW:
+        t, k = fly_forced(v, hero, u, leg, work, walk)
+    else:
+        t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
     if k < 0:
         return False
     columns_to(v, x, d, leg, k, t, work)
