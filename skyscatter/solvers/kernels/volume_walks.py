@@ -370,7 +370,7 @@ def invert_column(v, i, wanted, low, high, first, x, d, work):
 
 @kernel
 def fly_forced(v, hero, u, leg, work, walk):
-    """A free flight that ends on the leg, and its density [m-1] under every hero; the stratum is -1 if there is none."""
+    """A free flight that ends on the leg, its density [m-1] under every hero, and its stratum, -1 if there is none."""
     x, d = walk.position, walk.direction
     last = leg.edge.size - 1
     lost = -math.expm1(-depth_at(v, leg.column[last], hero))
