@@ -62,7 +62,7 @@ class View(Record):
 
     @property
     def matrix(self) -> Array:
-        """Rotation from the model's frame to that of the sky (x west, y north, z towards the observer), shape (3, 3)."""
+        """Rotation (3, 3) from the model's frame to that of the sky (x west, y north, z towards the observer)."""
         angles = (self.position_angle_deg, self.inclination_deg, self.azimuth_deg)
         (cp, ci, ca), (sp, si, sa) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
         turn = np.array([[cp, -sp, 0.0], [sp, cp, 0.0], [0.0, 0.0, 1.0]])

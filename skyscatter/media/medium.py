@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.operations import AnySpatialField
+from skyscatter.media.space import SpatialField
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
 from skyscatter.optics.dust import Dust
 from skyscatter.optics.lines import GasLines
@@ -93,9 +94,19 @@ class Medium(Record):
         return self.planet_radius
 
     @property
+    def shells(self) -> tuple[DensityField, ...]:
+        """Density fields of an atmosphere; empty in space."""
+        return tuple(c.density for c in self.components if isinstance(c.density, DensityField))
+
+    @property
+    def fields(self) -> tuple[SpatialField, ...]:
+        """Density fields in three dimensions; empty for an atmosphere."""
+        return tuple(c.density for c in self.components if isinstance(c.density, SpatialField))
+
+    @property
     def top(self) -> float:
         """Altitude of the top of the highest component [m]."""
-        return max(component.density.top_altitude for component in self.components)
+        return max(field.top_altitude for field in self.shells)
 
     def component(self, name: str) -> Component:
         """The component of that name."""

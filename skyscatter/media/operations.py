@@ -170,8 +170,14 @@ class Product(SpatialField):
 
     def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes; see `SpatialField`."""
-        bounds = np.array([field.extremes(low, high) for field in self.fields])
-        return bounds[:, 0].prod(axis=0), bounds[:, 1].prod(axis=0)
+        lowest, highest = (bound.copy() for bound in self.fields[0].extremes(low, high))
+        for field in self.fields[1:]:
+            # Where there is nothing already, the others need not be bounded.
+            some = highest > 0
+            bounds = field.extremes(low[some], high[some])
+            lowest[some] *= bounds[0]
+            highest[some] *= bounds[1]
+        return lowest, highest
 
 
 class Sum(SpatialField):

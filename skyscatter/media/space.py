@@ -24,7 +24,7 @@ class Instruction(NamedTuple):
     affine: Array | None = None  #: (3, 4) from the model's frame to the leaf's; None for operations
     parameters: tuple[float, ...] = ()
     data: NDArray[np.float32] | None = None  #: float32 numbers of a grid or of particles
-    index: tuple[int, ...] = ()
+    index: tuple[int, ...] = ()  # type: ignore[assignment]  # hides tuple.index, which nobody needs here
 
 
 class FieldTerm(NamedTuple):

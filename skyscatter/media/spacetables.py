@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 BOUND_CELLS = 32
 
 
-def pack_space(fields: Sequence[SpatialField]) -> SpaceTable:
-    """Pack fields, one for each component, into a `SpaceTable`."""
+def pack_space(fields: Sequence[SpatialField], bound_cells: int = BOUND_CELLS) -> SpaceTable:
+    """Pack fields, one for each component, into a `SpaceTable`; bounds on so many cells along the longest side."""
     from skyscatter.solvers.kernels.space import SpaceTable
 
     groups = [field.terms() for field in fields]
@@ -45,7 +45,7 @@ def pack_space(fields: Sequence[SpatialField]) -> SpaceTable:
     boxes = np.array([term.box for term in terms], float)
     low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
     bound_low, bound_high, wrap = bounded_region(fields, low, high)
-    cells, upper, lower = bound_grid(fields, bound_low, bound_high)
+    cells, upper, lower = bound_grid(fields, bound_low, bound_high, bound_cells)
     return SpaceTable(
         term_start=np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64),
         code_start=np.concatenate([[0], np.cumsum([len(term.program) for term in terms])]).astype(np.int64),
@@ -76,10 +76,12 @@ def bounded_region(fields: Sequence[SpatialField], low: Array, high: Array) -> t
     return low, np.where(wrap, low + periods[0], high), wrap.astype(np.int64)
 
 
-def bound_grid(fields: Sequence[SpatialField], low: Array, high: Array) -> tuple[Array, Array, Array]:
+def bound_grid(
+    fields: Sequence[SpatialField], low: Array, high: Array, bound_cells: int = BOUND_CELLS
+) -> tuple[Array, Array, Array]:
     """Cells along each axis, and bounds (cell, component) of every field within each cell."""
     size = high - low
-    cells = np.maximum(np.ceil(BOUND_CELLS * size / size.max() - 1e-9), 1).astype(np.int64)
+    cells = np.maximum(np.ceil(bound_cells * size / size.max() - 1e-9), 1).astype(np.int64)
     corners = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     step = size / cells
     pairs = [field.extremes(low + corners * step, low + (corners + 1) * step) for field in fields]
@@ -87,9 +89,15 @@ def bound_grid(fields: Sequence[SpatialField], low: Array, high: Array) -> tuple
 
 
 @lru_cache(maxsize=32)
-def field_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
-    """`pack_space`, kept between calls."""
+def medium_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
+    """`pack_space` for solvers, kept between calls."""
     return pack_space(fields)
+
+
+@lru_cache(maxsize=32)
+def field_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
+    """`pack_space` without a grid of bounds, which densities and columns do not need; kept between calls."""
+    return pack_space(fields, bound_cells=1)
 
 
 def field_densities(field: SpatialField, points: Array) -> Array:

@@ -18,7 +18,7 @@ from skyscatter.units import Metres
 #: Half size of a turbulent field without sides, in outer scales.
 ENDLESS = 1e3
 #: Boxes into which `Turbulence.extremes` cuts the boxes it is asked for, all in all, at most.
-BOUND_BOXES = 65536
+BOUND_BOXES = 2_200_000
 #: Modes are summed eight at a time.
 LANES = 8
 

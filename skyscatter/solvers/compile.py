@@ -28,7 +28,7 @@ DISK_RINGS = 65
 @lru_cache(maxsize=8)
 def field_tables(medium: Medium) -> tuple[FieldTable, ColumnTable]:
     """Fields and columns of a medium; independent of wavelength and Sun, and so shared by all scenes of a medium."""
-    fields = pack_fields([component.density for component in medium.components], medium.radius)
+    fields = pack_fields(medium.shells, medium.radius)
     return fields, build_column_table(fields)
 
 

@@ -1,7 +1,7 @@
 """The slowest mode of light in the depths of a medium, which random walks follow towards their source.
 
-Far from boundaries and sources light falls as exp(-kappa tau) and keeps an angular shape phi(mu), mu being the cosine to
-the direction from which it comes; they solve
+Far from boundaries and sources light falls as exp(-kappa tau) and keeps an angular shape phi(mu), mu being the cosine
+to the direction from which it comes; they solve
 
     (1 - kappa mu) phi(mu) = (omega / 2) int p(mu, mu') phi(mu') dmu'
 

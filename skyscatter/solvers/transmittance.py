@@ -1,8 +1,8 @@
 """Which way to a transmittance costs least at equal error: columns, ratio tracking or residual ratio tracking.
 
-Columns have no noise; tracking has, and its cost is the number of its tentative collisions.  Both are judged on the same
-segments between points of the medium and its lights, by counting evaluations of the density, so that the choice is the
-same on every machine.
+Columns have no noise; tracking has, and its cost is the number of its tentative collisions.  Both are judged on the
+same segments between points of the medium and its lights, by counting evaluations of the density, so that the choice
+is the same on every machine.
 """
 
 from __future__ import annotations
@@ -22,15 +22,23 @@ SEGMENTS, REPEATS = 32, 16
 CELL_COST = 0.5
 #: Evaluations that a column in closed form is worth.
 CLOSED = 2.0
+#: Evaluations of a component's column that still count as few.
+CHEAP = 8.0
 #: Evaluations of a panel of the quadrature.
 PANEL = 15
+
+
+def has_cheap_columns(table: VolumeTable) -> bool:
+    """Whether quadrature of the first order, hundreds of columns a ray, is worth its time."""
+    return _column_cost(table) <= CHEAP * len(table.sigma_t)
 
 
 def cheapest(table: VolumeTable) -> int:
     """Code of the way that costs least at equal error, for the walks of this scene."""
     costs = {QUADRATURE: _column_cost(table)}
     # Nothing is cheaper than a closed form.
-    points = _points(table) if len(table.power) and costs[QUADRATURE] > CLOSED * len(table.sigma_t) else np.zeros((0, 3))
+    closed = costs[QUADRATURE] <= CLOSED * len(table.space.method)
+    points = np.zeros((0, 3)) if closed or not len(table.power) else _points(table)
     if not len(points):
         return QUADRATURE
     # A walk's own spread is about its mean light; noise of the transmittance adds to it.
@@ -45,7 +53,8 @@ def _points(table: VolumeTable) -> Array:
     from skyscatter.solvers.kernels.space import fill_densities, make_space_work
 
     rng = np.random.default_rng(20)
-    points = table.space.low + rng.random((64 * SEGMENTS, 3)) * (table.space.high - table.space.low)
+    size = table.space.bound_step * table.space.cells
+    points = table.space.bound_low + rng.random((64 * SEGMENTS, 3)) * size
     density = np.zeros((len(points), len(table.sigma_t)))
     fill_densities(table.space, points, make_space_work(), density)
     return points[np.any(density * table.rate > 0, axis=1)][:SEGMENTS]
@@ -53,7 +62,7 @@ def _points(table: VolumeTable) -> Array:
 
 def _column_cost(table: VolumeTable) -> float:
     """Evaluations of the density that a column through half of the medium takes."""
-    half = 0.5 * float(np.linalg.norm(table.space.high - table.space.low))
+    half = 0.5 * float(np.linalg.norm(table.space.bound_step * table.space.cells))
     cost = 0.0
     for method, scale, box in zip(table.space.method, table.space.scale, table.space.box, strict=True):
         along = min(half, 0.5 * float(np.linalg.norm(box[1] - box[0])))
@@ -70,7 +79,7 @@ def _tracking(table: VolumeTable, points: Array, residual: bool) -> tuple[float,
     """Tentative collisions of a tracked transmittance, and its squared relative standard deviation."""
     components, wavelengths = table.sigma_s.shape
     bound = (table.space.upper - table.space.lower if residual else table.space.upper) @ table.rate
-    half = 0.5 * float(np.linalg.norm(table.space.high - table.space.low))
+    half = 0.5 * float(np.linalg.norm(table.space.bound_step * table.space.cells))
     occupied = bound[bound > 0]
     count = 1.0 + (float(occupied.mean()) if occupied.size else 0.0) * half
     work, walker, walk = make_volume_work(components, wavelengths), make_walker(), make_walk(wavelengths)

@@ -25,17 +25,22 @@ GUIDE_NODES = 25
 @lru_cache(maxsize=4)
 def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeTable:
     """Tables of a scene at wavelengths [nm]; kept between calls."""
-    from skyscatter.media.spacetables import field_table
+    from skyscatter.media.spacetables import medium_table
     from skyscatter.solvers.kernels.volume import VolumeTable
 
     wl = np.array(wavelengths)
-    space = field_table(tuple(component.density for component in scene.medium.components))
+    space = medium_table(scene.medium.fields)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
     distance = scene.view.distance
     # A star without a surface, given by its spectrum alone, stops to grow where nothing could be seen of it.
-    least = 1e-9 * float(np.linalg.norm(space.high - space.low))
+    least = 1e-9 * float(np.linalg.norm(space.bound_step * space.cells))
     lights = [
-        (star.position, False, least if star.temperature is None else star.radius_m(distance), _intensity(star, wl, distance))
+        (
+            np.array(star.position),
+            False,
+            least if star.temperature is None else star.radius_m(distance),
+            _intensity(star, wl, distance),
+        )
         for star in scene.stars
     ]
     lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]
@@ -59,7 +64,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         shape=shape,
         shape_cdf=np.concatenate([[0.0], np.cumsum(0.5 * (shape[1:] + shape[:-1]))]) / np.trapezoid(shape),
         floor=np.zeros(wl.size),
-        rate=_rates(sigma_t, emission, space.high - space.low),
+        rate=_rates(sigma_t, emission, space.bound_step * space.cells),
         tracking=0,
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
     )
@@ -95,8 +100,9 @@ def _guide(table: VolumeTable) -> Array:
     """Mean densities towards every light (columns to distant ones) on a grid over the medium."""
     from skyscatter.solvers.kernels.volume import fill_guide, make_volume_work
 
-    low, high = table.space.low, table.space.high
-    size = high - low
+    # Where the medium repeats, over one period.
+    low, size = table.space.bound_low, table.space.bound_step * table.space.cells
+    high = low + size
     nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), 2) + 1
     axes = [np.linspace(low[k], high[k], nodes[k]) for k in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -108,7 +114,7 @@ def _guide(table: VolumeTable) -> Array:
 
 def _floor(table: VolumeTable) -> Array:
     """Irradiance that is everywhere: light from outside and emission, and a trace of the lights' where it is least."""
-    size = np.linalg.norm(table.space.high - table.space.low)
+    size = np.linalg.norm(table.space.bound_step * table.space.cells)
     emitted = np.max(table.space.upper, axis=0) @ table.emission * size
     floor = 4 * np.pi * (table.background + 0.1 * emitted)
     if len(table.power):

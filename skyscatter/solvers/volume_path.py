@@ -1,6 +1,7 @@
 """Solver ``path`` for media of three dimensions: all orders of scattering by backward Monte Carlo.
 
-The first order comes from ``single``, without noise; walks with forced scattering add the rest.  Two plain ways remain
+Where columns are cheap the first order comes from ``single``, without noise; walks with forced scattering add the rest.
+Through voxels, particles and turbulence the walks bring in all of it.  Two plain ways remain
 to test it by: ``sampling="free-flight"`` inverts the column along every leg, ``sampling="delta"`` finds collisions by
 delta tracking with local majorants; both take all orders from the walks.
 """
@@ -18,9 +19,9 @@ from skyscatter.solvers.kernels.volume import VolumeTable
 from skyscatter.solvers.kernels.volume_flight import make_flight_scratch, volume_flight_rays
 from skyscatter.solvers.kernels.volume_walks import scratch_of, volume_path_rays
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
-from skyscatter.solvers.transmittance import cheapest
+from skyscatter.solvers.transmittance import cheapest, has_cheap_columns
 from skyscatter.solvers.volume_single import prepare as prepare_single
-from skyscatter.solvers.volume_single import single_parts
+from skyscatter.solvers.volume_single import single_parts, without_lights
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,24 +68,33 @@ def prepare(
 
 def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
-    n, wavelengths = len(rays.origins), table.sigma_s.shape[1]
+    n, (components, wavelengths) = len(rays.origins), table.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     used = np.empty(n, np.int64)
     walks = walks_for(options)
     max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
-    scattered, direct = single_parts(table, rays, options.tolerance or DEFAULT_TOLERANCE)
+    tolerance = options.tolerance or DEFAULT_TOLERANCE
+    scattered = direct = np.zeros_like(mean)
     if options.sampling in ("free-flight", "delta"):
+        direct = single_parts(without_lights(table), rays, tolerance)[1]
         volume_flight_rays(
             table, options.sampling == "delta", rays.origins, rays.directions, rays.numbers, np.int64(options.seed),
-            walks, max_order, make_flight_scratch(*table.sigma_s.shape, table.tracking != QUADRATURE), mean, error, by_order, used,
+            walks, max_order, make_flight_scratch(components, wavelengths, table.tracking != QUADRATURE), mean, error,
+            by_order, used,
         )  # fmt: skip
-        scattered = np.zeros_like(mean)
     else:
+        walked, apart = not has_cheap_columns(table), np.empty((n, 2, wavelengths))
+        if not walked:
+            scattered, direct = single_parts(table, rays, tolerance)
         volume_path_rays(
-            table, rays.origins, rays.directions, rays.numbers, scattered, np.int64(options.seed), walks,
-            options.noise or 0.0, max_order, scratch_of(table, walks), mean, error, by_order, used,
+            table, rays.origins, rays.directions, rays.numbers, scattered, walked, np.int64(options.seed), walks,
+            options.noise or 0.0, max_order, scratch_of(table, walks), mean, error, by_order, apart, used,
         )  # fmt: skip
+        if walked:
+            direct, scattered = apart[:, 0], apart[:, 1]
+            mean = mean - direct - scattered
+            by_order[:, :1] -= scattered[:, None]
     layers = {}
     if options.parts:
         layers = {"direct": direct, "scattered": scattered, "multiple": mean}

@@ -36,6 +36,11 @@ def prepare(
     return compile_volume(scene, tuple(float(w) for w in wavelengths))
 
 
+def without_lights(table: VolumeTable) -> VolumeTable:
+    """The same tables in the dark: what shines by itself and from outside remains."""
+    return table._replace(place=table.place[:0], distant=table.distant[:0], size=table.size[:0], power=table.power[:0])
+
+
 def single_parts(table: VolumeTable, rays: Rays, tolerance: float) -> tuple[Array, Array]:
     """Light scattered once, and light not scattered at all, each of shape (ray, wavelength)."""
     components, wavelengths = table.sigma_s.shape

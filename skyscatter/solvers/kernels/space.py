@@ -100,7 +100,7 @@ class SpaceTable(NamedTuple):
     code: np.ndarray  #: (instruction, 3) int64: operation, offset in `parameters`, offset in `index`
     parameters: np.ndarray  #: float64: affine maps and shapes
     data: np.ndarray  #: float32: voxels, particles, modes
-    index: np.ndarray  #: int64: shapes of grids, lists of particles
+    index: np.ndarray  # type: ignore[assignment]  #: int64: shapes of grids, lists of particles
     low: np.ndarray  #: (3,) lowest corner of everything [m]
     high: np.ndarray  #: (3,) highest corner
     cells: np.ndarray  #: (3,) int64, cells of the grid of bounds along each axis

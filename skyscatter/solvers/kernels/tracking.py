@@ -21,7 +21,7 @@ from skyscatter.solvers.kernels.gridwalk import enter_cells, next_cell
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 from skyscatter.solvers.kernels.random import uniform
 from skyscatter.solvers.kernels.space import space_densities
-from skyscatter.solvers.kernels.volume import face_light, light_arriving
+from skyscatter.solvers.kernels.volume import depth_at, face_light, light_arriving
 
 #: How transmittances towards lights are found.
 QUADRATURE, RATIO, RESIDUAL = 0, 1, 2
@@ -34,15 +34,6 @@ def majorant(v, cell):
     for c in range(v.rate.size):
         rate += v.space.upper[cell, c] * v.rate[c]
     return rate
-
-
-@inlined
-def extinction_at(v, work, i):
-    """Extinction [m-1] at wavelength number i where ``work.density`` was evaluated."""
-    sigma = 0.0
-    for c in range(work.density.size):
-        sigma += work.density[c] * v.sigma_t[c, i]
-    return sigma
 
 
 @kernel
@@ -72,11 +63,11 @@ def delta_flight(v, hero, shines, work, walker, walk):
                     for c in range(work.density.size):
                         light += work.density[c] * v.emission[c, i]
                     walk.escape[i] += walk.value[i] * light / rate
-            sigma = extinction_at(v, work, hero)
+            sigma = depth_at(v, work.density, hero)
             real = uniform(walk.state) * (sigma + abs(rate - sigma)) < sigma
             mean = 0.0
             for i in range(walk.value.size):
-                sigma = extinction_at(v, work, i)
+                sigma = depth_at(v, work.density, i)
                 chance = sigma / (sigma + abs(rate - sigma))
                 walk.value[i] *= 1.0 / rate if real else 1.0 - sigma / rate
                 walk.chance[i] *= chance if real else 1.0 - chance
@@ -118,7 +109,7 @@ def track_light(v, k, x, y, z, residual, work, walker, walk):
                 for n in range(v.rate.size):
                     work.density[n] -= v.space.lower[cell, n]
             for i in range(work.arriving.size):
-                work.arriving[i] *= 1.0 - extinction_at(v, work, i) / rate
+                work.arriving[i] *= 1.0 - depth_at(v, work.density, i) / rate
         t = leave
     return a, b, c
 
@@ -135,9 +126,9 @@ def dim_by_bound(v, cell, length, work):
 
 @inlined
 def light_reaching(v, k, x, y, z, work, walker, walk):
-    """Irradiance of light k at a point into ``work.arriving``, from columns or, given a walker, tracked; its direction.
+    """Irradiance of light k at a point into ``work.arriving``, from columns or, given a walker, tracked.
 
-    ``work.density`` is overwritten by tracking.
+    Returns the direction to it.  ``work.density`` is overwritten by tracking.
     """
     if walker is None:
         return light_arriving(v, k, x, y, z, work)
@@ -146,7 +137,7 @@ def light_reaching(v, k, x, y, z, work, walker, walk):
 
 @entry
 def fill_tracked(v, k, points, residual, seed_state, work, walker, walk, out):
-    """Tracked transmittance-weighted irradiance of light k at `points` (n, 3), into `out` (n, wavelength); for tests."""
+    """Irradiance of light k at `points` (n, 3) by tracking, into `out` (n, wavelength)."""
     walk.state[0] = seed_state
     for n in range(points.shape[0]):
         track_light(v, k, points[n, 0], points[n, 1], points[n, 2], residual, work, walker, walk)

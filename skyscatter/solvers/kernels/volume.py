@@ -1,11 +1,11 @@
-"""A scene in three dimensions as the solvers' kernels see it: fields, optics, lights, and the light that reaches a point.
+"""A scene in three dimensions as the solvers' kernels see it: fields, optics, lights, and what arrives from them.
 
-Every light is either a point, whose irradiance falls as 1 / d^2, or so distant that its rays are parallel.  What reaches
-a point is power (x 1 / d^2) x transmittance; the transmittance comes from columns (closed forms and quadrature) or from
-ratio tracking, unbiased both.
+Every light is either a point, whose irradiance falls as 1 / d^2, or so distant that its rays are parallel.  What
+reaches a point is power (x 1 / d^2) x transmittance; the transmittance comes from columns (closed forms and quadrature)
+or from ratio tracking, unbiased both.
 
-Beside this exact light there is the *guide*: columns towards every light, tabulated on a coarse grid as the mean density
-along the way.  It decides where walks look for light and never what they find there.
+Beside this exact light there is the *guide*: columns towards every light, tabulated on a coarse grid as the mean
+density along the way.  It decides where walks look for light and never what they find there.
 """
 
 from __future__ import annotations
@@ -93,6 +93,24 @@ def columns_ahead(v, x, y, z, a, b, c, far, work, out):
         space_columns(v.space, x, y, z, a, b, c, start, end, work.space, out)
 
 
+@inlined
+def depth_at(v, columns, i):
+    """Optical depth of columns at wavelength number i (or extinction of densities)."""
+    tau = 0.0
+    for c in range(columns.size):
+        tau += columns[c] * v.sigma_t[c, i]
+    return tau
+
+
+@inlined
+def least_depth(v, columns):
+    """Optical depth of columns at the most transparent wavelength."""
+    least = math.inf
+    for i in range(v.sigma_t.shape[1]):
+        least = min(least, depth_at(v, columns, i))
+    return least
+
+
 @kernel
 def light_arriving(v, k, x, y, z, work):
     """Irradiance of light k at a point into ``work.arriving`` [W m-2 nm-1]; returns the unit vector towards it."""
@@ -105,12 +123,21 @@ def light_arriving(v, k, x, y, z, work):
 
 
 @inlined
+def guide_place(space, axis, x, nodes):
+    """Where a coordinate lies on one axis of the guide, in cells; the guide repeats as the medium does."""
+    u = (x - space.bound_low[axis]) / (space.bound_step[axis] * space.cells[axis])
+    if space.bound_wrap[axis] != 0:
+        u -= math.floor(u)
+    return min(max(u, 0.0), 1.0) * (nodes - 1)
+
+
+@inlined
 def guide_columns(v, k, x, y, z, d, out):
     """Columns towards light k, at distance `d`, from the table of the guide, into `out` (component,)."""
-    low, high, shape = v.space.low, v.space.high, v.guide.shape
-    u = min(max((x - low[0]) / (high[0] - low[0]), 0.0), 1.0) * (shape[1] - 1)
-    s = min(max((y - low[1]) / (high[1] - low[1]), 0.0), 1.0) * (shape[2] - 1)
-    t = min(max((z - low[2]) / (high[2] - low[2]), 0.0), 1.0) * (shape[3] - 1)
+    shape = v.guide.shape
+    u = guide_place(v.space, 0, x, shape[1])
+    s = guide_place(v.space, 1, y, shape[2])
+    t = guide_place(v.space, 2, z, shape[3])
     i, j, m = min(int(u), shape[1] - 2), min(int(s), shape[2] - 2), min(int(t), shape[3] - 2)
     u, s, t = u - i, s - j, t - m
     g = v.guide
@@ -150,7 +177,7 @@ def guess_light(v, x, y, z, work, direct, diffuse):
 
 @entry
 def fill_guide(v, points, work, out):
-    """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into `out` (light, n, component)."""
+    """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into (light, n, component)."""
     for k in range(out.shape[0]):
         for n in range(points.shape[0]):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]

@@ -18,9 +18,9 @@ from skyscatter.solvers.kernels.optics import phase_at, transmittance
 from skyscatter.solvers.kernels.path import Walk, make_walk, rebalance
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
-from skyscatter.solvers.kernels.tracking import delta_flight, extinction_at, light_reaching
-from skyscatter.solvers.kernels.volume import VolumeWork, make_volume_work
-from skyscatter.solvers.kernels.volume_walks import draw_by_phase
+from skyscatter.solvers.kernels.tracking import delta_flight, light_reaching
+from skyscatter.solvers.kernels.volume import VolumeWork, depth_at, make_volume_work
+from skyscatter.solvers.kernels.volume_walks import draw_by_phase, invert_column
 
 #: The first step of a free flight as a share of its leg, and the factor by which steps grow.
 FIRST_STEP, GROWTH = 1.0 / 2048.0, 1.6
@@ -67,8 +67,8 @@ def column_flight(v, hero, shines, s):
             for c in range(work.along.size):
                 s.start[c] = work.along[c]
             space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], t, onward, work.space, work.along)
-            if depth_of(v, work.along, hero) >= wanted:
-                t = invert_column(v, hero, wanted, t, onward, s)
+            if depth_at(v, work.along, hero) >= wanted:
+                t = invert_column(v, hero, wanted, t, onward, s.start, x, d, work)
                 found = True
             else:
                 t = onward
@@ -83,47 +83,9 @@ def column_flight(v, hero, shines, s):
         space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
     for i in range(walk.value.size):
         walk.value[i] *= work.through[i]
-        walk.chance[i] *= work.through[i] * (extinction_at(v, work, i) if found else 1.0)
+        walk.chance[i] *= work.through[i] * (depth_at(v, work.density, i) if found else 1.0)
     if not rebalance(walk) or not found:
         return math.inf
-    return t
-
-
-@kernel
-def depth_of(v, columns, i):
-    """Optical depth of columns at wavelength number i."""
-    tau = 0.0
-    for c in range(columns.size):
-        tau += columns[c] * v.sigma_t[c, i]
-    return tau
-
-
-@kernel
-def invert_column(v, hero, wanted, low, high, s):
-    """Distance between low and high at which the hero's optical depth is `wanted`: Newton's steps within a bracket.
-
-    ``s.start`` holds the columns at `low`.
-    """
-    work, walk = s.work, s.walk
-    x, d = walk.position, walk.direction
-    first, t = low, 0.5 * (low + high)
-    width = high - low
-    for _ in range(60):
-        for c in range(work.along.size):
-            work.along[c] = s.start[c]
-        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], first, t, work.space, work.along)
-        miss = depth_of(v, work.along, hero) - wanted
-        if miss < 0.0:
-            low = t
-        else:
-            high = t
-        if abs(miss) < 1e-10 * (1.0 + wanted) or high - low < 1e-13 * width:
-            break
-        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
-        sigma = extinction_at(v, work, hero)
-        t = t - miss / sigma if sigma > 0.0 else 0.5 * (low + high)
-        if not low < t < high:
-            t = 0.5 * (low + high)
     return t
 
 

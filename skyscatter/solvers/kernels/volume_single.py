@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel
+from skyscatter.solvers.kernels.jit import entry, kernel
 from skyscatter.solvers.kernels.lookup import sort_few
 from skyscatter.solvers.kernels.optics import phase_at, transmittance
 from skyscatter.solvers.kernels.space import (
@@ -23,7 +22,7 @@ from skyscatter.solvers.kernels.space import (
     space_densities,
     term_cuts,
 )
-from skyscatter.solvers.kernels.volume import VolumeWork, light_arriving, make_volume_work
+from skyscatter.solvers.kernels.volume import VolumeWork, least_depth, light_arriving, make_volume_work
 
 #: Kronrod's rule of 15 points on [-1, 1] (Piessens et al. 1983, QUADPACK, qk15), from the left.
 _X = (
@@ -164,18 +163,6 @@ def cut_ray(v, o, d, start, end, work, cuts):
                 count += 1
     sort_few(cuts, n)
     return n
-
-
-@inlined
-def least_depth(v, columns):
-    """Optical depth of columns at the most transparent wavelength."""
-    least = math.inf
-    for i in range(v.sigma_t.shape[1]):
-        tau = 0.0
-        for c in range(columns.size):
-            tau += columns[c] * v.sigma_t[c, i]
-        least = min(least, tau)
-    return least
 
 
 @entry

@@ -1,7 +1,7 @@
-"""All orders of scattering in a medium of three dimensions by backward random walks that carry the whole spectrum.
+"""All orders of scattering in three dimensions by backward random walks that carry the whole spectrum.
 
-The camera's ray is a *leg*, and so is every flight between two scatterings.  A leg is cut into strata: half of them take
-equal angles as seen from the star that matters most (equi-angular sampling: Kulla & Fajardo 2012, Computer Graphics
+The camera's ray is a *leg*, and so is every flight between two scatterings.  A leg is cut into strata: half take equal
+angles as seen from the star that matters most (equi-angular sampling: Kulla & Fajardo 2012, Computer Graphics
 Forum 31, 1519), half equal steps.  Columns to their edges, and the guide's guess of the light there, say how much each
 stratum would hand on.  From these chances come
 
@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.fastexp import fast_exp
 from skyscatter.solvers.kernels.gridwalk import Walker, make_walker
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.lookup import sort_few
@@ -45,9 +44,11 @@ from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching
 from skyscatter.solvers.kernels.volume import (
     VolumeTable,
     VolumeWork,
+    depth_at,
     face_light,
     guess_light,
     guide_columns,
+    least_depth,
     make_volume_work,
 )
 
@@ -57,6 +58,10 @@ CAMERA_STRATA, LEG_STRATA = 32, 8
 LIT_POINTS = 2
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
+#: Exponent of the light in the depths below which flights are exact.
+SLOW = 0.4
+#: Depth of its first stratum beyond which a dark leg is cut anew.
+COARSE = 1.0
 #: Optical depth at which a star is deep; shares of the guess of directions that are uniform in the angle from a star
 #: near it, and by Dwivedi's law where it is deep.  The rest is isotropic.
 DEEP, STAR_SHARE, DEEP_SHARE = 4.0, 0.6, 0.9
@@ -108,7 +113,8 @@ def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: i
     """Scratch arrays of `volume_path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
     return WalkScratch(
-        make_volume_work(components, wavelengths), make_walker() if tracked else None, make_volume_leg(CAMERA_STRATA, components, wavelengths),
+        make_volume_work(components, wavelengths), make_walker() if tracked else None,
+        make_volume_leg(CAMERA_STRATA, components, wavelengths),
         make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
@@ -164,16 +170,23 @@ def visible_end(v, x, d, start, end, work):
     while True:
         onward = min(t + step, end)
         space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], t, onward, work.space, work.along)
-        least = math.inf
-        for i in range(v.sigma_t.shape[1]):
-            tau = 0.0
-            for c in range(work.along.size):
-                tau += work.along[c] * v.sigma_t[c, i]
-            least = min(least, tau)
         t = onward
-        if t >= end or least > DARK:
+        if t >= end or least_depth(v, work.along) > DARK:
             return t
         step *= 2.0
+
+
+@kernel
+def fill_columns_of_leg(v, x, d, leg, work):
+    """Columns from the start of a leg to the edges of its strata."""
+    for c in range(work.along.size):
+        work.along[c] = 0.0
+    for k in range(leg.edge.size):
+        if k > 0:
+            before, t = leg.edge[k - 1], leg.edge[k]
+            space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
+        for c in range(work.along.size):
+            leg.column[k, c] = work.along[c]
 
 
 @kernel
@@ -181,20 +194,17 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
     last = leg.edge.size - 1
     wavelengths = leg.draw.size
-    end = visible_end(v, x, d, start, end, work)
     cut_leg(v, x, d, start, end, camera, leg.edge)
+    fill_columns_of_leg(v, x, d, leg, work)
+    if least_depth(v, leg.column[1]) > COARSE and least_depth(v, leg.column[last]) > DARK:
+        # The leg goes on in the dark for long: its strata belong to where there is light.
+        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg.edge)
+        fill_columns_of_leg(v, x, d, leg, work)
     for i in range(wavelengths):
         leg.total[0, i], leg.total[1, i], leg.escape[i] = 0.0, 0.0, 0.0
-    for c in range(work.along.size):
-        work.along[c] = 0.0
     for k in range(last + 1):
         t = leg.edge[k]
-        if k > 0:
-            before = leg.edge[k - 1]
-            space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
-        for c in range(work.along.size):
-            leg.column[k, c] = work.along[c]
-        transmittance(work.along, v.sigma_t, work.through)
+        transmittance(leg.column[k], v.sigma_t, work.through)
         guess_light(
             v, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work, leg.light_rim[k], leg.vertex_rim[k]
         )  # fmt: skip
@@ -333,10 +343,65 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
 
 
 @kernel
-def go_to_vertex(v, hero, u, leg, work, walk):
-    """Move the walk to its next vertex; False if there is none."""
+def invert_column(v, i, wanted, low, high, first, x, d, work):
+    """Distance between low and high at which the optical depth at wavelength number i is `wanted`.
+
+    Newton's steps within a bracket; `first` holds the columns at `low`.
+    """
+    begin, t, width = low, 0.5 * (low + high), high - low
+    for _ in range(60):
+        for c in range(work.along.size):
+            work.along[c] = first[c]
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], begin, t, work.space, work.along)
+        miss = depth_at(v, work.along, i) - wanted
+        if miss < 0.0:
+            low = t
+        else:
+            high = t
+        if abs(miss) < 1e-10 * (1.0 + wanted) or high - low < 1e-13 * width:
+            break
+        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+        sigma = depth_at(v, work.density, i)
+        t = t - miss / sigma if sigma > 0.0 else 0.5 * (low + high)
+        if not low < t < high:
+            t = 0.5 * (low + high)
+    return t
+
+
+@kernel
+def fly_forced(v, hero, u, leg, work, walk):
+    """A free flight that ends on the leg, its density [m-1] under every hero, and its stratum, -1 if there is none."""
     x, d = walk.position, walk.direction
-    t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
+    last = leg.edge.size - 1
+    lost = -math.expm1(-depth_at(v, leg.column[last], hero))
+    if not lost > 0.0:
+        return 0.0, -1
+    wanted = -math.log1p(-u * lost)
+    k = 0
+    while k < last - 1 and depth_at(v, leg.column[k + 1], hero) < wanted:
+        k += 1
+    t = invert_column(v, hero, wanted, leg.edge[k], leg.edge[k + 1], leg.column[k], x, d, work)
+    columns_to(v, x, d, leg, k, t, work)
+    transmittance(work.along, v.sigma_t, work.through)
+    space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+    for i in range(leg.draw.size):
+        whole = -math.expm1(-depth_at(v, leg.column[last], i))
+        leg.draw[i] = depth_at(v, work.density, i) * work.through[i] / max(whole, 1e-300)
+    return t, k
+
+
+@kernel
+def go_to_vertex(v, hero, u, leg, work, walk):
+    """Move the walk to its next vertex; False if there is none.
+
+    Where light falls slowly the guess of it has little to add, and over many orders the small errors of a leg's strata
+    would multiply: there the flight is exact.
+    """
+    x, d = walk.position, walk.direction
+    if v.decay[v.decay.size // 2] < SLOW:
+        t, k = fly_forced(v, hero, u, leg, work, walk)
+    else:
+        t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
     if k < 0:
         return False
     columns_to(v, x, d, leg, k, t, work)
@@ -534,8 +599,26 @@ def next_number(walk, order, k):
     return walk.even[2 + k] if order == 1 else uniform(walk.state)
 
 
+@kernel
+def look_along_ray(v, hero, camera, work, walker, walk, total, by_order, apart):
+    """Light that the camera's ray sees unscattered and scattered once, from a few points on it."""
+    if v.glows:
+        gather_escape(v, walk.position, walk.direction, walk.even[7], camera, work)
+        for i in range(total.size):
+            total[i] += camera.escape[i]
+            apart[0, i] += camera.escape[i]
+    fetch_light(v, hero, walk.even[8], camera, work, walker, walk)
+    for i in range(total.size):
+        total[i] += walk.gain[i]
+        apart[1, i] += walk.gain[i]
+        if by_order.shape[0] > 0:
+            by_order[0, i] += walk.gain[i]
+
+
 @merged
-def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, lights, walk, total, by_order):
+def volume_wander(
+    v, camera, origin, direction, walked, max_order, leg, work, walker, lights, walk, total, by_order, apart
+):  # fmt: skip
     """Follow a walk from the camera to its end and add up its light."""
     wavelengths = walk.value.size
     last = max_order if v.glows else max_order - 1
@@ -545,6 +628,10 @@ def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, li
     x, d = walk.position, walk.direction
     for n in range(3):
         x[n], d[n] = origin[n], direction[n]
+    if walked:
+        look_along_ray(v, hero, camera, work, walker, walk, total, by_order, apart)
+    if max_order < 2 and not v.glows:
+        return
     if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
         return
     reference = promise(v, work, walk, leg.draw)
@@ -582,9 +669,9 @@ def volume_wander(v, camera, origin, direction, max_order, leg, work, walker, li
 
 @entry
 def volume_path_rays(
-    v, origins, directions, ids, base, seed, samples, noise, max_order, s, mean, error, by_order, used
+    v, origins, directions, ids, base, walked, seed, samples, noise, max_order, s, mean, error, by_order, apart, used
 ):  # fmt: skip
-    """Light of the second and higher orders along many rays, and of the first where emission or background is scattered.
+    """Light of the second and higher orders along many rays, and of the first that is no light of stars.
 
     Parameters
     ----------
@@ -594,6 +681,8 @@ def volume_path_rays(
         Numbers of the rays, by which their random streams are chosen.
     base : (ray, wavelength)
         Radiance that is known already and counts in the relative error.
+    walked : bool
+        Take the light that is not scattered, or once, from the walks too.
     seed : int
     samples : int
         Walks per ray, at most; a multiple of `BATCHES`, or fewer than that.
@@ -604,7 +693,9 @@ def volume_path_rays(
     s : WalkScratch
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
-        Mean by number of scatterings, as far as there is room; order 1 excludes the light of stars.
+        Mean by number of scatterings, as far as there is room; order 1 without stars unless it is walked.
+    apart : (ray, 2, wavelength), output
+        What of the mean is not scattered, and scattered once, where these are walked.
     used : (ray,) int64, output
     """
     batches = s.sums.shape[0]
@@ -615,10 +706,16 @@ def volume_path_rays(
         used[ray] = 0
         for i in range(mean.shape[1]):
             mean[ray, i], error[ray, i] = 0.0, 0.0
+            apart[ray, 0, i], apart[ray, 1, i] = 0.0, 0.0
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] = 0.0
         start, end = clip_to_space(v.space, o[0], o[1], o[2], d[0], d[1], d[2])
-        if end <= start or not prepare_volume_leg(v, o, d, start, end, np.bool_(True), 0.5, s.camera, s.work):
+        if end <= start:
+            if walked:
+                for i in range(mean.shape[1]):
+                    mean[ray, i], apart[ray, 0, i] = v.background[i], v.background[i]
+            continue
+        if not prepare_volume_leg(v, o, d, start, end, np.bool_(True), 0.5, s.camera, s.work) and not walked:
             continue
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
@@ -633,7 +730,8 @@ def volume_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
-                        v, s.camera, o, d, max_order, s.leg, s.work, s.walker, s.lights, walk, s.sums[b], by_order[ray]
+                        v, s.camera, o, d, walked, max_order, s.leg, s.work, s.walker, s.lights, walk, s.sums[b],
+                        by_order[ray], apart[ray]
                     )  # fmt: skip
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])
@@ -641,8 +739,10 @@ def volume_path_rays(
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
-        for k in range(by_order.shape[1]):
-            for i in range(mean.shape[1]):
+        for i in range(mean.shape[1]):
+            apart[ray, 0, i] /= used[ray]
+            apart[ray, 1, i] /= used[ray]
+            for k in range(by_order.shape[1]):
                 by_order[ray, k, i] /= used[ray]
 
 
