@@ -239,8 +239,8 @@ class Sampled(SpatialField):
     Parameters
     ----------
     field : field
-    cells : int
-        Along the longest side; cells are about cubes.
+    cells : int or (int, int, int)
+        Along the longest side, the cells being about cubes; or along each axis.
     low, high : (length, length, length), optional
         Corners of what is kept [m]; the field's own when not given.
     edge : {"falling", "sharp"}
@@ -249,15 +249,15 @@ class Sampled(SpatialField):
 
     kind: Literal["sampled"] = "sampled"
     field: AnySpatialField
-    cells: int = 128
+    cells: int | tuple[int, int, int] = 128
     low: Point | None = None
     high: Point | None = None
     edge: Literal["falling", "sharp"] = "falling"
 
     @model_validator(mode="after")
     def _check(self) -> Sampled:
-        if not 2 <= self.cells <= 1024:
-            raise DomainError("cells", self.cells, "must lie from 2 to 1024 along the longest side")
+        if not 2 <= np.min(self.cells) <= np.max(self.cells) <= 1024:
+            raise DomainError("cells", self.cells, "must lie from 2 to 1024 along a side")
         if (self.low is None) != (self.high is None):
             raise DomainError("low", self.low, "give both low and high, or neither")
         if self.low is not None and self.high is not None:
