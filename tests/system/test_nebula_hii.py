@@ -59,8 +59,8 @@ def picture(components: tuple[Component, ...], length: float, pixels: int = 96) 
     return image, scale**2 / (1 + x * x + y * y) ** 1.5
 
 
-def stromgren_sphere() -> tuple[float, Front]:
-    """Radius and front of the region that the star ionises in uniform gas."""
+def stromgren_sphere() -> tuple[float, Sphere]:
+    """Radius by the closed form, and the region itself by the front that is found in uniform gas."""
     photons = star().ionising_photons()
     expected = float((3 * photons / (4 * np.pi * ALPHA_B * HYDROGEN**2)) ** (1 / 3))
     rows, columns = 5, 8
@@ -70,7 +70,8 @@ def stromgren_sphere() -> tuple[float, Front]:
         lambda points: np.ones(len(points)), (0, 0, 0), ways, hydrogen_density=HYDROGEN, ionising_photons=photons,
         limit=3 * expected,
     )  # fmt: skip
-    return expected, Front(radii=tuple(map(tuple, radii.reshape(rows, columns))))
+    assert np.ptp(radii) < 1e-6 * expected
+    return expected, Sphere(radius=float(radii[0]))
 
 
 def test_stromgren_sphere() -> None:
@@ -96,7 +97,7 @@ def test_sphere_as_its_own_rates_have_it() -> None:
 
     photons = star().ionising_photons()
     expected, front = stromgren_sphere()
-    assert abs(front.radii[1][1] / stromgren_radius(photons, HYDROGEN) - 1) < 1e-6
+    assert abs(front.radius / stromgren_radius(photons, HYDROGEN) - 1) < 1e-6
     image, solid = picture((gas(front),), 2.4 * expected)
     for line, name in ((BETA, "hbeta"), (ALPHA, "halpha")):
         luminosity = 4 * np.pi * DISTANCE**2 * np.sum(line_radiance(image, line) * solid)
@@ -105,6 +106,7 @@ def test_sphere_as_its_own_rates_have_it() -> None:
         assert abs(ratio - 1) < 1e-3
 
 
+@pytest.mark.slow
 def test_front_in_a_cloud_uses_every_photon() -> None:
     """A star beside the middle of a Gaussian cloud: whatever the density, H-beta counts the ionising photons.
 
@@ -115,7 +117,7 @@ def test_front_in_a_cloud_uses_every_photon() -> None:
     photons = star().ionising_photons()
     size = stromgren_sphere()[0]
     place = np.array([0.35 * size, 0.0, 0.2 * size])
-    cloud = GaussianSphere(width=size, factor=2.0) if "factor" in GaussianSphere.model_fields else GaussianSphere(width=2 * size)
+    cloud = GaussianSphere(width=2 * size)
     rows, columns = 49, 96
     theta = np.pi * np.arange(rows) / (rows - 1)
     theta, phi = np.meshgrid(theta, 2 * np.pi * np.arange(columns) / columns, indexing="ij")
@@ -123,15 +125,16 @@ def test_front_in_a_cloud_uses_every_photon() -> None:
     radii = front_radii(
         cloud.density, place, ways.reshape(-1, 3), hydrogen_density=HYDROGEN, ionising_photons=photons, limit=6 * size
     ).reshape(rows, columns)
-    assert radii.max() < 3 * size
+    assert radii.max() < 1.5 * size
     radii[0], radii[-1] = radii[0, 0], radii[-1, 0]
-    front = Front(radii=tuple(map(tuple, radii)), position=tuple(place))
-    image, solid = picture((gas(Product(fields=(Power(field=cloud, exponent=2.0), front))),), 6 * size, 128)
+    # An edge as soft as this adds about 3 (width / radius)^2, a thousandth, to the volume.
+    front = Front(radii=tuple(map(tuple, radii)), position=tuple(place), width=0.02 * size)
+    image, solid = picture((gas(Product(fields=(Power(field=cloud, exponent=2.0), front))),), 4 * size, 24)
     luminosity = 4 * np.pi * DISTANCE**2 * np.sum(line_radiance(image, BETA) * solid)
     ratio = luminosity / case_b_luminosity(photons)
     print(f"front from {radii.min() / PARSEC:.3f} to {radii.max() / PARSEC:.3f} pc, H-beta {ratio - 1:+.3%}")
-    # The bilinear front between directions 3.75 degrees apart, and pixels.
-    assert abs(ratio - 1) < 5e-3
+    # The soft edge, the bilinear front between directions 3.75 degrees apart, and the pixels.
+    assert abs(ratio - 1) < 1e-2
 
 
 @pytest.mark.parametrize("visual", [0.0, 1.0, 4.0])
