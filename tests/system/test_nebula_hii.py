@@ -43,7 +43,7 @@ def gas(density: object) -> Component:
 
 def line_radiance(image: SpectralImage, line: slice, layer: str | None = None) -> Array:
     """Radiance of a line [W m-2 sr-1], (y, x)."""
-    values = image.values if layer is None else image.layers[layer]
+    values = image.radiance if layer is None else image.layers[layer]
     low, high = cell_edges(GRID)
     total: Array = (values * (high - low))[..., line].sum(axis=-1)
     return total
