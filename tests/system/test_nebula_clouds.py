@@ -187,5 +187,7 @@ def test_columns_of_the_radar_cloud(folder: Path, kind: str) -> None:
     columns = np.array([int(where.tau.argmin()), 160, 480, int(where.tau.argmax())])
     expected = consensus(folder, 2, kind)[columns]
     value, error = measure(kind, where, columns, np.full(4, 262_144))
-    print(f"radar cloud {kind}, columns {columns}: {np.round(100 * (value / expected - 1), 2)} % +- {100 * error / value}")
+    print(
+        f"radar cloud {kind}, columns {columns}: {np.round(100 * (value / expected - 1), 2)} % +- {100 * error / value}"
+    )
     assert np.abs(value / expected - 1).max() < 0.02

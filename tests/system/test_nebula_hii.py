@@ -85,7 +85,9 @@ def test_stromgren_sphere() -> None:
     radius = DISTANCE * np.sqrt(2.5 * np.average(x * x + y * y, weights=beta * solid))
     luminosity = 4 * np.pi * DISTANCE**2 * np.sum(beta * solid)
     closed = star().ionising_photons() * ALPHA_BETA / ALPHA_B * BETA_PHOTON
-    print(f"radius {radius / PARSEC:.4f} pc ({radius / expected - 1:+.2%}), H-beta {luminosity:.4e} W ({luminosity / closed - 1:+.2%})")
+    print(
+        f"radius {radius / PARSEC:.4f} pc ({radius / expected - 1:+.2%}), H-beta {luminosity:.4e} W ({luminosity / closed - 1:+.2%})"
+    )
     # The rates themselves: fits within 0.7 % and 1 % of the tables.
     assert abs(radius / expected - 1) < 0.005
     assert abs(luminosity / closed - 1) < 0.015
@@ -146,11 +148,16 @@ def test_balmer_decrement(visual: float) -> None:
         # Square to the line of sight, which leans by 30 degrees from the model's z axis.
         towards = View(inclination_deg=30.0).matrix[2]
         curtain = Slab(
-            half_thickness=0.1 * PARSEC, half_width=10 * PARSEC, axis=tuple(towards), position=tuple(3 * PARSEC * towards)
+            half_thickness=0.1 * PARSEC,
+            half_width=10 * PARSEC,
+            axis=tuple(towards),
+            position=tuple(3 * PARSEC * towards),
         )
         column = 0.2 * PARSEC
         # A_V through 0.2 pc of dust: 1.0857 tau(550 nm), by hydrogen so that it counts along the line of sight.
-        hydrogen = visual / (2.5 / np.log(10)) / (column * float(dust_properties("milky-way-3.1", [550.0]).cross_section[0]))
+        hydrogen = (
+            visual / (2.5 / np.log(10)) / (column * float(dust_properties("milky-way-3.1", [550.0]).cross_section[0]))
+        )
         components += (Component(name="curtain", density=curtain, optics=Dust(hydrogen_density=hydrogen)),)
     image, _ = picture(components, 2.4 * size, 24)
     alpha, beta = line_radiance(image, ALPHA, "direct"), line_radiance(image, BETA, "direct")
@@ -158,7 +165,9 @@ def test_balmer_decrement(visual: float) -> None:
     section = dust_properties("milky-way-3.1", [486.268, 550.0, 656.461]).cross_section
     reddening = np.exp(visual / (2.5 / np.log(10)) * (section[0] - section[2]) / section[1])
     ratio = alpha[seen] / beta[seen]
-    print(f"A_V {visual:g}: H-alpha / H-beta {ratio.min():.4f} to {ratio.max():.4f}; 2.86 reddened {2.86 * reddening:.4f}")
+    print(
+        f"A_V {visual:g}: H-alpha / H-beta {ratio.min():.4f} to {ratio.max():.4f}; 2.86 reddened {2.86 * reddening:.4f}"
+    )
     assert seen.sum() > 200
     # 2.86: Osterbrock & Ferland (2006), table 4.2; the fits of both rates are within 1 %, what dust does to 1e-3 (a cell of
     # the wavelengths is as wide as 1 nm, and the rays lean by up to 0.3 degrees).

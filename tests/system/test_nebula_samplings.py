@@ -29,7 +29,9 @@ def shell(tau: float, g: float) -> SpaceScene:
     extinction = SpectralTable(wavelengths=WAVELENGTHS, values=(1.5 * tau / 0.6, tau / 0.6, 0.6 * tau / 0.6))
     albedo = SpectralTable(wavelengths=WAVELENGTHS, values=(0.5, 0.6, 0.8))
     component = Component(name="dust", density=Shell(inner=0.4, outer=1.0), optics=dust(extinction, albedo, g))
-    return SpaceScene(medium=Medium(components=(component,)), stars=(PointStar(spectrum=GREY),), view=View(distance=100.0))
+    return SpaceScene(
+        medium=Medium(components=(component,)), stars=(PointStar(spectrum=GREY),), view=View(distance=100.0)
+    )
 
 
 def mixture(tau: float) -> SpaceScene:
@@ -88,7 +90,9 @@ def check_ways(kind: str, tau: float, g: float, rays: int, samples: int, most: f
             assert_agrees(value, mean, np.hypot(spread, error), freedom=np.inf)
 
 
-@pytest.mark.parametrize(("kind", "tau", "g"), [("shell", 0.1, 0.5), ("shell", 1.0, 0.0), ("shell", 10.0, 0.5), ("mixture", 1.0, 0.5)])
+@pytest.mark.parametrize(
+    ("kind", "tau", "g"), [("shell", 0.1, 0.5), ("shell", 1.0, 0.0), ("shell", 10.0, 0.5), ("mixture", 1.0, 0.5)]
+)
 def test_ways_agree(kind: str, tau: float, g: float) -> None:
     check_ways(kind, tau, g, 100, 32, 0.06)
 
@@ -96,13 +100,16 @@ def test_ways_agree(kind: str, tau: float, g: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("g", [0.0, 0.5])
 @pytest.mark.parametrize(
-    ("kind", "tau"), [("shell", 0.1), ("shell", 1.0), ("shell", 10.0), *(("mixture", t) for t in (0.1, 1.0, 10.0, 30.0))]
+    ("kind", "tau"),
+    [("shell", 0.1), ("shell", 1.0), ("shell", 10.0), *(("mixture", t) for t in (0.1, 1.0, 10.0, 30.0))],
 )
 def test_ways_agree_closely(kind: str, tau: float, g: float) -> None:
     check_ways(kind, tau, g, 500, 256, 0.01)
 
 
-@pytest.mark.parametrize("options", [{}, {"sampling": "free-flight"}, {"sampling": "delta"}], ids=["forced", "flight", "delta"])
+@pytest.mark.parametrize(
+    "options", [{}, {"sampling": "free-flight"}, {"sampling": "delta"}], ids=["forced", "flight", "delta"]
+)
 def test_each_wavelength_alone_equals_all_together(options: dict[str, Any]) -> None:
     """Spectral sampling from all wavelengths at once is as right as walks of one wavelength each."""
     scene, lines = shell(1.0, 0.5), lines_through(np.random.default_rng(4), 100)
@@ -112,17 +119,23 @@ def test_each_wavelength_alone_equals_all_together(options: dict[str, Any]) -> N
         alone = radiance(scene, *lines, (wavelength,), solver="path", samples=samples, seed=2 + i, **options)
         a, b = together.radiance[:, i].mean(), alone.radiance[:, 0].mean()
         errors = [np.sqrt((e**2).sum()) / 100 for e in (together.standard_error[:, i], alone.standard_error[:, 0])]
-        print(f"{options} {wavelength:g} nm: together {a:.4e} ({errors[0] / a:.2%}), alone {b:.4e} ({errors[1] / b:.2%})")
+        print(
+            f"{options} {wavelength:g} nm: together {a:.4e} ({errors[0] / a:.2%}), alone {b:.4e} ({errors[1] / b:.2%})"
+        )
         assert errors[0] < 0.05 * a
         assert_agrees(a, b, np.hypot(*errors), freedom=np.inf)
 
 
-@pytest.mark.parametrize("options", [{}, {"transmittance": "ratio"}, {"sampling": "free-flight"}, {"sampling": "delta"}])
+@pytest.mark.parametrize(
+    "options", [{}, {"transmittance": "ratio"}, {"sampling": "free-flight"}, {"sampling": "delta"}]
+)
 def test_same_seed_same_bits(options: dict[str, Any]) -> None:
     scene, lines = mixture(1.0), lines_through(np.random.default_rng(5), 40)
 
     def run(seed: int, threads: int) -> Answer:
-        return radiance(scene, *lines, WAVELENGTHS, solver="path", samples=16, seed=seed, threads=threads, orders=3, **options)
+        return radiance(
+            scene, *lines, WAVELENGTHS, solver="path", samples=16, seed=seed, threads=threads, orders=3, **options
+        )
 
     one, two, other = run(7, 1), run(7, 2), run(8, 2)
     np.testing.assert_array_equal(one.radiance, two.radiance)
@@ -132,12 +145,16 @@ def test_same_seed_same_bits(options: dict[str, Any]) -> None:
     assert np.any(one.radiance != other.radiance)
 
 
-@pytest.mark.parametrize("options", [{}, {"sampling": "free-flight"}, {"sampling": "delta"}], ids=["forced", "flight", "delta"])
+@pytest.mark.parametrize(
+    "options", [{}, {"sampling": "free-flight"}, {"sampling": "delta"}], ids=["forced", "flight", "delta"]
+)
 def test_error_bars_are_the_spread_over_seeds(options: dict[str, Any]) -> None:
     """Variance over seeds against the mean squared error bar, over rays: their ratio is 1."""
     scene, lines = shell(1.0, 0.5), lines_through(np.random.default_rng(6), 60)
     seeds, samples = 24, 32 if not options else 128
-    runs = [radiance(scene, *lines, (550.0,), solver="path", samples=samples, seed=50 + k, **options) for k in range(seeds)]
+    runs = [
+        radiance(scene, *lines, (550.0,), solver="path", samples=samples, seed=50 + k, **options) for k in range(seeds)
+    ]
     values = np.array([run.radiance[:, 0] for run in runs])
     stated = np.array([run.standard_error[:, 0] for run in runs])
     hit = np.all(values > 0, axis=0)

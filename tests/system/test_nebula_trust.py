@@ -61,7 +61,9 @@ def rays(theta: int, n: int) -> tuple[Array, Array, Array]:
     cells of the side are narrower there, as the cube of their number.
     """
     rng = np.random.default_rng(theta + n)
-    towards = np.array([[0, 0, 1.0], [np.sqrt(0.75), 0, 0.5], [np.sqrt(0.75), 0, -0.5], [0, 0, -1.0]][THETAS.index(theta)])
+    towards = np.array(
+        [[0, 0, 1.0], [np.sqrt(0.75), 0, 0.5], [np.sqrt(0.75), 0, -0.5], [0, 0, -1.0]][THETAS.index(theta)]
+    )
     cell = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), axis=-1).reshape(-1, 2)
     u, v = (cell + rng.random(cell.shape)).T / n
     origins = [np.stack([10 * u - 5, 10 * v - 5, np.full_like(u, -2.0 if towards[2] > 0 else -5.0)], axis=1)]
@@ -147,7 +149,9 @@ def check_direct(folder: Path, depth: float, most: float, rows: tuple[int, ...])
         away = np.array([np.sin(np.radians(theta)), 0.0, np.cos(np.radians(theta))])
         # The star is a point, so its direct light is the background seen from its place: 1 times the transmittance.
         bright = scene(slab, depth).model_copy(update={"background": 1.0, "stars": ()})
-        through = radiance(bright, origin, away[None], slab.wavelengths, solver="single", parts=True).layers["direct"][0]
+        through = radiance(bright, origin, away[None], slab.wavelengths, solver="single", parts=True).layers["direct"][
+            0
+        ]
         difference = through * table[:, 5] / table[:, 2] - 1
         print(f"tau {depth:g} theta {theta}: direct light differs by at most {np.abs(difference).max():.2%}")
         assert np.abs(difference).max() < most
@@ -186,7 +190,9 @@ def test_direct_light(folder: Path, depth: float, most: float) -> None:
     check_direct(folder, depth, most, FEW)
 
 
-@pytest.mark.parametrize(("depth", "most", "n", "samples"), [(0.1, 0.03, 12, 16), (1.0, 0.03, 20, 16), (10.0, 0.1, 20, 32)])
+@pytest.mark.parametrize(
+    ("depth", "most", "n", "samples"), [(0.1, 0.03, 12, 16), (1.0, 0.03, 20, 16), (10.0, 0.1, 20, 32)]
+)
 def test_scattered_light_few(folder: Path, depth: float, most: float, n: int, samples: int) -> None:
     rows = FEW if depth < 10 else FEW[2:]
     check_scattered(folder, depth, most, rows, n, samples)
