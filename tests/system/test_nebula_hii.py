@@ -86,7 +86,7 @@ def test_stromgren_sphere() -> None:
     luminosity = 4 * np.pi * DISTANCE**2 * np.sum(beta * solid)
     closed = star().ionising_photons() * ALPHA_BETA / ALPHA_B * BETA_PHOTON
     print(
-        f"radius {radius / PARSEC:.4f} pc ({radius / expected - 1:+.2%}), H-beta {luminosity:.4e} W ({luminosity / closed - 1:+.2%})"
+        f"radius {radius / PARSEC:.4f} pc ({radius / expected - 1:+.2%}), H-beta {luminosity:.4e} W ({luminosity / closed - 1:+.2%})"  # noqa: E501
     )
     # The rates themselves: fits within 0.7 % and 1 % of the tables.
     assert abs(radius / expected - 1) < 0.005
@@ -169,7 +169,8 @@ def test_balmer_decrement(visual: float) -> None:
         f"A_V {visual:g}: H-alpha / H-beta {ratio.min():.4f} to {ratio.max():.4f}; 2.86 reddened {2.86 * reddening:.4f}"
     )
     assert seen.sum() > 200
-    # 2.86: Osterbrock & Ferland (2006), table 4.2; the fits of both rates are within 1 %, what dust does to 1e-3 (a cell of
+    # 2.86: Osterbrock & Ferland (2006), table 4.2; the fits of both rates are within 1 %, what dust does to 1e-3 (a
+    # cell of
     # the wavelengths is as wide as 1 nm, and the rays lean by up to 0.3 degrees).
     assert np.abs(ratio / (2.86 * reddening) - 1).max() < 0.01
     bare = line_radiance(picture((gas(Sphere(radius=size)),), 2.4 * size, 24)[0], ALPHA, "direct")

@@ -45,7 +45,7 @@ def mixture(tau: float) -> SpaceScene:
     half = SpectralTable(wavelengths=(500.0,), values=(0.5,))
     return SpaceScene(
         medium=Medium(components=components),
-        stars=(PointStar(name="a", position=(2.0, 0, 0), spectrum=GREY), PointStar(name="b", position=(-0.5, 1.8, 0.4), spectrum=half)),
+        stars=(PointStar(name="a", position=(2.0, 0, 0), spectrum=GREY), PointStar(name="b", position=(-0.5, 1.8, 0.4), spectrum=half)),  # noqa: E501
         parallel=(ParallelLight(direction=(1.0, 0, 0), irradiance=0.1),), background=0.01, view=View(distance=100.0),
     )  # fmt: skip
 
@@ -163,5 +163,6 @@ def test_error_bars_are_the_spread_over_seeds(options: dict[str, Any]) -> None:
     weight = 1 / values.mean(axis=0) ** 2
     ratio = np.sum(weight * values.var(axis=0, ddof=1)) / np.sum(weight * (stated**2).mean(axis=0))
     print(f"{options}: variance over seeds / squared error bar {ratio:.3f}")
-    # 60 rays with 23 degrees of freedom each, the brightest of which count most: the ratio itself is uncertain by some 10 %.
+    # 60 rays with 23 degrees of freedom each, the brightest of which count most: the ratio itself is uncertain by
+    # some 10 %.
     assert 0.7 < ratio < 1.4

@@ -1,4 +1,4 @@
-"""The dust slab of the TRUST comparison (Gordon et al. 2017, A&A 603, A114): grains from its thinnest case, then the others.
+"""The dust slab of the TRUST comparison (Gordon et al. 2017, A&A 603, A114): grains from its thinnest case.
 
 A box of dust, -5 to 5 pc in x and y and -5 to -2 pc in z, below a star at (0, 0, 4) pc, seen from far away at the angle
 theta from +z towards +x.  What a detector gets, relative to the star without dust, is the integral of the radiance over
@@ -57,7 +57,8 @@ def scene(slab: Slab, depth: float) -> SpaceScene:
 def rays(theta: int, n: int) -> tuple[Array, Array, Array]:
     """Origins, directions and weights [pc2] of rays to the faces that are seen, one in each of n x n cells of a face.
 
-    Light of the star reaches the side through the top only, so that at great optical depth it comes from the upper edge:
+    Light of the star reaches the side through the top only, so that at great optical depth it comes from the upper
+    edge:
     cells of the side are narrower there, as the cube of their number.
     """
     rng = np.random.default_rng(theta + n)
@@ -133,7 +134,7 @@ def check_fit(folder: Path, rows: tuple[int, ...]) -> None:
     slab, rest = fitted_slab(folder, rows)
     for i in range(len(rows)):
         print(
-            f"{slab.wavelengths[i]:7.1f} nm  tau {slab.tau[i]:.4f}  albedo {slab.albedo[i]:.4f}  g {slab.g[i]:.4f}  left "
+            f"{slab.wavelengths[i]:7.1f} nm  tau {slab.tau[i]:.4f}  albedo {slab.albedo[i]:.4f}  g {slab.g[i]:.4f}  left "  # noqa: E501
             + " ".join(f"{100 * x:+.2f} %" for x in rest[:, i])
         )
     # Two numbers, four angles: Henyey-Greenstein grains leave less than one per cent.
@@ -170,14 +171,18 @@ def check_scattered(folder: Path, depth: float, most: float, rows: tuple[int, ..
                 f"{error[i] / light[i]:.2%} | {expected[i]:.4e} | {light[i] / expected[i] - 1:+.2%} | {single[i]:.2f} |"
             )
             print(line)
-            assert error[i] < 0.05 * light[i]
-            if not (theta == 180 and depth * slab.tau[i] > UNSAMPLED) and abs(light[i] / expected[i] - 1) > most:
+            if theta == 180 and depth * slab.tau[i] > UNSAMPLED:
+                continue
+            assert error[i] < 0.05 * light[i], line
+            if abs(light[i] / expected[i] - 1) > most:
                 bad.append((theta, row, line))
     assert not bad
 
 
-#: Behind the slab, beyond this optical depth, the reference run has too few photons: see `test_light_behind_the_thickest`.
-UNSAMPLED = 20.0
+#: Behind the slab, beyond this optical depth, the reference run has 1/2 (at 27) to 1/12 (at 66) of the light that `path`
+#: finds with any seed to 2 %, most of it scattered many times.  These points (0.09 to 0.25 micron at depth 10) are
+#: printed, not judged.
+UNSAMPLED = 25.0
 
 
 @pytest.mark.parametrize("rows", [FEW, pytest.param(ALL, marks=pytest.mark.slow)])
