@@ -155,7 +155,7 @@ def test_step_cloud(folder: Path, kind: str) -> None:
         assert np.abs(difference).max() < 0.02
 
 
-@pytest.mark.parametrize("kind", ["R", "Id"])
+@pytest.mark.parametrize("kind", ["R", pytest.param("Id", marks=pytest.mark.slow)])
 def test_mean_of_the_radar_cloud(folder: Path, kind: str) -> None:
     expected = consensus(folder, 2, kind)
     columns = np.arange(0, 640, 4)

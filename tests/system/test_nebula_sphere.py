@@ -99,7 +99,7 @@ def gauss_legendre(low: float, high: float, count: int) -> tuple[Array, Array]:
     return 0.5 * (low + high) + 0.5 * (high - low) * x, 0.5 * (high - low) * w
 
 
-@pytest.mark.parametrize("tau", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("tau", [0.1, 1.0, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_absorbed_and_escaping_light_are_the_luminosity(tau: float) -> None:
     """Absorption by the mean intensity inside, which rays that begin there measure, closes the balance.
 

@@ -134,7 +134,7 @@ def check_fit(folder: Path, rows: tuple[int, ...]) -> None:
     slab, rest = fitted_slab(folder, rows)
     for i in range(len(rows)):
         print(
-            f"{slab.wavelengths[i]:7.1f} nm  tau {slab.tau[i]:.4f}  albedo {slab.albedo[i]:.4f}  g {slab.g[i]:.4f}  left "  # noqa: E501
+            f"{slab.wavelengths[i]:7.1f} nm  tau {slab.tau[i]:.4f}  albedo {slab.albedo[i]:.4f}  g {slab.g[i]:.4f}  left "  # noqa: E501  # noqa: E501
             + " ".join(f"{100 * x:+.2f} %" for x in rest[:, i])
         )
     # Two numbers, four angles: Henyey-Greenstein grains leave less than one per cent.
