@@ -100,7 +100,7 @@ def all_orders(slab: Slab, depth: float, theta: int, n: int, samples: int) -> tu
 
 @cache
 def fitted_slab(folder: Path, rows: tuple[int, ...]) -> tuple[Slab, Array]:
-    """Optical properties from the thinnest case, and what is left of its scattered light, relative, (theta, wavelength).
+    """Optical properties from the thinnest case, and what is left of its scattered light, (theta, wavelength).
 
     The optical depth comes from direct over transparent light at 0.1 (at 0.01 the files have too few digits).  Light
     scattered once is proportional to the albedo, so the albedo makes the mean logarithmic difference nought and g the
@@ -179,7 +179,7 @@ def check_scattered(folder: Path, depth: float, most: float, rows: tuple[int, ..
     assert not bad
 
 
-#: Behind the slab, beyond this optical depth, the reference run has 1/2 (at 27) to 1/12 (at 66) of the light that `path`
+#: Behind the slab, beyond this optical depth, the reference run has 1/2 (at 27), 1/12 (at 66) of the light that `path`
 #: finds with any seed to 2 %, most of it scattered many times.  These points (0.09 to 0.25 micron at depth 10) are
 #: printed, not judged.
 UNSAMPLED = 25.0
