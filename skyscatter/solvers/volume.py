@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 #: Nodes of the guide along the longest side of the medium.
 GUIDE_NODES = 25
+#: Angles from a star at which the light around it is tabulated.
+ANGLES = 129
 
 
 @lru_cache(maxsize=4)
@@ -47,7 +49,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     ]
     lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]
     background = scene.background_radiance(wl)
-    decay, shape = _modes(sigma_s, sigma_t, phase)
+    decay, shape, around = _modes(sigma_s, sigma_t, phase)
     table = VolumeTable(
         space=space,
         sigma_s=sigma_s,
@@ -64,7 +66,9 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         glows=bool(np.any(emission) or np.any(background)),
         decay=decay,
         shape=shape,
-        shape_cdf=np.concatenate([[0.0], np.cumsum(0.5 * (shape[1:] + shape[:-1]))]) / np.trapezoid(shape),
+        shape_cdf=_distribution(shape),
+        around=around,
+        around_cdf=_distribution(around),
         floor=np.zeros(wl.size),
         rate=_rates(sigma_t, emission, space.bound_step * space.cells),
         tracking=0,
@@ -87,8 +91,34 @@ def _intensity(star: PointStar, wl: Array, distance: float) -> Array:
     return star.spectral_luminosity(wl, distance) / (4 * np.pi)
 
 
-def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array]:
-    """Exponents (wavelength,) of light in the depths of the medium, all components equally dense, and its shape."""
+def _distribution(density: Array) -> Array:
+    """Distribution function of a density that is linear between equally spaced nodes."""
+    steps = 0.5 * (density[1:] + density[:-1])
+    return np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+
+
+def _around(mean: Array) -> Array:
+    """Density of the angle theta from a star in which a point near it sees scattered light [rad-1].
+
+    Without extinction a ray at that angle gathers (1 / sin theta) int p(cos T) dT from theta to pi, since dt / d^2 is
+    dT / (r sin theta) and the scattering angle T grows from theta to pi along it; 1 / sin theta goes with the solid
+    angle.
+    """
+    theta = np.linspace(0.0, np.pi, ANGLES)
+    # Sums from pi down, on the tables' own angles.
+    nodes = np.arccos(phase_cosines())
+    steps = 0.5 * (mean[1:] + mean[:-1]) * np.diff(nodes)
+    beyond = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+    values = np.interp(theta, nodes, beyond)
+    values = np.maximum(values, 1e-2 * values.mean())
+    return values / np.trapezoid(values, theta)
+
+
+def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array, Array]:
+    """Exponents (wavelength,) of light in the depths of the medium, its shape, and that of light around near stars.
+
+    For all components equally dense; the shapes are those of the middle wavelength.
+    """
     mu = phase_cosines()
     share = sigma_s / np.maximum(sigma_s.sum(axis=0), 1e-300)
     omega = sigma_s.sum(axis=0) / np.maximum(sigma_t.sum(axis=0), 1e-300)
@@ -97,7 +127,7 @@ def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array]:
     moments = -2 * np.pi * np.trapezoid(mean[:, :, None] * polynomials, mu, axis=1)
     moments[moments[:, 0] <= 0, 0] = 1.0  # nothing scatters
     modes = [slowest_mode(float(o), m / m[0]) for o, m in zip(omega, moments, strict=True)]
-    return np.array([kappa for kappa, _ in modes]), modes[len(modes) // 2][1]
+    return np.array([kappa for kappa, _ in modes]), modes[len(modes) // 2][1], _around(mean[len(modes) // 2])
 
 
 def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:

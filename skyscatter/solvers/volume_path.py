@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["check", "prepare", "solve"]
 
-#: Tolerance of the first order.
-DEFAULT_TOLERANCE = 5e-4
+#: Tolerance of the first order: a disagreement of the rules, a hundred times the error of the finer one.
+DEFAULT_TOLERANCE = 5e-3
 SAMPLINGS = ("march", "free-flight", "delta")
 #: Ways to find transmittances towards lights, and their codes in the kernels.
 TRANSMITTANCES = {"auto": -1, "quadrature": QUADRATURE, "ratio": RATIO, "residual-ratio": RESIDUAL}

@@ -40,6 +40,8 @@ class VolumeTable(NamedTuple):
     decay: np.ndarray  #: (wavelength,) exponent with which light in the depths falls per optical depth
     shape: np.ndarray  #: (cosine,) density of directions in the depths [sr-1], from -1 to +1, towards the light
     shape_cdf: np.ndarray  #: (cosine,) its distribution function over the cosine
+    around: np.ndarray  #: (angle,) density of the angle from a near star in which light comes [rad-1], from 0 to pi
+    around_cdf: np.ndarray  #: (angle,) its distribution function
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
     tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`

@@ -22,7 +22,7 @@ from skyscatter.solvers.kernels.space import (
     space_densities,
     term_cuts,
 )
-from skyscatter.solvers.kernels.volume import VolumeWork, least_depth, light_arriving, make_volume_work
+from skyscatter.solvers.kernels.volume import VolumeWork, light_arriving, make_volume_work
 
 #: Kronrod's rule of 15 points on [-1, 1] (Piessens et al. 1983, QUADPACK, qk15), from the left.
 _X = (
@@ -44,8 +44,6 @@ GAUSS[1::2] = [*_G, 0.417959183673469387755102040816327, *_G[::-1]]
 GROWTH = 5.0
 #: Cuts of a ray at most, and bisections of a piece at most.
 MOST_CUTS, MOST_LEVELS = 512, 40
-#: Optical depth at the most transparent wavelength behind which nothing is seen any more.
-DARK = 650.0
 
 
 class SingleScratch(NamedTuple):
@@ -56,6 +54,8 @@ class SingleScratch(NamedTuple):
     ends: np.ndarray  #: (MOST_LEVELS,) right ends of the pieces that wait
     kronrod: np.ndarray  #: (2, wavelength) scattered and emitted light of a piece
     gauss: np.ndarray  #: (2, wavelength)
+    first: np.ndarray  #: (piece, 4, wavelength) both rules' light of the pieces, unrefined
+    first_column: np.ndarray  #: (piece, component) columns at their ends
     rough: np.ndarray  #: (wavelength,) light of the whole ray, unrefined
     column: np.ndarray  #: (component,) columns at the start of a piece
     running: np.ndarray  #: (component,) columns at the current node
@@ -65,8 +65,8 @@ def make_single_scratch(components: int, wavelengths: int) -> SingleScratch:
     """Scratch arrays for a scene of that size; a thread needs its own."""
     return SingleScratch(
         make_volume_work(components, wavelengths), np.zeros(MOST_CUTS), np.zeros(MOST_LEVELS),
-        np.zeros((2, wavelengths)), np.zeros((2, wavelengths)), np.zeros(wavelengths), np.zeros(components),
-        np.zeros(components),
+        np.zeros((2, wavelengths)), np.zeros((2, wavelengths)), np.zeros((MOST_CUTS, 4, wavelengths)),
+        np.zeros((MOST_CUTS, components)), np.zeros(wavelengths), np.zeros(components), np.zeros(components),
     )  # fmt: skip
 
 
@@ -109,6 +109,8 @@ def integrate_piece(v, o, d, a, b, s):
     for j in range(2):
         for i in range(s.rough.size):
             s.kronrod[j, i], s.gauss[j, i] = 0.0, 0.0
+    if not b > a:
+        return
     last = a
     for n in range(NODES.size):
         t = middle + half * NODES[n]
@@ -188,24 +190,44 @@ def volume_single_rays(v, origins, directions, tolerance, s, scattered, direct):
         start, end = clip_to_space(v.space, o[0], o[1], o[2], d[0], d[1], d[2])
         if end > start:
             n = cut_ray(v, o, d, start, end, s.work.space, s.cuts)
-            # Once through, to know how much light there is; then with care.
+            # Once through, to know how much light there is; then with care where the rules disagree.
             for k in range(n - 1):
-                if s.cuts[k + 1] > s.cuts[k] and least_depth(v, s.running) < DARK:
-                    integrate_piece(v, o, d, s.cuts[k], s.cuts[k + 1], s)
-                    for i in range(s.rough.size):
-                        s.rough[i] += s.kronrod[0, i] + s.kronrod[1, i]
+                integrate_piece(v, o, d, s.cuts[k], s.cuts[k + 1], s)
+                for i in range(s.rough.size):
+                    s.rough[i] += s.kronrod[0, i] + s.kronrod[1, i]
+                    for j in range(2):
+                        s.first[k, j, i] = s.kronrod[j, i]
+                        s.first[k, 2 + j, i] = s.gauss[j, i]
+                for c in range(s.column.size):
+                    s.first_column[k, c] = s.running[c]
             for k in range(n - 1):
-                refine_piece(v, o, d, s.cuts[k], s.cuts[k + 1], tolerance, s, scattered[ray], direct[ray])
+                finish_piece(v, o, d, k, tolerance, s, scattered[ray], direct[ray])
         transmittance(s.column, v.sigma_t, s.work.through)
         for i in range(s.rough.size):
             direct[ray, i] += v.background[i] * s.work.through[i]
 
 
 @kernel
+def finish_piece(v, o, d, k, tolerance, s, scattered, direct):
+    """Add the light of a piece as it was found first, or, where the rules disagree, bisected."""
+    worst = 0.0
+    for i in range(s.rough.size):
+        miss = abs(s.first[k, 0, i] - s.first[k, 2, i]) + abs(s.first[k, 1, i] - s.first[k, 3, i])
+        if miss > 0.0:
+            worst = max(worst, miss / max(s.rough[i], 1e-300))
+    if worst > tolerance:
+        refine_piece(v, o, d, s.cuts[k], s.cuts[k + 1], tolerance, s, scattered, direct)
+    else:
+        for i in range(s.rough.size):
+            scattered[i] += s.first[k, 0, i]
+            direct[i] += s.first[k, 1, i]
+    for c in range(s.column.size):
+        s.column[c] = s.first_column[k, c]
+
+
+@kernel
 def refine_piece(v, o, d, a, b, tolerance, s, scattered, direct):
     """Bisect a piece from the left until both rules agree, and add its light."""
-    if b <= a or least_depth(v, s.column) > DARK:
-        return
     shortest = 1e-9 * (b - a)
     s.ends[0], waiting = b, 1
     while waiting > 0:

@@ -14,9 +14,11 @@ from skyscatter.solvers.kernels.random import uniform
 from skyscatter.solvers.kernels.space import space_densities
 from skyscatter.solvers.kernels.volume import depth_at, face_light, guide_columns
 
-#: Optical depth at which a star is deep; shares of the guess of directions that are uniform in the angle from a star
-#: near it, and by the slowest mode where it is deep.  The rest is isotropic.
-DEEP, STAR_SHARE, DEEP_SHARE = 4.0, 0.6, 0.9
+#: Optical depth at which a star is deep.
+DEEP = 4.0
+#: Shares of the guess of directions by the light of a near star and by the slowest mode: near a star, and where it is
+#: deep.  The rest is isotropic.
+NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
 
@@ -58,25 +60,28 @@ def direction_law(v, d, lights, around, deep):
             place = 0.5 * (min(max(mu, -1.0), 1.0) + 1.0) * last
             j = min(int(place), last - 1)
             shape = v.shape[j] + (place - j) * (v.shape[j + 1] - v.shape[j])
-            law += lights[k, 3] * (around / (2.0 * math.pi * math.pi * sine) + deep * shape)
+            place = math.acos(min(max(mu, -1.0), 1.0)) / math.pi * last
+            j = min(int(place), last - 1)
+            angle = v.around[j] + (place - j) * (v.around[j + 1] - v.around[j])
+            law += lights[k, 3] * (around * angle / (2.0 * math.pi * sine) + deep * shape)
     return law
 
 
 @inlined
-def draw_depth_cosine(v, u):
-    """Cosine to the direction of the light, drawn from the shape of light in the depths."""
-    low, high = 0, v.shape.size - 1
+def draw_from_table(density, cdf, u):
+    """Place from 0 to 1, drawn from a density that is linear between equally spaced nodes."""
+    low, high = 0, density.size - 1
     last = high
     while high - low > 1:
         middle = (low + high) >> 1
-        if v.shape_cdf[middle] <= u:
+        if cdf[middle] <= u:
             low = middle
         else:
             high = middle
-    p0, p1 = v.shape[low], v.shape[high]
-    share = 0.5 * (p0 + p1) * (u - v.shape_cdf[low]) / max(v.shape_cdf[high] - v.shape_cdf[low], 1e-300)
-    s = 2.0 * share / (p0 + math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0)))
-    return 2.0 * (low + min(s, 1.0)) / last - 1.0
+    p0, p1 = density[low], density[high]
+    share = 0.5 * (p0 + p1) * (u - cdf[low]) / max(cdf[high] - cdf[low], 1e-300)
+    s = 2.0 * share / max(p0 + math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0)), 1e-300)
+    return (low + min(s, 1.0)) / last
 
 
 @kernel
@@ -94,9 +99,9 @@ def draw_by_law(v, d, u, w, lights, around, deep, state):
                     break
                 rest -= lights[k, 3]
         if u < around:
-            cosine = math.cos(math.pi * u / around)
+            cosine = math.cos(math.pi * draw_from_table(v.around, v.around_cdf, u / around))
         else:
-            cosine = draw_depth_cosine(v, (u - around) / deep)
+            cosine = 2.0 * draw_from_table(v.shape, v.shape_cdf, (u - around) / deep) - 1.0
     turn(d, min(max(cosine, -1.0), 1.0), 2.0 * math.pi * w)
 
 
@@ -129,8 +134,10 @@ def turn_at_vertex(v, u, w, work, lights, walk):
     old_x, old_y, old_z = d[0], d[1], d[2]
     depth = face_lights(v, x, work, lights)
     share = min(max(depth, 0.0) / DEEP, 1.0)
-    around = 0.0 if depth < 0.0 else STAR_SHARE * (1.0 - share)
-    deep = 0.0 if depth < 0.0 else DEEP_SHARE * share
+    around, deep = 0.0, 0.0
+    if depth >= 0.0:
+        around = NEAR_SHARES[0] + share * (DEEP_SHARES[0] - NEAR_SHARES[0])
+        deep = NEAR_SHARES[1] + share * (DEEP_SHARES[1] - NEAR_SHARES[1])
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
