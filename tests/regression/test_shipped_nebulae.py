@@ -89,7 +89,7 @@ def test_no_more_recombinations_than_ionising_photons(name: str, least: float, m
     [
         ("dark-globule", 0.2, 24, (5.42e-9, 6.98e-9, 7.62e-9)),
         ("dusty-disk", 0.0044, 24, (1.42e-9, 2.61e-9, 3.55e-9)),
-        ("hii-region", 2.0, 8, None),
+        ("hii-region", 2.0, 8, (9.1e-8, 9.1e-8, 2.0e-7)),
         ("reflection-nebula", 1.2, 24, (1.57e-8, 9.37e-9, 5.32e-9)),
         ("ring-nebula", 0.5, 24, (6.13e-9, 1.22e-8, 1.67e-8)),
         ("turbulent-pillar", 2.2, 24, (4.62e-8, 2.85e-8, 1.39e-7)),
@@ -100,8 +100,8 @@ def test_pictures_are_finite_and_as_bright_as_they_were(
 ) -> None:
     """Mean radiance [W m-2 sr-1 nm-1] without the six brightest pixels, which stars are.
 
-    Three seeds differ by up to 7 %: four samples a pixel are few; 20 % is more than that and less than any error of
-    the model that would show.
+    Three seeds differ by up to 7 %, for four samples a pixel are few, and by 12 % in the small picture of the H II
+    region: 20 and 35 % are three times that.
     """
     scene = small(name).scene()
     camera = skyscatter.Telescope.from_length(pixels, pixels, width_pc * PARSEC, scene.view.distance)
@@ -111,4 +111,4 @@ def test_pictures_are_finite_and_as_bright_as_they_were(
     assert np.isfinite(light).all()
     assert (light >= 0).all()
     mean = np.sort(light.reshape(-1, 3), axis=0)[:-6].mean(axis=0)
-    np.testing.assert_allclose(mean, brightness, rtol=0.2)
+    np.testing.assert_allclose(mean, brightness, rtol=0.2 if pixels == 24 else 0.35)
