@@ -33,8 +33,8 @@ def describe_nebula(model: NebulaModel, width: int) -> str:
     heads = "".join(f"{wavelength:8.0f} nm" for wavelength in SHOWN_WAVELENGTHS)
     lines = [
         f"{model.name}: {model.description.strip()}",
-        f"RA {view.ra_deg:.4f}, Dec {view.dec_deg:+.4f} degrees, {view.distance / PARSEC:g} pc away; seen at inclination "
-        f"{view.inclination_deg:g}, azimuth {view.azimuth_deg:g}, position angle {view.position_angle_deg:g} degrees",
+        f"RA {view.ra_deg:.4f}, Dec {view.dec_deg:+.4f} degrees, {view.distance / PARSEC:g} pc away; seen at "
+        f"inclination {view.inclination_deg:g}, azimuth {view.azimuth_deg:g}, position angle {view.position_angle_deg:g} degrees",
         "",
         f"{'optical depth through the centre, along z':<54}{heads}",
     ]
@@ -53,7 +53,8 @@ def describe_nebula(model: NebulaModel, width: int) -> str:
         lines.append("  interstellar radiation from all sides")
     if model.star_field is not None:
         field = model.star_field
-        lines.append(f"  stars behind: {field.count_per_square_degree:g} per square degree to V = {field.limiting_magnitude:g}")
+        count = f"{field.count_per_square_degree:g} per square degree"
+        lines.append(f"  stars behind: {count} to V = {field.limiting_magnitude:g}")
     lines += ["", "sources"]
     for source in model.sources:
         lines += textwrap.wrap(source, width, initial_indent="  - ", subsequent_indent="    ")
@@ -71,7 +72,8 @@ def _extent(component: Component, distance: float) -> str:
 
 def _light(light: PointStar | ParallelLight) -> str:
     words = [f"{light.name}:"]
-    for name, unit in (("temperature", "K"), ("luminosity", "Lsun"), ("magnitude_v", "mag in V"), ("dilution", "of its light")):
+    units = {"temperature": "K", "luminosity": "Lsun", "magnitude_v": "mag in V", "dilution": "of its light"}
+    for name, unit in units.items():
         value = getattr(light, name, None)
         if value is not None:
             words.append(f"{value:g} {unit}")
