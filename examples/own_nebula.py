@@ -1,4 +1,4 @@
-"""A nebula of your own: an analytic core, a turbulent halo on a grid and a cluster of particles, in one density field."""
+"""A nebula of your own: an analytic core, a turbulent halo on a grid and particles, in one density field."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ random = np.random.default_rng(1)
 
 core = fields.Plummer(radius="0.1 pc", cut="0.5 pc")
 clouds = fields.Turbulence(outer_scale="0.5 pc", inner_scale="0.05 pc", seed=3)
-halo = fields.VoxelGrid.from_field(fields.GaussianSphere(width="0.25 pc") * clouds, cells=48, low=[-PC] * 3, high=[PC] * 3)
+ball = fields.GaussianSphere(width="0.25 pc")
+halo = fields.VoxelGrid.from_field(ball * clouds, cells=48, low=[-PC] * 3, high=[PC] * 3)
 knots = fields.ParticleSet(
     positions=random.normal([0.4, 0.2, 0.0], 0.08, (400, 3)),
     length_unit="1 pc",
@@ -40,5 +41,5 @@ image.save("own_nebula.fits")
 # The parts add up: the column of the whole is the sum of theirs.
 line = ([-0.3 * PC, 0.1 * PC, -PC], [0.5 * PC, 0.2 * PC, PC])
 parts = core.column(*line) + 0.1 * halo.column(*line) + knots.column(*line)
-print(f"own_nebula.png: a column of {density.column(*line) / PC:.4f} pc of unit density, of its parts {parts / PC:.4f} pc")
+print(f"own_nebula.png: a column of {density.column(*line) / PC:.4f} pc, of its parts {parts / PC:.4f} pc")
 assert abs(density.column(*line) / parts - 1) < 1e-6

@@ -1,4 +1,4 @@
-"""A reflection nebula: dust around a hot star, as a telescope sees it, as a picture and as FITS with sky coordinates."""
+"""A reflection nebula, dust around a hot star, through a telescope: a picture, and FITS with sky coordinates."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ The tour::
     image = skyscatter.render(scene, skyscatter.Panorama(width=512, height=256), range(380, 781, 10))
     image.save("sky.png")
 
-    nebula = skyscatter.load_model("reflection-nebula").scene()  # dust in three dimensions, its star, its place in the sky
+    nebula = skyscatter.load_model("reflection-nebula").scene()  # dust in space, its star, its place in the sky
     telescope = skyscatter.Telescope.from_field_of_view(256, 256, 0.2)  # pixels, and the width in degrees
     skyscatter.render(nebula, telescope, range(400, 701, 50), solver="path", samples=16).save("nebula.png")
 

@@ -1,7 +1,7 @@
 """Density fields in three dimensions, all in one place: shapes, grids, particles, and what can be made of them.
 
-Fields are written as records (``fields.Sphere(radius="1 pc")``) and combined by arithmetic: ``a + b``, ``2 * a``, ``a * b``,
-``a**2``, ``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)``, ``a.warped(...)``.
+Fields are records, ``fields.Sphere(radius="1 pc")``, and combine: ``a + b``, ``2 * a``, ``a * b``, ``a**2``,
+``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)``, ``a.warped(...)``.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,15 +14,21 @@ from skyscatter.units import PARSEC
 if TYPE_CHECKING:
     from skyscatter.lights import ParallelLight, PointStar
     from skyscatter.media.medium import Component
+    from skyscatter.media.space import SpatialField
     from skyscatter.nebula import NebulaModel
 
 SHOWN_WAVELENGTHS = np.array([450.0, 550.0, 650.0])
 CHECKED_WAVELENGTHS = np.linspace(380.0, 780.0, 41)
 
 
+def _field(component: Component) -> SpatialField:
+    """The density of a nebula's component, which is a field in three dimensions."""
+    return cast("SpatialField", component.density)
+
+
 def central_optical_depth(component: Component, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
     """Extinction through a component's centre along the model's z axis, with its weight; shape (wavelength,)."""
-    column = component.density.reference_column()
+    column = _field(component).reference_column()
     coefficients = component.optics.coefficients(np.asarray(wavelengths_nm), column)
     return np.asarray(component.weight * (coefficients.scattering + coefficients.absorption) * column)
 
@@ -33,8 +39,9 @@ def describe_nebula(model: NebulaModel, width: int) -> str:
     heads = "".join(f"{wavelength:8.0f} nm" for wavelength in SHOWN_WAVELENGTHS)
     lines = [
         f"{model.name}: {model.description.strip()}",
-        f"RA {view.ra_deg:.4f}, Dec {view.dec_deg:+.4f} degrees, {view.distance / PARSEC:g} pc away; seen at inclination "
-        f"{view.inclination_deg:g}, azimuth {view.azimuth_deg:g}, position angle {view.position_angle_deg:g} degrees",
+        f"RA {view.ra_deg:.4f}, Dec {view.dec_deg:+.4f} degrees, {view.distance / PARSEC:g} pc away",
+        f"seen at inclination {view.inclination_deg:g}, azimuth {view.azimuth_deg:g}, position angle "
+        f"{view.position_angle_deg:g} degrees",
         "",
         f"{'optical depth through the centre, along z':<54}{heads}",
     ]
@@ -48,12 +55,14 @@ def describe_nebula(model: NebulaModel, width: int) -> str:
     lines += ["", "extent along x, y, z"]
     for component in model.components:
         lines.append(f"  {component.name}: {_extent(component, view.distance)}")
-    lines += ["", "lights", *(f"  {_light(light)}" for light in (*model.stars, *model.parallel))]
+    lines += ["", "lights", *(f"  {_light(star)}" for star in model.stars)]
+    lines += [f"  {_light(light)}" for light in model.parallel]
     if model.background == "interstellar":
         lines.append("  interstellar radiation from all sides")
     if model.star_field is not None:
         field = model.star_field
-        lines.append(f"  stars behind: {field.count_per_square_degree:g} per square degree to V = {field.limiting_magnitude:g}")
+        count = f"{field.count_per_square_degree:g} per square degree"
+        lines.append(f"  stars behind: {count} to V = {field.limiting_magnitude:g}")
     lines += ["", "sources"]
     for source in model.sources:
         lines += textwrap.wrap(source, width, initial_indent="  - ", subsequent_indent="    ")
@@ -61,7 +70,7 @@ def describe_nebula(model: NebulaModel, width: int) -> str:
 
 
 def _extent(component: Component, distance: float) -> str:
-    low, high = component.density.bounds
+    low, high = _field(component).bounds
     size = high - low
     unit, name = (PARSEC, "pc") if size.max() > 0.02 * PARSEC else (PARSEC / 648000 * np.pi, "au")
     angle = np.degrees(size.max() / distance) * 60
@@ -71,7 +80,8 @@ def _extent(component: Component, distance: float) -> str:
 
 def _light(light: PointStar | ParallelLight) -> str:
     words = [f"{light.name}:"]
-    for name, unit in (("temperature", "K"), ("luminosity", "Lsun"), ("magnitude_v", "mag in V"), ("dilution", "of its light")):
+    units = {"temperature": "K", "luminosity": "Lsun", "magnitude_v": "mag in V", "dilution": "of its light"}
+    for name, unit in units.items():
         value = getattr(light, name, None)
         if value is not None:
             words.append(f"{value:g} {unit}")
@@ -86,8 +96,8 @@ def _light(light: PointStar | ParallelLight) -> str:
 def check_nebula(file: str, model: NebulaModel) -> str:
     """Evaluate each component once; returns what to say about a good file."""
     for component in model.components:
-        column = component.density.reference_column()
-        low, high = component.density.bounds
+        column = _field(component).reference_column()
+        low, high = _field(component).bounds
         if not np.isfinite([*low, *high]).all():
             raise ModelFileError(file, f"component {component.name}: its extent is not finite")
         if not (np.isfinite(column) and column >= 0):

@@ -196,7 +196,8 @@ def _front(field: IonisedGas, source: IonisingSource, photons: float) -> Front:
     step = np.radians(field.resolution_deg)
     rows = max(int(np.ceil(opening / step)), 4) + 1
     columns = max(int(np.ceil(2 * np.pi * np.sin(min(opening, np.pi / 2)) / step)), 8)
-    theta, phi = np.meshgrid(opening * np.arange(rows) / (rows - 1), 2 * np.pi * np.arange(columns) / columns, indexing="ij")
+    nodes = opening * np.arange(rows) / (rows - 1), 2 * np.pi * np.arange(columns) / columns
+    theta, phi = np.meshgrid(*nodes, indexing="ij")
     own = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
     found = front_radii(
         field.gas.density, star, own.reshape(-1, 3) @ axis_rotation(axis, 0.0).T,
@@ -260,9 +261,9 @@ class Sampled(SpatialField):
             raise DomainError("cells", self.cells, "must lie from 2 to 1024 along a side")
         if (self.low is None) != (self.high is None):
             raise DomainError("low", self.low, "give both low and high, or neither")
-        if self.low is not None and self.high is not None:
-            if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
-                raise DomainError("high", self.high, f"must lie above low = {self.low} along every axis")
+        corners = zip(self.low or (), self.high or (), strict=True)
+        if not all(a < b for a, b in corners):
+            raise DomainError("high", self.high, f"must lie above low = {self.low} along every axis")
         return self
 
     def grid(self) -> VoxelGrid:

@@ -10,10 +10,11 @@ from skyscatter.optics.mie import MieAerosol
 from skyscatter.plotting import vertical_optical_depth
 
 NAMES = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan")
+NEBULAE = ("dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "turbulent-pillar")
 
 
 def test_the_shipped_models_are_these() -> None:
-    assert tuple(skyscatter.model_names()) == NAMES
+    assert tuple(skyscatter.model_names()) == tuple(sorted(NAMES + NEBULAE))
 
 
 @pytest.mark.parametrize("name", NAMES)
