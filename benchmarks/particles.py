@@ -35,7 +35,7 @@ phase = {{ kind = "henyey-greenstein", g = 0.5 }} }}
 """
 DENSITIES = {
     "particles": '{{ kind = "sph-particles", file = "{file}", length_unit = "1 pc" }}',
-    "voxels": '{{ kind = "voxels", file = "{file}", low = ["-1 pc", "-1 pc", "-1 pc"], high = ["1 pc", "1 pc", "1 pc"] }}',
+    "voxels": '{{ kind = "voxels", file = "{file}", spacing = "{spacing} pc" }}',
 }
 
 
@@ -48,7 +48,10 @@ def write_model(folder: Path, name: str, given: Any) -> Path:
     else:
         np.save(data, density)
     model = folder / f"{name}.toml"
-    model.write_text(MODEL.format(name=name, density=DENSITIES[name].format(file=data.as_posix())), encoding="utf-8")
+    model.write_text(
+        MODEL.format(name=name, density=DENSITIES[name].format(file=data.as_posix(), spacing=2 / given.cells)),
+        encoding="utf-8",
+    )
     return model
 
 
@@ -87,8 +90,8 @@ def measure(name: str, given: Any) -> list[str]:
     """The blocks of one scene."""
     with tempfile.TemporaryDirectory() as folder:
         model = write_model(Path(folder), name, given)
-        command = [sys.executable, "-m", "skyscatter.cli.main", "nebula", str(model), "-q", "-o", str(model.with_suffix(".png"))]
-        more = ["--samples", str(given.samples), "--threads", str(given.threads)]
+        command = [sys.executable, "-m", "skyscatter.cli.main", "nebula", str(model), "-q"]
+        more = ["-o", str(model.with_suffix(".png")), "--samples", str(given.samples), "--threads", str(given.threads)]
 
         def run(size: int) -> None:
             subprocess.run([*command, *more, "--size", f"{size}x{size}"], check=True)
@@ -108,7 +111,7 @@ def measure(name: str, given: Any) -> list[str]:
 def main() -> None:
     options = parser(__doc__)
     options.set_defaults(repeats=1)
-    options.add_argument("--quick", action="store_true", help="20 000 particles, 64^3 voxels, 64x64 pixels, for a trial")
+    options.add_argument("--quick", action="store_true", help="20 000 particles, 64^3 voxels, 64x64 pixels")
     options.add_argument("--scenes", default=",".join(DENSITIES), help="by commas")
     options.add_argument("--particles", type=int, default=1_000_000)
     options.add_argument("--cells", type=int, default=256, help="voxels along a side")
@@ -123,7 +126,8 @@ def main() -> None:
     where, started = machine(), time.perf_counter()
     blocks = [block for name in given.scenes.split(",") for block in measure(name, given)]
     blocks.append(f"Benchmark itself: {time.perf_counter() - started:.0f} s.")
-    report("particles", where, versions("skyscatter", "numba", "numpy"), blocks, ["particles.py", *sys.argv[1:]], given.write)
+    packages = versions("skyscatter", "numba", "numpy")
+    report("particles", where, packages, blocks, ["particles.py", *sys.argv[1:]], given.write)
 
 
 if __name__ == "__main__":
