@@ -262,8 +262,8 @@ def compare(mi: Any, dr: Any, name: str, given: Any) -> list[str]:
         f"included: {building:.1f} s.",
         table(header, rows),
         f"Mitsuba's time to skyscatter's error: {show(needed[0][0])} s by the median, {show(needed[0][1])} s by the "
-        f"root mean square: {show(needed[0][0] / ours[0])} and {show(needed[0][1] / ours[0])} times skyscatter's by the "
-        f"clock, {show(needed[1][0] / ours[1])} and {show(needed[1][1] / ours[1])} times by processor.",
+        f"root mean square: {show(needed[0][0] / ours[0])} and {show(needed[0][1] / ours[0])} times skyscatter's by "
+        f"the clock, {show(needed[1][0] / ours[1])} and {show(needed[1][1] / ours[1])} times by processor.",
         agreement(["mean over", "Mitsuba over skyscatter"], theirs[2][:, lit], truth[lit][:, chosen],
                   own[lit][:, chosen], radius[lit], chosen),
     ]  # fmt: skip

@@ -48,7 +48,8 @@ def write_model(folder: Path, name: str, given: Any) -> Path:
     else:
         np.save(data, density)
     model = folder / f"{name}.toml"
-    model.write_text(
+    text = DENSITIES[name].format(file=data.as_posix(), spacing=2 / given.cells)
+    model.write_text(MODEL.format(name=name, density=text), encoding="utf-8")
         MODEL.format(name=name, density=DENSITIES[name].format(file=data.as_posix(), spacing=2 / given.cells)),
         encoding="utf-8",
     )
