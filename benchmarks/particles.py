@@ -50,9 +50,6 @@ def write_model(folder: Path, name: str, given: Any) -> Path:
     model = folder / f"{name}.toml"
     text = DENSITIES[name].format(file=data.as_posix(), spacing=2 / given.cells)
     model.write_text(MODEL.format(name=name, density=text), encoding="utf-8")
-        MODEL.format(name=name, density=DENSITIES[name].format(file=data.as_posix(), spacing=2 / given.cells)),
-        encoding="utf-8",
-    )
     return model
 
 
