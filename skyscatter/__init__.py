@@ -1,4 +1,4 @@
-"""Scattering of light in planetary atmospheres, as spectra.
+"""Scattering of light in planetary atmospheres and in nebulae, as spectra.
 
 The tour::
 
@@ -6,6 +6,12 @@ The tour::
     scene = model.scene(sun_elevation_deg=10, altitude="2 km")   # the Sun and an observer
     image = skyscatter.render(scene, skyscatter.Panorama(width=512, height=256), range(380, 781, 10))
     image.save("sky.png")
+
+    nebula = skyscatter.load_model("reflection-nebula").scene()  # dust in three dimensions, its star, its place in the sky
+    telescope = skyscatter.Telescope.from_field_of_view(256, 256, 0.2)  # pixels, and the width in degrees
+    skyscatter.render(nebula, telescope, range(400, 701, 50), solver="path", samples=16).save("nebula.png")
+
+Densities of nebulae are fields: `skyscatter.fields` has the shapes, grids and particles to build them from.
 
 `optical_depth` and `transmittance` work along segments, `radiance` along rays, `render` through a camera.  Names load
 when they are first used, so that importing the package costs next to nothing.
@@ -20,6 +26,15 @@ __version__ = "0.1.0"
 
 _HOME = {
     "Component": "skyscatter.media.medium",
+    "Dust": "skyscatter.optics.dust",
+    "GasLines": "skyscatter.optics.lines",
+    "Particles": "skyscatter.optics.particles",
+    "NebulaModel": "skyscatter.nebula",
+    "ParallelLight": "skyscatter.lights",
+    "PointStar": "skyscatter.lights",
+    "SpaceScene": "skyscatter.space",
+    "StarField": "skyscatter.starfield",
+    "View": "skyscatter.space",
     "Medium": "skyscatter.media.medium",
     "Ground": "skyscatter.scene",
     "Observer": "skyscatter.scene",
@@ -50,9 +65,12 @@ _HOME = {
     "render": "skyscatter.solvers.render",
 }
 
-__all__ = ["__version__", *_HOME]
+_MODULES = ("fields",)
+
+__all__ = ["__version__", *_HOME, *_MODULES]
 
 if TYPE_CHECKING:
+    from skyscatter import fields
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
     from skyscatter.geometry.telescope import Telescope
@@ -61,14 +79,21 @@ if TYPE_CHECKING:
     from skyscatter.image.instrument import observe
     from skyscatter.image.skyframe import SkyFrame
     from skyscatter.image.spectral import SpectralImage
+    from skyscatter.lights import ParallelLight, PointStar
     from skyscatter.media.medium import Component, Medium
     from skyscatter.model import Model, Planet, load_model, model_names
+    from skyscatter.nebula import NebulaModel
+    from skyscatter.optics.dust import Dust
+    from skyscatter.optics.lines import GasLines
+    from skyscatter.optics.particles import Particles
     from skyscatter.scene import Ground, Observer, Scene, Star, Sun
     from skyscatter.solvers.field import RadianceField, solve
     from skyscatter.solvers.render import render
     from skyscatter.solvers.run import radiance
     from skyscatter.solvers.terms import CorrectionTerms
+    from skyscatter.space import SpaceScene, View
     from skyscatter.spectra.table import SpectralTable
+    from skyscatter.starfield import StarField
 
 
 def __getattr__(name: str) -> Any:
@@ -76,8 +101,10 @@ def __getattr__(name: str) -> Any:
         value = getattr(import_module(_HOME[name]), name)
         globals()[name] = value
         return value
+    if name in _MODULES:
+        return import_module(f"skyscatter.{name}")
     raise AttributeError(f"module 'skyscatter' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    return sorted({*globals(), *_HOME, *_MODULES})

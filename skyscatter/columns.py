@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 
+if TYPE_CHECKING:
+    from skyscatter.media.medium import Medium
+    from skyscatter.space import SpaceScene
+
 Array = NDArray[np.float64]
 
 
 def optical_depth(
-    scene: Scene, start: ArrayLike, end: ArrayLike, wavelengths: ArrayLike, *, by_component: bool = False
+    scene: Scene | SpaceScene, start: ArrayLike, end: ArrayLike, wavelengths: ArrayLike, *, by_component: bool = False
 ) -> Array:
     """Optical depth of the medium along straight segments.
 
-    Columns are exact to about 1e-9 (closed form for exponential shells, Gauss-Legendre quadrature between the breaks
-    of the others); see `skyscatter.solvers.kernels.columns`.
+    Columns of shells are exact to about 1e-9 (closed form for exponential shells, Gauss-Legendre quadrature between the
+    breaks of the others; see `skyscatter.solvers.kernels.columns`), those of fields in three dimensions to rounding
+    where there is a closed form and to about 1e-6 elsewhere (`skyscatter.solvers.kernels.space`).
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or SpaceScene
     start, end : array_like, shape (..., 3)
-        End points from the planet's centre [m], broadcast against each other; anywhere outside the planet.
+        End points [m], broadcast against each other: from the planet's centre and anywhere outside the planet, or in
+        the frame of a nebula's model.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm].
     by_component : bool
@@ -48,6 +56,10 @@ def optical_depth(
     if a.shape[-1:] != (3,):
         raise DomainError("start", a.shape, "points are arrays of shape (..., 3) [m]")
     shape, a, b = a.shape[:-1], a.reshape(-1, 3), b.reshape(-1, 3)
+    if not isinstance(scene, Scene):
+        parts = _space_columns(scene.medium, a, b)[:, :, None] * medium_optics(scene.medium, tuple(wl.tolist()))[1]
+        tau = parts if by_component else parts.sum(axis=1)
+        return tau.reshape(*shape, *tau.shape[1:])
     radius = scene.medium.radius
     for name, point in (("start", a), ("end", b)):
         low = np.linalg.norm(point, axis=1).min(initial=np.inf) - radius
@@ -67,12 +79,19 @@ def optical_depth(
     return tau.reshape(*shape, *tau.shape[1:])
 
 
+def _space_columns(medium: Medium, start: Array, end: Array) -> Array:
+    """Columns (segment, component) [m] of fields in three dimensions."""
+    return np.stack([field.column(start, end) for field in medium.fields], axis=1)
+
+
 def _through_planet(r: Array, mu: Array, length: Array, radius: float) -> NDArray[np.bool_]:
     """Whether a segment dips into the planet by more than rounding."""
     lowest = r * np.sqrt(np.maximum(1 - mu**2, 0))
     return (mu < 0) & (lowest < radius * (1 - 1e-9)) & (length > -r * mu * (1 + 1e-9))
 
 
-def transmittance(scene: Scene, start: ArrayLike, end: ArrayLike, wavelengths: ArrayLike) -> Array:
+def transmittance(
+    scene: Scene | SpaceScene, start: ArrayLike, end: ArrayLike, wavelengths: ArrayLike
+) -> Array:
     """exp(-optical depth) of the medium along straight segments, 0 through the planet; arguments as `optical_depth`."""
     return np.exp(-optical_depth(scene, start, end, wavelengths))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.atomic import atomic_path
+from skyscatter.units import PARSEC
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,8 +85,59 @@ def _floor(axes: Any, smallest: float, largest: float) -> None:
         axes.set_ylim(max(1e-6 * largest, 0.5 * smallest), 2.0 * largest)
 
 
+def nebula_figure(model: Any, pixels: int = 160) -> Figure:
+    """Maps of a nebula's components as seen in the sky, north up and east left.
+
+    Parameters
+    ----------
+    model : NebulaModel
+        As `skyscatter.load_model` returns it.
+    pixels : int
+        Along a side of a map.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel for each component: its optical depth at 550 nm, or, where it only shines, its column of unit density
+        [pc]; both on a logarithmic scale over four decades.
+    """
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    count = len(model.components)
+    figure = Figure(figsize=(4.6 * count, 4.2), layout="constrained")
+    for axes, component in zip(figure.subplots(1, count, squeeze=False)[0], model.components, strict=True):
+        half, columns = _sky_columns(component.density, model.view, pixels)
+        wavelength = np.array([PHASE_WAVELENGTH])
+        coefficients = component.optics.coefficients(wavelength, component.density.reference_column())
+        extinction = component.weight * float(coefficients.scattering[0] + coefficients.absorption[0])
+        values = columns * extinction if extinction > 0 else columns / PARSEC
+        label = f"optical depth at {PHASE_WAVELENGTH:g} nm" if extinction > 0 else "column of unit density [pc]"
+        angle = np.degrees(half / model.view.distance) * 60
+        unit, angle = ("arcmin", angle) if angle >= 1 else ("arcsec", 60 * angle)
+        peak = float(values.max())
+        norm = LogNorm(1e-4 * peak, peak) if peak > 0 else None
+        drawn = axes.imshow(values, extent=(angle, -angle, -angle, angle), origin="lower", norm=norm, cmap="magma")
+        axes.set_facecolor("k")
+        axes.set(title=component.name, xlabel=f"east [{unit}]", ylabel=f"north [{unit}]")
+        figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
+    figure.suptitle(model.name)
+    return figure
+
+
+def _sky_columns(field: Any, view: Any, pixels: int) -> tuple[float, NDArray[np.float64]]:
+    """Half width [m] of a map that holds a field, and columns [m] along parallel lines, shape (north, west)."""
+    low, high = field.bounds
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    half = float(np.abs(corners @ np.stack([view.right, view.up]).T).max())
+    reach = float(np.linalg.norm(corners, axis=1).max())
+    steps = half * (2 * (np.arange(pixels) + 0.5) / pixels - 1)
+    points = steps[:, None, None] * view.up + steps[:, None] * view.right
+    return half, field.column(points - reach * view.forward, points + reach * view.forward)
+
+
 def plot_model(model: Any, path: str | os.PathLike[str]) -> None:
     """Draw a model into a file: ``.png``, ``.svg`` or ``.pdf`` by its extension."""
-    figure = model_figure(model)
+    figure = model_figure(model) if hasattr(model, "planet") else nebula_figure(model)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120, format=Path(path).suffix.lower().removeprefix("."))

@@ -19,6 +19,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+PLOT_HELP = "Draw profiles, optical depths, phase functions; of a nebula maps of its columns: .png .svg .pdf"
 SOURCE_WIDTH = 100
 SHOWN_WAVELENGTHS = np.array([450.0, 550.0, 650.0])
 #: The light that eyes see, which is what pictures are made of by default; beyond, tables may end and Mie theory costs.
@@ -27,22 +28,26 @@ CHECKED_WAVELENGTHS = np.linspace(380.0, 780.0, 9)
 
 @app.callback(invoke_without_command=True)
 def _list(context: typer.Context) -> None:
-    """List the shipped models; sub-commands show, draw and check one."""
+    """List the shipped models, skies and nebulae; sub-commands show, draw and check one."""
     if context.invoked_subcommand is not None:
         return
     import skyscatter
 
-    names = skyscatter.model_names()
-    width = max(len(name) for name in names)
-    for name in names:
-        typer.echo(f"{name:<{width}}  {skyscatter.load_model(name).description.strip()}")
+    models = {name: skyscatter.load_model(name) for name in skyscatter.model_names()}
+    width = max(len(name) for name in models)
+    for title, planets in (("skies", True), ("nebulae", False)):
+        chosen = {name: model for name, model in models.items() if hasattr(model, "planet") is planets}
+        if chosen:
+            typer.echo(f"{title} (skyscatter {'sky' if planets else 'nebula'}):")
+        for name, model in chosen.items():
+            typer.echo(f"  {name:<{width}}  {model.description.strip()}")
 
 
 @app.command("show")
 def show(
     name: Annotated[str, typer.Argument(help="Name of a shipped model or a TOML file.")],
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw profiles, optical depths, phase functions: .png .svg .pdf")
+        Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)
     ] = None,
 ) -> None:
     """Print what a model consists of and where its numbers come from."""
@@ -60,7 +65,7 @@ def show(
 def check(
     file: Annotated[str, typer.Argument(help="A TOML file, or the name of a shipped model.")],
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw profiles, optical depths, phase functions: .png .svg .pdf")
+        Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)
     ] = None,
 ) -> None:
     """Read a model file and evaluate each component once; an error names the field, the value and the remedy."""
@@ -69,9 +74,14 @@ def check(
     if plot is not None:
         parse.check_output(plot, parse.PLOT_SUFFIXES)
     model = skyscatter.load_model(file)
-    for component in model.components:
-        _check_component(file, component)
-    typer.echo(f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)")
+    if hasattr(model, "planet"):
+        for component in model.components:
+            _check_component(file, component)
+        typer.echo(f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)")
+    else:
+        from skyscatter.cli.nebula_models import check_nebula
+
+        typer.echo(check_nebula(file, model))
     if plot is not None:
         plot_model(model, plot)
 
@@ -90,7 +100,11 @@ def _check_component(file: str, component: Any) -> None:
 
 
 def describe_model(model: Any) -> str:
-    """The model as text: planet, components with vertical optical depths, sources."""
+    """The model as text: planet, components with vertical optical depths, sources; or a nebula's."""
+    if not hasattr(model, "planet"):
+        from skyscatter.cli.nebula_models import describe_nebula
+
+        return describe_nebula(model, SOURCE_WIDTH)
     heads = "".join(f"{wavelength:8.0f} nm" for wavelength in SHOWN_WAVELENGTHS)
     lines = [
         f"{model.name}: {model.description.strip()}",

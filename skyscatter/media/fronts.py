@@ -25,11 +25,15 @@ class Front(Shape):
         value m times.
     width : length
         Standard deviation of the edge [m]; 0 is sharp.
+    opening_deg : float
+        Half angle of a cone about the own z axis that the rows fill instead of all directions, the last one at its rim;
+        outside the cone there is nothing.  Above 0 and below 90, or 180.
     """
 
     kind: Literal["front"] = "front"
     radii: tuple[tuple[Metres, ...], ...]
     width: Metres = 0.0
+    opening_deg: float = 180.0
 
     @model_validator(mode="after")
     def _check(self) -> Front:
@@ -41,10 +45,16 @@ class Front(Shape):
         table = np.array(self.radii)
         if not (table > 0).all():
             raise DomainError("radii", float(table.min()), "must all be above 0")
-        for row in (table[0], table[-1]):
+        if not (0 < self.opening_deg < 90 or self.opening_deg == 180):
+            raise DomainError("opening_deg", self.opening_deg, "must lie above 0 and below 90, or be 180")
+        for row in (table[0], table[-1]) if self.opening_deg == 180 else table[:1]:
             if np.ptp(row) > 1e-9 * row.max():
                 raise DomainError("radii", float(row[0]), "the first and the last row are poles: repeat one value")
         return self
+
+    @property
+    def _opening(self) -> float:
+        return float(np.radians(self.opening_deg))
 
     def _table(self) -> Array:
         return np.array(self.radii)
@@ -54,7 +64,7 @@ class Front(Shape):
         table = self._table()
         unit = float(table.max())
         width = self.width / unit
-        head = (width, GAUSSIAN_CUT, float(table.shape[0]), float(table.shape[1]))
+        head = (width, GAUSSIAN_CUT, float(table.shape[0]), float(table.shape[1]), self._opening)
         scale = 0.25 * float(table.min()) / unit
         return Leaf(FRONT, unit, 1.0 + GAUSSIAN_CUT * width, scale, (*head, *(table / unit).ravel()))
 
@@ -62,12 +72,12 @@ class Front(Shape):
         """Largest change of the radius with the angle between directions, per radian, in units of the largest."""
         table = self._table() / self._table().max()
         rows, columns = table.shape
-        theta = np.pi * np.arange(rows) / (rows - 1)
-        down = np.abs(np.diff(table, axis=0)).max() * (rows - 1) / np.pi
+        theta = self._opening * np.arange(rows) / (rows - 1)
+        down = np.abs(np.diff(table, axis=0)).max() * (rows - 1) / self._opening
         around = np.abs(np.diff(np.hstack([table, table[:, :1]]), axis=1)).max(axis=1) * columns / (2 * np.pi)
         # Towards a pole the change around it and the sine shrink together: the neighbouring row's ratio holds.
         sine = np.sin(theta)
-        sine[[0, -1]] = np.inf
+        sine[[0, -1] if self.opening_deg == 180 else [0]] = np.inf
         least = np.minimum(sine[:-1], sine[1:])
         ratios = np.maximum(around[:-1], around[1:]) / least
         return float(np.hypot(down, ratios[np.isfinite(ratios)].max(initial=0.0)))
@@ -89,7 +99,21 @@ class Front(Shape):
         table = self._table() / self._table().max()
         smallest = np.maximum(radius - change, table.min()) * (1 - 1e-12)
         largest = np.minimum(radius + change, table.max()) * (1 + 1e-12)
-        return self._edge(far - smallest), self._edge(near - largest)
+        lowest, highest = self._edge(far - smallest), self._edge(near - largest)
+        if self.opening_deg == 180:
+            return lowest, highest
+        return self._within_cone(middle, distance, np.where(outside, np.arcsin(sine), np.pi), near, (lowest, highest))
+
+    def _within_cone(
+        self, middle: Array, distance: Array, angle: Array, near: Array, bounds: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Bounds of boxes within `angle` of the direction of their middle, where there is nothing outside the cone."""
+        theta = np.arccos(np.clip(middle[:, 2] / np.where(distance > 0, distance, 1.0), -1.0, 1.0))
+        whole = theta + angle < self._opening * (1 - 1e-9)
+        # At the rim the slope of the table says nothing: there the largest radius of all bounds the density.
+        highest = np.where(whole, bounds[1], self._edge(near - 1.0 - 1e-12))
+        touched = theta - angle <= self._opening * (1 + 1e-9)
+        return np.where(whole, bounds[0], 0.0), np.where(touched, highest, 0.0)
 
     def _edge(self, beyond: Array) -> Array:
         """Density at a distance beyond the surface, in units of the largest radius; never rising."""

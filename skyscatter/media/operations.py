@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.filaments import Filament
 from skyscatter.media.fronts import Front
+from skyscatter.media.nebular import IonisedGas, Sampled
 from skyscatter.media.particles import ParticleSet
 from skyscatter.media.programs import (
     FRAMES,
@@ -391,9 +392,9 @@ AnySpatialField = Annotated[
     Sphere | GaussianSphere | Plummer | King | PowerLaw | BonnorEbert | Shell | GaussianShell
     | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front
     | VoxelGrid | ParticleSet
-    | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped,
+    | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped | IonisedGas | Sampled,
     Field(discriminator="kind"),
 ]  # fmt: skip
 
-for _record in (Moved, Rotated, Scaled, Product, Sum, Carved, Power, Warped):
-    _record.model_rebuild()
+for _record in (Moved, Rotated, Scaled, Product, Sum, Carved, Power, Warped, IonisedGas, Sampled):
+    _record.model_rebuild(_types_namespace={"AnySpatialField": AnySpatialField})

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.geometry.telescope import Telescope
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.direct import disk_light
-from skyscatter.solvers.run import Interrupted, RenderState, check_wavelengths, solve_rays
+from skyscatter.solvers.run import Interrupted, RenderState, check_wavelengths, load_solver, solve_rays
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 
     AnyScene = Scene | SpaceScene
 
-#: Tolerance of the light scattered once near the stars of a nebula.
-CLOSE_TOLERANCE = 1e-3
 #: Sub-pixels along each side of a pixel that the edge of the Sun may cross.
 SUN_SUBPIXELS = 8
 
@@ -82,6 +81,10 @@ def render(
     options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance)
     recipe = _recipe(scene, camera, wl, solver, options)
     grid = camera.directions(scene.observer)
+    if isinstance(camera, Telescope) and not isinstance(scene, Scene):
+        from skyscatter.solvers.starlight import beside_stars
+
+        grid = beside_stars(scene, camera, grid)
     inside = np.isfinite(grid[..., 0])
     numbers = np.flatnonzero(inside.ravel())
     directions = grid.reshape(-1, 3)[numbers]
@@ -132,7 +135,7 @@ def _picture(
     cube = spread(state.radiance)
     layers = {name: spread(values) for name, values in state.layers.items()}
     if not isinstance(scene, Scene):
-        return _space_picture(scene, camera, cube, layers, spread(state.standard_error), wl, state)
+        return _space_picture(scene, camera, grid, cube, layers, spread(state.standard_error), wl, state)
     correction = _sun_correction(scene, grid, wl)
     if correction is not None:
         cube[correction[0]] += correction[1]
@@ -142,7 +145,14 @@ def _picture(
 
 
 def _space_picture(
-    scene: SpaceScene, camera: Any, cube: Array, layers: dict[str, Array], error: Array, wl: Array, state: RenderState
+    scene: SpaceScene,
+    camera: Any,
+    grid: Array,
+    cube: Array,
+    layers: dict[str, Array],
+    error: Array,
+    wl: Array,
+    state: RenderState,
 ) -> SpectralImage:
     """A nebula with its stars, and its place in the sky."""
     from skyscatter.image.skyframe import SkyFrame
@@ -150,10 +160,10 @@ def _space_picture(
     from skyscatter.solvers.starlight import close_correction, star_images
 
     sky = None
-    if hasattr(camera, "pixel_scale_deg"):
+    if isinstance(camera, Telescope):
         sky = SkyFrame.seen(scene.view, camera)
-        tolerance = state.recipe["options"].get("tolerance", CLOSE_TOLERANCE)
-        correction = close_correction(scene, camera, wl, tolerance)
+        usual = load_solver(state.recipe["solver"], scene).DEFAULT_TOLERANCE
+        correction = close_correction(scene, camera, grid, wl, state.recipe["options"].get("tolerance", usual))
         stars = star_images(scene, camera, wl)
         cube += stars
         for name in ("direct",) if "direct" in layers else ():

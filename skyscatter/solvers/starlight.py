@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyscatter.solvers.base import Array, Rays
 from skyscatter.solvers.volume import compile_volume
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 
 #: Pixels around a star in which the light scattered once is averaged over the pixel, and rays along its sides.
 CLOSE, SUBPIXELS = 2.5, 8
+#: Distance from a star [pixel] below which a ray is moved to its side.
+LEAST_OFFSET = 0.2
 
 
 def dimmed(scene: SpaceScene, points: Array, wl: Array) -> Array:
@@ -78,41 +81,81 @@ def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:
             np.add.at(picture, at, share[inside, None] * flux[inside])
 
 
-def close_correction(scene: SpaceScene, camera: Any, wl: Array, tolerance: float) -> tuple[Any, Array] | None:
-    """Pixels near a star, and what averaging the light scattered once over them adds to that along their middle.
+def beside_stars(scene: SpaceScene, camera: Any, grid: Array) -> Array:
+    """The directions of a picture, those that meet a star moved a little to its side.
 
-    That light rises as 1 / distance towards a star in the dust: finite for every pixel, but not along every ray.
+    A ray through the star itself sees the dust in front of its surface, millions of times brighter than the pixel.
+    """
+    moved = grid.copy()
+    for x, y, row, column in _star_pixels(scene, camera):
+        if 0 <= row < camera.height and 0 <= column < camera.width and np.hypot(x - column, y - row) < LEAST_OFFSET:
+            moved[row, column] = _towards(camera, scene, np.array(y), np.array(x + LEAST_OFFSET))
+    return moved
+
+
+def _star_pixels(scene: SpaceScene, camera: Any) -> list[tuple[float, float, int, int]]:
+    """Pixel coordinates of the stars that the camera sees, fractional and whole."""
+    found = []
+    for star in scene.stars:
+        offset = np.asarray(star.position) - scene.view.position
+        x, y = (float(v[0]) for v in camera.pixel(offset[None, :] / np.linalg.norm(offset), scene.view))
+        if np.isfinite(x):
+            found.append((x, y, round(y), round(x)))
+    return found
+
+
+def close_correction(
+    scene: SpaceScene, camera: Any, grid: Array, wl: Array, tolerance: float
+) -> tuple[NDArray[np.bool_], Array] | None:
+    """Pixels near a star, and what averaging the light scattered once over them adds to that along their ray.
+
+    That light rises as 1 / distance towards a star in the dust: finite for every pixel, but not along every ray.  Each
+    part of a pixel takes its ray's light times distance, which is smooth, and the mean of 1 / distance over the part.
+
+    Parameters
+    ----------
+    scene : SpaceScene
+    camera : Telescope
+    grid : ndarray, shape (y, x, 3)
+        Directions that were rendered; see `beside_stars`.
+    wl : ndarray, shape (wavelength,)
+        [nm]
+    tolerance : float
+        Of the solver that made the picture, so that the light along the ray is the same.
     """
     from skyscatter.solvers.volume_single import single_parts
 
     near = np.zeros((camera.height, camera.width), bool)
     rows, columns = np.mgrid[: camera.height, : camera.width]
-    for star in scene.stars:
-        offset = np.asarray(star.position) - scene.view.position
-        x, y = camera.pixel(offset[None, :] / np.linalg.norm(offset), scene.view)
-        if np.isfinite(x[0]):
-            near |= (rows - y[0]) ** 2 + (columns - x[0]) ** 2 < CLOSE**2
+    places = _star_pixels(scene, camera)
+    for x, y, *_ in places:
+        near |= (rows - y) ** 2 + (columns - x) ** 2 < CLOSE**2
     if not near.any():
         return None
-    fine = camera.model_copy(
-        update={
-            "width": camera.width * SUBPIXELS,
-            "height": camera.height * SUBPIXELS,
-            "pixel_scale_deg": camera.pixel_scale_deg / SUBPIXELS,
-        }
-    )
-    table = compile_volume(scene, tuple(float(w) for w in wl))
     j, i = np.nonzero(near)
-    inner = np.arange(SUBPIXELS)
-    every = (j[:, None, None] * SUBPIXELS + inner[:, None], i[:, None, None] * SUBPIXELS + inner)
-    directions = np.concatenate(
-        [_towards(fine, scene, *every).reshape(-1, 3), _towards(camera, scene, j, i).reshape(-1, 3)]
-    )
+    inner = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+    down, across = np.broadcast_arrays(j[:, None, None] + inner[:, None], i[:, None, None] + inner)
+    directions = np.concatenate([_towards(camera, scene, down, across).reshape(-1, 3), grid[near]])
     origins = np.tile(scene.view.position, (len(directions), 1))
-    rays = Rays(origins, directions, np.arange(len(directions)))
-    light = single_parts(table, rays, tolerance)[0]
-    mean = light[: -len(j)].reshape(len(j), -1, wl.size).mean(axis=1)
-    return near, mean - light[-len(j) :]
+    table = compile_volume(scene, tuple(float(w) for w in wl))
+    light = single_parts(table, Rays(origins, directions, np.arange(len(directions))), tolerance)[0]
+    parts = light[: -len(j)].reshape(*down.shape, wl.size) * _singular_mean(across, down, places)[..., None]
+    return near, parts.mean(axis=(1, 2)) - light[-len(j) :]
+
+
+def _singular_mean(x: Array, y: Array, places: list[tuple[float, float, int, int]]) -> Array:
+    """Distance of (x, y) from the nearest star times the mean of 1 / distance over the part of a pixel around it."""
+    stars = np.array([place[:2] for place in places])
+    nearest = np.argmin((x[..., None] - stars[:, 0]) ** 2 + (y[..., None] - stars[:, 1]) ** 2, axis=-1)
+    a, b, half = x - stars[nearest, 0], y - stars[nearest, 1], 0.5 / SUBPIXELS
+
+    def corner(u: Array, v: Array) -> Array:
+        # The integral of 1 / sqrt(u^2 + v^2) over both.
+        tiny = 1e-12
+        return u * np.arcsinh(v / np.maximum(np.abs(u), tiny)) + v * np.arcsinh(u / np.maximum(np.abs(v), tiny))
+
+    whole = sum(su * sv * corner(a + su * half, b + sv * half) for su in (-1, 1) for sv in (-1, 1))
+    return np.asarray(np.hypot(a, b) * whole / (2 * half) ** 2)
 
 
 def _towards(camera: Any, scene: SpaceScene, rows: Any, columns: Any) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.kernels.gridwalk import make_walker
 from skyscatter.solvers.kernels.path import make_walk
-from skyscatter.solvers.kernels.space import CELLS, CLOSED_FORM, PIECES
+from skyscatter.solvers.kernels.space import CELLS, CLOSED_FORM, PIECES, TRANSPARENT
 from skyscatter.solvers.kernels.tracking import QUADRATURE, RATIO, RESIDUAL, fill_tracked
 from skyscatter.solvers.kernels.volume import VolumeTable, make_volume_work
 
@@ -66,6 +66,8 @@ def _column_cost(table: VolumeTable) -> float:
     cost = 0.0
     for method, scale, box in zip(table.space.method, table.space.scale, table.space.box, strict=True):
         along = min(half, 0.5 * float(np.linalg.norm(box[1] - box[0])))
+        if method == TRANSPARENT:
+            continue
         if method in (CLOSED_FORM, PIECES):
             cost += CLOSED
         elif method == CELLS:

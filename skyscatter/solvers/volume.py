@@ -13,6 +13,7 @@ from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
     from skyscatter.lights import PointStar
+    from skyscatter.solvers.kernels.space import SpaceTable
     from skyscatter.solvers.kernels.volume import VolumeTable
     from skyscatter.space import SpaceScene
 
@@ -31,6 +32,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     wl = np.array(wavelengths)
     space = medium_table(scene.medium.fields)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
+    space = space._replace(method=_methods(space, sigma_t))
     distance = scene.view.distance
     # A star without a surface, given by its spectrum alone, stops to grow where nothing could be seen of it.
     least = 1e-9 * float(np.linalg.norm(space.bound_step * space.cells))
@@ -70,6 +72,14 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     )
     table = table._replace(guide=_guide(table))
     return table._replace(floor=_floor(table))
+
+
+def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
+    """How columns are found: not at all where a component dims no light."""
+    from skyscatter.solvers.kernels.space import TRANSPARENT
+
+    component = np.repeat(np.arange(len(sigma_t)), np.diff(space.term_start))
+    return np.where(np.any(sigma_t > 0, axis=1)[component], space.method, TRANSPARENT)
 
 
 def _intensity(star: PointStar, wl: Array, distance: float) -> Array:

@@ -559,7 +559,7 @@ def small_model(monkeypatch):
 
 def test_models_are_listed(small_model, capsys):
     assert main(["models"]) == 0
-    assert capsys.readouterr().out == "small  two components\n"
+    assert capsys.readouterr().out == "skies (skyscatter sky):\n  small  two components\n"
 
 
 def test_a_model_is_shown_with_its_optical_depths_and_sources(small_model, capsys):

@@ -141,19 +141,20 @@ def turbulence(p, at, data, start, count, a, b, c):
 def front_radius(p, at, a, b, c, r):
     """Radius of a star-shaped surface in the direction of (a, b, c), bilinear over polar angle and azimuth.
 
-    p[at]: rows over the polar angle, both poles among them; p[at + 1]: columns over the azimuth; then the radii.
+    p[at]: rows over the polar angle, p[at + 1]: columns over the azimuth, p[at + 2]: polar angle of the last row,
+    which goes on beyond; then the radii.
     """
     rows, columns = int(p[at]), int(p[at + 1])
     if r == 0.0:
-        return p[at + 2]
-    u = math.acos(min(max(c / r, -1.0), 1.0)) / math.pi * (rows - 1)
+        return p[at + 3]
+    u = min(math.acos(min(max(c / r, -1.0), 1.0)) / p[at + 2], 1.0) * (rows - 1)
     v = math.atan2(b, a) / (2.0 * math.pi)
     v = (v + 1.0 if v < 0.0 else v) * columns
     i, j = min(int(u), rows - 2), int(v)
     f, g = u - i, v - j
     j = j % columns
     j1 = (j + 1) % columns
-    q = at + 2 + i * columns
+    q = at + 3 + i * columns
     upper = p[q + j] + g * (p[q + j1] - p[q + j])
     lower = p[q + columns + j] + g * (p[q + columns + j1] - p[q + columns + j])
     return upper + f * (lower - upper)
@@ -161,8 +162,13 @@ def front_radius(p, at, a, b, c, r):
 
 @kernel
 def front(p, at, a, b, c):
-    """erfc((r - R) / sqrt(2) width) / 2 with R the radius of the surface; p[at]: width, p[at + 1]: cut in widths."""
+    """erfc((r - R) / sqrt(2) width) / 2 with R the radius of the surface; nought outside its cone.
+
+    p[at]: width, p[at + 1]: cut in widths; then as `front_radius` has it.
+    """
     r = math.sqrt(a * a + b * b + c * c)
+    if p[at + 4] < 3.14 and c < r * math.cos(p[at + 4]):
+        return 0.0
     beyond = r - front_radius(p, at + 2, a, b, c, r)
     if p[at] == 0.0:
         return 1.0 if beyond <= 0.0 else 0.0

@@ -61,8 +61,9 @@ LAST_SHAPE = 49
 #: Operations: a b -> a b; a + b; factor a; a carved by b; a^p; a warp of the coordinates begins, ends; past the
 #: next product if a is nought.
 PRODUCT, SUM, SCALE, CARVE, POWER, WARP, UNWARP, GATE = 100, 101, 102, 103, 104, 105, 106, 107
-#: How a term's column is found: PIECES are constant between the edges of their shapes.
-CLOSED_FORM, CELLS, QUADRATURE, PIECES = 0, 1, 2, 3
+#: How a term's column is found: PIECES are constant between the edges of their shapes; nobody asks for the column of
+#: what is TRANSPARENT, such as gas that only shines.
+CLOSED_FORM, CELLS, QUADRATURE, PIECES, TRANSPARENT = 0, 1, 2, 3, 4
 #: Kronrod's extension of the 7-point Gauss rule on [-1, 1]: nodes, weights, and the Gauss weights inside it.
 _X = (0.991455371120812639206854697526329, 0.949107912342758524526189684047851, 0.864864423359769072789712788640926,
       0.741531185599394439863864773280788, 0.586087235467691130294144691693013, 0.405845151377397166906606412076961,
@@ -426,6 +427,8 @@ def space_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
     """Add the column of every component [m] along the line o + d t from ta to tb to `out` (component,)."""
     for c in range(out.size):
         for term in range(space.term_start[c], space.term_start[c + 1]):
+            if space.method[term] == TRANSPARENT:
+                continue
             b = space.box[term]
             t0, t1 = clip_to_box(b[0], b[1], ox, oy, oz, dx, dy, dz, ta, tb)
             if t1 > t0:

@@ -20,7 +20,8 @@ from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
 from skyscatter.solvers.kernels.tracking import delta_flight, light_reaching
 from skyscatter.solvers.kernels.volume import VolumeWork, depth_at, make_volume_work
-from skyscatter.solvers.kernels.volume_walks import draw_by_phase, invert_column
+from skyscatter.solvers.kernels.volume_legs import invert_column
+from skyscatter.solvers.kernels.volume_turns import draw_by_phase
 
 #: The first step of a free flight as a share of its leg, and the factor by which steps grow.
 FIRST_STEP, GROWTH = 1.0 / 2048.0, 1.6

@@ -45,7 +45,7 @@ GROWTH = 5.0
 #: Cuts of a ray at most, and bisections of a piece at most.
 MOST_CUTS, MOST_LEVELS = 512, 40
 #: Optical depth at the most transparent wavelength behind which nothing is seen any more.
-DARK = 80.0
+DARK = 650.0
 
 
 class SingleScratch(NamedTuple):

@@ -20,71 +20,37 @@ and here F is the walk's value, P its chance under each hero, both divided by th
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyscatter.solvers.kernels.gridwalk import Walker, make_walker
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
-from skyscatter.solvers.kernels.lookup import sort_few
-from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance
-from skyscatter.solvers.kernels.path import (
-    BATCHES,
-    Walk,
-    make_walk,
-    rebalance,
-    relative_noise,
-    statistics,
-    turn,
-)
+from skyscatter.solvers.kernels.optics import phase_at, transmittance
+from skyscatter.solvers.kernels.path import BATCHES, Walk, make_walk, rebalance, relative_noise, statistics
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
-from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
+from skyscatter.solvers.kernels.space import clip_to_space, space_densities
 from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching
-from skyscatter.solvers.kernels.volume import (
-    VolumeTable,
-    VolumeWork,
-    depth_at,
-    face_light,
-    guess_light,
-    guide_columns,
-    least_depth,
-    make_volume_work,
+from skyscatter.solvers.kernels.volume import VolumeTable, VolumeWork, guess_light, make_volume_work
+from skyscatter.solvers.kernels.volume_legs import (
+    VolumeLeg,
+    columns_to,
+    draw_point,
+    fly_forced,
+    gather_escape,
+    make_volume_leg,
+    prepare_volume_leg,
 )
+from skyscatter.solvers.kernels.volume_turns import turn_at_vertex
 
 #: Strata of the camera's ray and of a leg of a walk; even numbers.
 CAMERA_STRATA, LEG_STRATA = 32, 8
 #: Points of a leg at which the light of the stars is fetched.
 LIT_POINTS = 2
-#: Optical depth at the most transparent wavelength at which a leg ends.
-DARK = 40.0
 #: Exponent of the light in the depths below which flights are exact.
 SLOW = 0.4
-#: Depth of its first stratum beyond which a dark leg is cut anew.
-COARSE = 1.0
-#: Optical depth at which a star is deep; shares of the guess of directions that are uniform in the angle from a star
-#: near it, and by Dwivedi's law where it is deep.  The rest is isotropic.
-DEEP, STAR_SHARE, DEEP_SHARE = 4.0, 0.6, 0.9
-#: Candidates from which a direction is chosen.
-CANDIDATES = 8
 #: Roulette begins where a walk promises less than this share of what it did at its first vertex.
 ROULETTE_LEVEL = 0.3
-#: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
-STEEPEST = 40.0
-
-
-class VolumeLeg(NamedTuple):
-    """A leg with its strata."""
-
-    edge: np.ndarray  #: (stratum + 1,) distances [m]
-    column: np.ndarray  #: (stratum + 1, component) columns from the start of the leg [m]
-    vertex: np.ndarray  #: (stratum, wavelength) chance that the next vertex lies in a stratum, under each hero
-    light: np.ndarray  #: (stratum, wavelength) the same for the points at which light is fetched
-    vertex_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of all light
-    light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light
-    escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
-    total: np.ndarray  #: (2, wavelength)
-    draw: np.ndarray  #: (wavelength,) density [m-1] of a drawn point under each hero
 
 
 class WalkScratch(NamedTuple):
@@ -100,15 +66,6 @@ class WalkScratch(NamedTuple):
     shift: np.ndarray  #: (batch, dimension) uint32
 
 
-def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg:
-    """An empty leg."""
-    return VolumeLeg(
-        np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros((strata, wavelengths)),
-        np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros((strata + 1, wavelengths)),
-        np.zeros(wavelengths), np.zeros((2, wavelengths)), np.zeros(wavelengths),
-    )  # fmt: skip
-
-
 def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: int, tracked: bool) -> WalkScratch:
     """Scratch arrays of `volume_path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
@@ -118,195 +75,6 @@ def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: i
         make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
-
-
-@kernel
-def main_light(v, x, d, start, end):
-    """The point light that should shine brightest on a line, and the distance at which the line is nearest to it."""
-    best, chosen, place, apart = 0.0, -1, 0.0, 0.0
-    middle = v.power.shape[1] // 2
-    for k in range(v.power.shape[0]):
-        if v.distant[k]:
-            continue
-        a, b, c = v.place[k, 0] - x[0], v.place[k, 1] - x[1], v.place[k, 2] - x[2]
-        near = min(max(a * d[0] + b * d[1] + c * d[2], start), end)
-        a, b, c = a - near * d[0], b - near * d[1], c - near * d[2]
-        q = math.sqrt(a * a + b * b + c * c)
-        # Irradiance integrated along a line goes as 1 / distance.
-        bright = v.power[k, middle] / max(q, v.size[k], 1e-9 * (end - start))
-        if bright > best:
-            best, chosen, place, apart = bright, k, a * d[0] + b * d[1] + c * d[2] + near, q
-    return chosen, place, max(apart, 1e-6 * (end - start))
-
-
-@kernel
-def cut_leg(v, x, d, start, end, uniformly, edge):
-    """Edges of the strata of a leg: equal angles around the main light, and steps that are equal or grow."""
-    strata = edge.size - 1
-    chosen, near, apart = main_light(v, x, d, start, end)
-    n = 0
-    steps = strata
-    if chosen >= 0:
-        steps = strata // 2
-        low, high = math.atan((start - near) / apart), math.atan((end - near) / apart)
-        for k in range(1, strata - steps + 1):
-            t = near + apart * math.tan(low + (high - low) * k / (strata - steps + 1.0))
-            edge[n] = min(max(t, start), end)
-            n += 1
-    for k in range(1, steps):
-        share = k / (steps + 0.0)
-        edge[n] = start + (end - start) * (share if uniformly else share * share)
-        n += 1
-    edge[n], edge[n + 1] = start, end
-    sort_few(edge, n + 2)
-
-
-@kernel
-def visible_end(v, x, d, start, end, work):
-    """Where a leg ends: at the edge of the medium, or where even the most transparent wavelength is gone."""
-    step, t = (end - start) / 64.0, start
-    for c in range(work.along.size):
-        work.along[c] = 0.0
-    while True:
-        onward = min(t + step, end)
-        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], t, onward, work.space, work.along)
-        t = onward
-        if t >= end or least_depth(v, work.along) > DARK:
-            return t
-        step *= 2.0
-
-
-@kernel
-def fill_columns_of_leg(v, x, d, leg, work):
-    """Columns from the start of a leg to the edges of its strata."""
-    for c in range(work.along.size):
-        work.along[c] = 0.0
-    for k in range(leg.edge.size):
-        if k > 0:
-            before, t = leg.edge[k - 1], leg.edge[k]
-            space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
-        for c in range(work.along.size):
-            leg.column[k, c] = work.along[c]
-
-
-@kernel
-def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
-    """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
-    last = leg.edge.size - 1
-    wavelengths = leg.draw.size
-    cut_leg(v, x, d, start, end, camera, leg.edge)
-    fill_columns_of_leg(v, x, d, leg, work)
-    if least_depth(v, leg.column[1]) > COARSE and least_depth(v, leg.column[last]) > DARK:
-        # The leg goes on in the dark for long: its strata belong to where there is light.
-        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg.edge)
-        fill_columns_of_leg(v, x, d, leg, work)
-    for i in range(wavelengths):
-        leg.total[0, i], leg.total[1, i], leg.escape[i] = 0.0, 0.0, 0.0
-    for k in range(last + 1):
-        t = leg.edge[k]
-        transmittance(leg.column[k], v.sigma_t, work.through)
-        guess_light(
-            v, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work, leg.light_rim[k], leg.vertex_rim[k]
-        )  # fmt: skip
-        for i in range(wavelengths):
-            leg.light_rim[k, i] *= work.through[i]
-            leg.vertex_rim[k, i] *= work.through[i]
-        if k > 0:
-            weigh_stratum(v, k - 1, leg)
-    if v.glows and not camera:
-        gather_escape(v, x, d, u, leg, work)
-    found = 0.0
-    for i in range(wavelengths):
-        found += leg.total[1, i]
-        low, high = 1.0 / max(leg.total[0, i], 1e-300), 1.0 / max(leg.total[1, i], 1e-300)
-        for k in range(last):
-            leg.light[k, i] *= low
-            leg.vertex[k, i] *= high
-    return found > 0.0
-
-
-@inlined
-def weigh_stratum(v, k, leg):
-    """Chances of stratum k: the scattering on it times the logarithmic mean of the values at its edges."""
-    for i in range(leg.draw.size):
-        scattering = 0.0
-        for c in range(leg.column.shape[1]):
-            scattering += (leg.column[k + 1, c] - leg.column[k, c]) * v.sigma_s[c, i]
-        # Carlson (1972), Am. Math. Mon. 79, 615: (2 geometric + arithmetic) / 3 is close to the logarithmic mean.
-        a, b = leg.light_rim[k, i], leg.light_rim[k + 1, i]
-        leg.light[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
-        leg.total[0, i] += leg.light[k, i]
-        a, b = leg.vertex_rim[k, i], leg.vertex_rim[k + 1, i]
-        leg.vertex[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
-        leg.total[1, i] += leg.vertex[k, i]
-
-
-@kernel
-def gather_escape(v, x, d, u, leg, work):
-    """Emission along a leg, one point at the fraction u of every stratum, and the background at its end."""
-    last = leg.edge.size - 1
-    for c in range(work.along.size):
-        work.along[c] = leg.column[last, c]
-    transmittance(work.along, v.sigma_t, work.through)
-    for i in range(leg.escape.size):
-        leg.escape[i] = v.background[i] * work.through[i]
-    if not v.emits:
-        return
-    for k in range(last):
-        width = leg.edge[k + 1] - leg.edge[k]
-        t = leg.edge[k] + u * width
-        for c in range(work.along.size):
-            work.along[c] = leg.column[k, c]
-        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
-        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
-        transmittance(work.along, v.sigma_t, work.through)
-        mix_components(work.density, v.emission, work.towards)
-        for i in range(leg.escape.size):
-            leg.escape[i] += width * work.through[i] * work.towards[i]
-
-
-@inlined
-def steepness(low, high):
-    """Logarithm of the fall from one edge to the other, within limits."""
-    if low <= 0.0 or high <= 0.0:
-        return 0.0 if low <= high else STEEPEST
-    return min(max(math.log(low / high), -STEEPEST), STEEPEST)
-
-
-@kernel
-def draw_point(chance, rim, edge, hero, u, density):
-    """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
-
-    Returns the distance and the stratum; the stratum is -1 when the hero finds nothing.
-    """
-    last = chance.shape[0]
-    below, k, share = 0.0, -1, 0.0
-    for j in range(last):
-        c = chance[j, hero]
-        if c > 0.0:
-            k, share = j, min((u - below) / c, 1.0)
-            below += c
-            if u < below:
-                break
-    if k < 0:
-        return 0.0, k
-    a = steepness(rim[k, hero], rim[k + 1, hero])
-    width = edge[k + 1] - edge[k]
-    s = share if abs(a) < 1e-6 else -math.log1p(share * math.expm1(-a)) / a
-    s = min(max(s, 0.0), 1.0)
-    for i in range(density.size):
-        a = steepness(rim[k, i], rim[k + 1, i])
-        fall = 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
-        density[i] = chance[k, i] * fall / width
-    return edge[k] + s * width, k
-
-
-@inlined
-def columns_to(v, x, d, leg, k, t, work):
-    """Columns from the start of a leg to the distance t in stratum k, into ``work.along``."""
-    for c in range(work.along.size):
-        work.along[c] = leg.column[k, c]
-    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
 
 
 @kernel
@@ -343,54 +111,6 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
 
 
 @kernel
-def invert_column(v, i, wanted, low, high, first, x, d, work):
-    """Distance between low and high at which the optical depth at wavelength number i is `wanted`.
-
-    Newton's steps within a bracket; `first` holds the columns at `low`.
-    """
-    begin, t, width = low, 0.5 * (low + high), high - low
-    for _ in range(60):
-        for c in range(work.along.size):
-            work.along[c] = first[c]
-        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], begin, t, work.space, work.along)
-        miss = depth_at(v, work.along, i) - wanted
-        if miss < 0.0:
-            low = t
-        else:
-            high = t
-        if abs(miss) < 1e-10 * (1.0 + wanted) or high - low < 1e-13 * width:
-            break
-        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
-        sigma = depth_at(v, work.density, i)
-        t = t - miss / sigma if sigma > 0.0 else 0.5 * (low + high)
-        if not low < t < high:
-            t = 0.5 * (low + high)
-    return t
-
-
-@kernel
-def fly_forced(v, hero, u, leg, work, walk):
-    """A free flight that ends on the leg, and its density [m-1] under every hero; the stratum is -1 if there is none."""
-    x, d = walk.position, walk.direction
-    last = leg.edge.size - 1
-    lost = -math.expm1(-depth_at(v, leg.column[last], hero))
-    if not lost > 0.0:
-        return 0.0, -1
-    wanted = -math.log1p(-u * lost)
-    k = 0
-    while k < last - 1 and depth_at(v, leg.column[k + 1], hero) < wanted:
-        k += 1
-    t = invert_column(v, hero, wanted, leg.edge[k], leg.edge[k + 1], leg.column[k], x, d, work)
-    columns_to(v, x, d, leg, k, t, work)
-    transmittance(work.along, v.sigma_t, work.through)
-    space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
-    for i in range(leg.draw.size):
-        whole = -math.expm1(-depth_at(v, leg.column[last], i))
-        leg.draw[i] = depth_at(v, work.density, i) * work.through[i] / max(whole, 1e-300)
-    return t, k
-
-
-@kernel
 def go_to_vertex(v, hero, u, leg, work, walk):
     """Move the walk to its next vertex; False if there is none.
 
@@ -423,174 +143,6 @@ def promise(v, work, walk, spare):
     for i in range(spare.size):
         total += walk.value[i] * spare[i]
     return total / spare.size
-
-
-@kernel
-def face_lights(v, x, work, lights):
-    """Directions, optical depths and shares of the point lights as seen from a vertex, into `lights`.
-
-    Returns the mean optical depth to them, negative where no point light shines.
-    """
-    middle = v.power.shape[1] // 2
-    total, depth = 0.0, 0.0
-    for k in range(lights.shape[0]):
-        a, b, c, d, fall = face_light(v, k, x[0], x[1], x[2])
-        lights[k, 0], lights[k, 1], lights[k, 2], lights[k, 3] = a, b, c, 0.0
-        if v.distant[k]:
-            continue
-        guide_columns(v, k, x[0], x[1], x[2], d, work.to_light)
-        tau = 0.0
-        for n in range(work.to_light.size):
-            tau += work.to_light[n] * v.sigma_t[n, middle]
-        lights[k, 3] = v.power[k, middle] * fall * (0.1 + tau) * math.exp(-v.decay[middle] * tau)
-        total += lights[k, 3]
-        depth += lights[k, 3] * tau
-    if not total > 0.0:
-        return -1.0
-    for k in range(lights.shape[0]):
-        lights[k, 3] /= total
-    return depth / total
-
-
-@inlined
-def direction_law(v, d, lights, around, deep):
-    """Density of directions by the guess of the light that comes from there [sr-1]."""
-    law = (1.0 - around - deep) / (4.0 * math.pi)
-    if around + deep > 0.0:
-        last = v.shape.size - 1
-        for k in range(lights.shape[0]):
-            mu = d[0] * lights[k, 0] + d[1] * lights[k, 1] + d[2] * lights[k, 2]
-            sine = max(math.sqrt(max((1.0 - mu) * (1.0 + mu), 0.0)), 1e-7)
-            place = 0.5 * (min(max(mu, -1.0), 1.0) + 1.0) * last
-            j = min(int(place), last - 1)
-            shape = v.shape[j] + (place - j) * (v.shape[j + 1] - v.shape[j])
-            law += lights[k, 3] * (around / (2.0 * math.pi * math.pi * sine) + deep * shape)
-    return law
-
-
-@inlined
-def draw_depth_cosine(v, u):
-    """Cosine to the direction of the light, drawn from the shape of light in the depths."""
-    low, high = 0, v.shape.size - 1
-    last = high
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if v.shape_cdf[middle] <= u:
-            low = middle
-        else:
-            high = middle
-    p0, p1 = v.shape[low], v.shape[high]
-    share = 0.5 * (p0 + p1) * (u - v.shape_cdf[low]) / max(v.shape_cdf[high] - v.shape_cdf[low], 1e-300)
-    s = 2.0 * share / (p0 + math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0)))
-    return 2.0 * (low + min(s, 1.0)) / last - 1.0
-
-
-@kernel
-def draw_by_law(v, d, u, w, lights, around, deep, state):
-    """Direction from `direction_law`, into `d`."""
-    if u >= around + deep:
-        d[0], d[1], d[2] = 0.0, 0.0, 1.0
-        cosine = 1.0 - 2.0 * (u - around - deep) / (1.0 - around - deep)
-    else:
-        rest = uniform(state)
-        for k in range(lights.shape[0]):
-            if lights[k, 3] > 0.0:
-                d[0], d[1], d[2] = lights[k, 0], lights[k, 1], lights[k, 2]
-                if rest < lights[k, 3]:
-                    break
-                rest -= lights[k, 3]
-        if u < around:
-            cosine = math.cos(math.pi * u / around)
-        else:
-            cosine = draw_depth_cosine(v, (u - around) / deep)
-    turn(d, min(max(cosine, -1.0), 1.0), 2.0 * math.pi * w)
-
-
-@inlined
-def mean_phase(v, i, cosine, density):
-    """Phase function [sr-1] of the mixture at wavelength number i."""
-    last = v.phase.shape[1] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cosine), 0.0)) * last), last - 1)
-    scale = 2.0 / (last * last)
-    w = min(max((1.0 - scale * k * k - cosine) / (scale * (2 * k + 1)), 0.0), 1.0)
-    scattering, towards = 0.0, 0.0
-    for c in range(density.size):
-        s = density[c] * v.sigma_s[c, i]
-        scattering += s
-        towards += s * (v.phase[c, k, i] + w * (v.phase[c, k + 1, i] - v.phase[c, k, i]))
-    return towards / max(scattering, 1e-300)
-
-
-@kernel
-def turn_at_vertex(v, u, w, work, lights, walk):
-    """New direction at a vertex; the value takes the phase functions.  False if nothing is scattered there.
-
-    The wanted density is the phase function times the guess of the light that comes from a direction.  Candidates are
-    drawn from both of these alone, and one of them is kept by its weight (importance resampling: Talbot, Cline &
-    Egbert 2005, Eurographics Symposium on Rendering).  The draw is the same for every hero, so chances stay.
-    """
-    x, d = walk.position, walk.direction
-    middle = walk.value.size // 2
-    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
-    old_x, old_y, old_z = d[0], d[1], d[2]
-    depth = face_lights(v, x, work, lights)
-    share = min(max(depth, 0.0) / DEEP, 1.0)
-    around = 0.0 if depth < 0.0 else STAR_SHARE * (1.0 - share)
-    deep = 0.0 if depth < 0.0 else DEEP_SHARE * share
-    total, kept, chosen = 0.0, 0.0, False
-    best_x, best_y, best_z = 0.0, 0.0, 0.0
-    for n in range(CANDIDATES):
-        z = (n + u) / CANDIDATES
-        if z < 0.5:
-            draw_by_law(v, d, 2.0 * z, uniform(walk.state), lights, around, deep, walk.state)
-        else:
-            d[0], d[1], d[2] = old_x, old_y, old_z
-            if not draw_by_phase(v, middle, 2.0 * z - 1.0, uniform(walk.state), work, walk):
-                return False
-        phase = mean_phase(v, middle, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
-        law = direction_law(v, d, lights, around, deep)
-        weight = phase * law / (0.5 * (phase + law))
-        total += weight
-        # Reservoir of one: the number is used again, stretched, after every decision.
-        if weight > 0.0 and w * total < weight:
-            chosen, kept = True, phase * law
-            best_x, best_y, best_z = d[0], d[1], d[2]
-            w = w * total / weight
-        elif total > 0.0:
-            w = (w * total - weight) / max(total - weight, 1e-300)
-    if not chosen:
-        return False
-    d[0], d[1], d[2] = best_x, best_y, best_z
-    phase_at(v.phase, old_x * d[0] + old_y * d[1] + old_z * d[2], work.phase)
-    factor = total / (CANDIDATES * kept)
-    for i in range(walk.value.size):
-        towards = 0.0
-        for c in range(work.density.size):
-            towards += work.density[c] * v.sigma_s[c, i] * work.phase[c, i]
-        walk.value[i] *= towards * factor
-    return True
-
-
-@kernel
-def draw_by_phase(v, hero, u, w, work, walk):
-    """Direction by the phase function of a component that the hero is scattered by; False if there is none."""
-    total = 0.0
-    for c in range(work.density.size):
-        total += work.density[c] * v.sigma_s[c, hero]
-    if total <= 0.0:
-        return False
-    rest, chosen, part = u * total, 0, 1.0
-    for c in range(work.density.size):
-        s = work.density[c] * v.sigma_s[c, hero]
-        if s > 0.0:
-            chosen, part = c, s
-            if rest < s:
-                break
-            rest -= s
-    # What is left of the number after the choice is as good as a new one.
-    share = min(max(rest / part, 0.0), 1.0 - 1e-16)
-    turn(walk.direction, sample_cosine(v, chosen, hero, share), 2.0 * math.pi * w)
-    return True
 
 
 @inlined

@@ -1,0 +1,60 @@
+"""Density fields in three dimensions, all in one place: shapes, grids, particles, and what can be made of them.
+
+Fields are written as records (``fields.Sphere(radius="1 pc")``) and combined by arithmetic: ``a + b``, ``2 * a``, ``a * b``,
+``a**2``, ``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)``, ``a.warped(...)``.
+"""
+
+from __future__ import annotations
+
+from skyscatter.media.filaments import Filament
+from skyscatter.media.fronts import Front
+from skyscatter.media.nebular import IonisedGas, IonisingSource, Sampled
+from skyscatter.media.operations import Carved, Moved, Power, Product, Rotated, Scaled, Sum, Warped
+from skyscatter.media.particles import ParticleSet
+from skyscatter.media.shapes import (
+    BonnorEbert,
+    GaussianShell,
+    GaussianSphere,
+    King,
+    Plummer,
+    PowerLaw,
+    Shell,
+    Sphere,
+)
+from skyscatter.media.space import SpatialField
+from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
+from skyscatter.media.turbulence import Turbulence
+from skyscatter.media.voxels import VoxelGrid
+
+__all__ = [
+    "BipolarLobes",
+    "BonnorEbert",
+    "Box",
+    "Carved",
+    "Cone",
+    "Filament",
+    "FlaredDisk",
+    "Front",
+    "GaussianShell",
+    "GaussianSphere",
+    "IonisedGas",
+    "IonisingSource",
+    "King",
+    "Moved",
+    "ParticleSet",
+    "Plummer",
+    "Power",
+    "PowerLaw",
+    "Product",
+    "Rotated",
+    "Sampled",
+    "Scaled",
+    "Shell",
+    "Slab",
+    "SpatialField",
+    "Sphere",
+    "Sum",
+    "Turbulence",
+    "VoxelGrid",
+    "Warped",
+]

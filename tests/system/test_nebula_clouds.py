@@ -1,0 +1,191 @@
+"""The step cloud and the radar cloud of I3RC phase 1 (Cahalan et al. 2005, BAMS 86, 1275) against the consensus there.
+
+Sun in the zenith, conservative scattering by Henyey-Greenstein grains of g = 0.85, black ground, columns that repeat in x
+and do not change in y.  The walks go backwards, so a flux is the mean over directions of rays that look into the cloud:
+R = pi <radiance> / (F0 mu0) over cosine-weighted directions, Iu the same of the rays that look straight down.
+
+Plain delta tracking with columns towards the Sun is the way here: nothing is to be gained by forcing light out of a
+medium that loses none.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from nebulae import Array, dust
+
+from skyscatter.lights import ParallelLight
+from skyscatter.media.medium import Component, Medium
+from skyscatter.media.voxels import VoxelGrid
+from skyscatter.solvers.run import radiance
+from skyscatter.space import SpaceScene
+
+#: Walks that share a ray; more rays are better spread, but cost the first order anew.
+WALKS = 32
+
+
+class Cloud(NamedTuple):
+    """A cloud of columns of equal width."""
+
+    scene: SpaceScene
+    width: float  #: of a column [m]
+    top: float  #: [m]
+    tau: Array  #: (column,) optical depths
+
+
+def cloud(extinction: Array, width: float, step: float) -> Cloud:
+    """A cloud by its extinction [m-1], (column, level from the ground up)."""
+    columns, levels = extinction.shape
+    grid = VoxelGrid(
+        values=extinction[:, None, :], low=(0, 0, 0), high=(columns * width, width, levels * step),
+        interpolation="nearest", periodic=(True, True, False),
+    )  # fmt: skip
+    medium = Medium(components=(Component(name="cloud", density=grid, optics=dust(1.0, 1.0, 0.85)),))
+    sun = ParallelLight(direction=(0.0, 0.0, 1.0), irradiance=np.pi)
+    return Cloud(SpaceScene(medium=medium, parallel=(sun,)), width, levels * step, extinction.sum(axis=1) * step)
+
+
+def step_cloud() -> Cloud:
+    """16 columns of optical depth 2 and 16 of 18 over 0.5 km, 0.25 km thick."""
+    return cloud(np.repeat([2.0, 18.0], 16)[:, None] / 250.0, 500.0 / 32, 250.0)
+
+
+def radar_cloud(folder: Path) -> Cloud:
+    """640 columns of 50 m and 54 levels of 45 m; the first row of the file is the highest level."""
+    tau = np.loadtxt(folder / "mmcr_tau_32km_020898.txt")
+    return cloud(tau[::-1].T / 45.0, 50.0, 45.0)
+
+
+def rays(kind: str, columns: Array, count: int, where: Cloud, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Origins and directions (column, count, 3) that fill the columns and the directions of a quantity evenly."""
+    shape = (len(columns), count)
+    u = (np.arange(count) + rng.random(shape)) / count
+    w = (np.argsort(rng.random(shape), axis=1) + rng.random(shape)) / count
+    mu, phi = (np.sqrt(w) if kind in "RT" else np.ones(shape)), 2 * np.pi * rng.random(shape)
+    if kind == "I602":
+        # The detector is 60 degrees from the zenith at azimuth 180: its rays come from the side of small x.
+        mu, phi = np.full(shape, 0.5), np.zeros(shape)
+    sine, above = np.sqrt(1 - mu * mu), kind in ("R", "Iu", "I602")
+    directions = np.stack([sine * np.cos(phi), sine * np.sin(phi), -mu if above else mu], axis=-1)
+    height = np.full(shape, where.top + 1e-3 if above else -1e-3)
+    return np.stack([(columns[:, None] + u) * where.width, np.ones(shape), height], axis=-1), directions
+
+
+def measure(kind: str, where: Cloud, columns: Array, walks: Array, seed: int = 0) -> tuple[Array, Array]:
+    """A quantity in each column by so many walks, and its standard error, (column,) each."""
+    rng = np.random.default_rng(seed + len(columns))
+    value, error = np.empty(len(columns)), np.empty(len(columns))
+    for count in np.unique(walks):
+        chosen = np.nonzero(walks == count)[0]
+        answer = radiance(
+            where.scene, *rays(kind, columns[chosen], max(int(count) // WALKS, 1), where, rng), (550.0,), solver="path",
+            samples=WALKS, sampling="delta", transmittance="quadrature", seed=seed,
+        )  # fmt: skip
+        light = answer.radiance[..., 0]
+        value[chosen] = light.mean(axis=1)
+        # Rays differ, too: their spread holds all of the error.
+        error[chosen] = light.std(axis=1, ddof=1) / np.sqrt(light.shape[1])
+    # Light straight from the Sun, of which a ray sees nothing, belongs to the flux that arrives below.
+    return value + (np.exp(-where.tau[columns]) if kind == "T" else 0.0), error
+
+
+def consensus(folder: Path, case: int, kind: str) -> Array:
+    values: Array = np.loadtxt(folder / f"I3RC_cons_res_case{case}_exp1_{kind}.txt")
+    return values
+
+
+@pytest.fixture
+def folder(reference: Path) -> Path:
+    return reference / "i3rc_phase1"
+
+
+def folded(values: Array) -> Array:
+    """Columns 1 to 8 and 17 to 24 of the step cloud with their mirror images, (2, 16)."""
+    return np.concatenate([[values[:8], values[15:7:-1]], [values[16:24], values[31:23:-1]]], axis=1)
+
+
+#: One of each pair of columns of the step cloud that are mirror images of each other.
+PAIRS = np.concatenate([np.arange(8), np.arange(16, 24)])
+#: Walks for an error of 1 %, in thin and in thick columns: the square of the relative spread of a walk times 1e4.
+STEP_WALKS = {"R": (170_000, 100_000), "Iu": (450_000, 100_000), "T": (35_000, 140_000), "I602": (110_000, 100_000)}
+
+
+@pytest.mark.parametrize("kind", ["R", "Iu", "T"])
+def test_mean_of_the_step_cloud(folder: Path, kind: str) -> None:
+    expected = folded(consensus(folder, 1, kind)).mean()
+    value, error = measure(kind, step_cloud(), PAIRS, np.full(16, 3072))
+    mean, spread = value.mean(), np.sqrt((error**2).sum()) / 16
+    print(f"step cloud {kind}: {mean:.4f} +- {spread:.4f}, consensus {expected:.4f}")
+    assert spread < 0.03 * expected
+    assert abs(mean - expected) < 3 * spread + 0.005 * expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["R", "Iu", "T", "I602"])
+def test_step_cloud(folder: Path, kind: str) -> None:
+    """Each column within 2 % of the consensus, the mean within 0.5 %; 2 to 8 minutes of one processor each."""
+    precision = 0.6
+    walks = np.round(np.array(STEP_WALKS[kind]) / precision**2 / WALKS).astype(int) * WALKS
+    expected = consensus(folder, 1, kind)
+    if kind == "I602":
+        value, error = measure(kind, step_cloud(), np.arange(32), np.repeat(walks, 16))
+        difference = value / expected - 1
+    else:
+        value, error = measure(kind, step_cloud(), PAIRS, np.repeat(walks, 8))
+        difference = value / folded(expected) - 1
+        expected = folded(expected)
+    z = (value - expected) / error
+    print(f"step cloud {kind}: columns {np.round(100 * difference, 2)} %, errors {np.round(100 * error / value, 2)} %")
+    mean = value.mean() / expected.mean() - 1
+    spread = np.sqrt((error**2).sum()) / value.sum()
+    print(f"  largest {np.abs(difference).max():.2%}, mean {mean:+.2%} +- {spread:.2%}, chi2 {np.mean(z**2):.2f}")
+    assert spread < 0.002
+    assert abs(mean) < 0.005
+    assert np.abs(difference).max() < 0.02
+
+
+@pytest.mark.parametrize("kind", ["R", "Id"])
+def test_mean_of_the_radar_cloud(folder: Path, kind: str) -> None:
+    expected = consensus(folder, 2, kind)
+    columns = np.arange(0, 640, 4)
+    value, error = measure(kind, radar_cloud(folder), columns, np.full(160, 192))
+    mean, spread = value.mean(), np.sqrt((error**2).sum()) / 160
+    print(f"radar cloud {kind}: {mean:.4f} +- {spread:.4f}, consensus {expected[columns].mean():.4f}")
+    assert spread < 0.03 * mean
+    assert abs(mean - expected[columns].mean()) < 3 * spread + 0.005 * mean
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["R", "Iu", "T", "Id"])
+def test_radar_cloud(folder: Path, kind: str) -> None:
+    """The mean within 0.5 %, stretches of 80 columns within 2 %; some 4 minutes of one processor each.
+
+    A walk spreads by three times the mean, so that 2 % in every one of 640 columns would take hours: single columns only
+    have to agree within the errors.
+    """
+    expected = consensus(folder, 2, kind)
+    value, error = measure(kind, radar_cloud(folder), np.arange(640), np.full(640, 4096))
+    mean, spread = value.mean() / expected.mean() - 1, np.sqrt((error**2).sum()) / value.sum()
+    blocks = value.reshape(8, 80).mean(axis=1) / expected.reshape(8, 80).mean(axis=1) - 1
+    z = (value - expected) / np.hypot(error, 0.01 * expected)
+    print(f"radar cloud {kind}: mean {mean:+.2%} +- {spread:.2%}, stretches {np.round(100 * blocks, 2)} %")
+    print(f"  columns: errors {np.median(error / value):.1%}, mean z {z.mean():+.2f}, mean z^2 {np.mean(z**2):.2f}")
+    assert spread < 0.0025
+    assert abs(mean) < 0.005
+    assert np.abs(blocks).max() < 0.02
+    assert 0.8 < np.mean(z**2) < 1.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["R", "Iu", "T", "Id"])
+def test_columns_of_the_radar_cloud(folder: Path, kind: str) -> None:
+    """Four columns, among them the thinnest and the thickest, within 2 %; a minute of one processor each."""
+    where = radar_cloud(folder)
+    columns = np.array([int(where.tau.argmin()), 160, 480, int(where.tau.argmax())])
+    expected = consensus(folder, 2, kind)[columns]
+    value, error = measure(kind, where, columns, np.full(4, 262_144))
+    print(f"radar cloud {kind}, columns {columns}: {np.round(100 * (value / expected - 1), 2)} % +- {100 * error / value}")
+    assert np.abs(value / expected - 1).max() < 0.02

@@ -1,0 +1,100 @@
+"""The ways to walk through a medium of three dimensions agree, with each other and with their own error bars."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from nebulae import GREY, dust, dusty_sphere, lines_through
+from significance import assert_agrees, largest_t
+
+from skyscatter.lights import ParallelLight, PointStar
+from skyscatter.media.medium import Component, Medium
+from skyscatter.media.shapes import GaussianSphere, Shell, Sphere
+from skyscatter.solvers.base import Answer
+from skyscatter.solvers.run import radiance
+from skyscatter.space import SpaceScene, View
+from skyscatter.spectra.table import SpectralTable
+
+WAVELENGTHS = (450.0, 550.0, 650.0)
+
+
+def shell(tau: float, g: float) -> SpaceScene:
+    """A hollow ball of dust with a star in the hole; optical depth `tau` outwards at the middle wavelength.
+
+    The hole keeps plain walks, which know nothing of the star, at a finite variance.
+    """
+    extinction = SpectralTable(wavelengths=WAVELENGTHS, values=(1.5 * tau / 0.6, tau / 0.6, 0.6 * tau / 0.6))
+    albedo = SpectralTable(wavelengths=WAVELENGTHS, values=(0.5, 0.6, 0.8))
+    component = Component(name="dust", density=Shell(inner=0.4, outer=1.0), optics=dust(extinction, albedo, g))
+    return SpaceScene(medium=Medium(components=(component,)), stars=(PointStar(spectrum=GREY),), view=View(distance=100.0))
+
+
+def mixture(tau: float) -> SpaceScene:
+    """Two sorts of dust, one of which glows, two stars outside, parallel light and a background."""
+    albedo = SpectralTable(wavelengths=WAVELENGTHS, values=(0.5, 0.6, 0.8))
+    core = GaussianSphere(width=0.3, position=(0.2, 0.1, 0.0))
+    components = (
+        Component(name="dust", density=Sphere(radius=1.0), optics=dust(0.7 * tau, albedo, 0.5, angstrom_exponent=2.0)),
+        Component(name="core", density=core, optics=dust(tau, 0.9), emission=0.01),
+    )
+    half = SpectralTable(wavelengths=(500.0,), values=(0.5,))
+    return SpaceScene(
+        medium=Medium(components=components),
+        stars=(PointStar(name="a", position=(2.0, 0, 0), spectrum=GREY), PointStar(name="b", position=(-0.5, 1.8, 0.4), spectrum=half)),
+        parallel=(ParallelLight(direction=(1.0, 0, 0), irradiance=0.1),), background=0.01, view=View(distance=100.0),
+    )  # fmt: skip
+
+
+#: Name -> keyword arguments, and how many times the samples of the forced walks it needs for errors alike.
+WAYS: dict[str, tuple[dict[str, str], int]] = {
+    "forced": ({"transmittance": "quadrature"}, 1),
+    "forced, ratio": ({"transmittance": "ratio"}, 2),
+    "forced, residual ratio": ({"transmittance": "residual-ratio"}, 2),
+    "free flight": ({"sampling": "free-flight"}, 6),
+    "delta": ({"sampling": "delta"}, 6),
+    "delta, residual ratio": ({"sampling": "delta", "transmittance": "residual-ratio"}, 6),
+}
+
+
+@cache
+def compare(kind: str, tau: float, g: float, rays: int, samples: int) -> dict[str, tuple[Any, Any]]:
+    """Mean light of rays through a scene, and its error, by every way: (wavelength,) each."""
+    scene = mixture(tau) if kind == "mixture" else shell(tau, g)
+    lines = lines_through(np.random.default_rng(3), rays)
+    found = {}
+    for number, (name, (options, factor)) in enumerate(WAYS.items()):
+        # Other seeds: with the same one ways would share their first numbers.
+        answer = radiance(scene, *lines, WAVELENGTHS, solver="path", samples=factor * samples, seed=number, **options)
+        error = np.sqrt((answer.standard_error**2).sum(axis=0)) / rays
+        found[name] = answer.radiance.mean(axis=0), error
+    return found
+
+
+def check_ways(kind: str, tau: float, g: float, rays: int, samples: int, most: float) -> None:
+    found = compare(kind, tau, g, rays, samples)
+    mean, error = found["forced"]
+    for name, (value, spread) in found.items():
+        sigma = np.hypot(spread, error)
+        print(f"{kind} tau {tau:g} g {g:g} {name}: {value} +- {spread / value} z {((value - mean) / sigma).round(2)}")
+    assert np.max(error / mean) < most
+    for name, (value, spread) in found.items():
+        if name != "forced":
+            assert np.max(spread / value) < 4 * most, name
+            # Over hundreds of rays the errors are as good as Gaussian.
+            assert_agrees(value, mean, np.hypot(spread, error), freedom=np.inf)
+
+
+@pytest.mark.parametrize(("kind", "tau", "g"), [("shell", 0.1, 0.5), ("shell", 1.0, 0.0), ("shell", 10.0, 0.5), ("mixture", 1.0, 0.5)])
+def test_ways_agree(kind: str, tau: float, g: float) -> None:
+    check_ways(kind, tau, g, 100, 32, 0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("g", [0.0, 0.5])
+@pytest.mark.parametrize("tau", [0.1, 1.0, 10.0, 30.0])
+@pytest.mark.parametrize("kind", ["shell", "mixture"])
+def test_ways_agree_closely(kind: str, tau: float, g: float) -> None:
+    check_ways(kind, tau, g, 500, 512, 0.01)

@@ -1,0 +1,149 @@
+"""What the walks in three dimensions stand on: the guide, tracked transmittances, and the choice between ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from nebulae import component, dusty_sphere, flat
+
+import skyscatter
+from skyscatter.errors import DomainError
+from skyscatter.lights import ParallelLight, PointStar
+from skyscatter.media.medium import Medium
+from skyscatter.media.shapes import GaussianSphere, Sphere
+from skyscatter.media.voxels import VoxelGrid
+from skyscatter.optics.rayleigh import RayleighPowerLaw
+from skyscatter.solvers.kernels.gridwalk import make_walker
+from skyscatter.solvers.kernels.path import make_walk
+from skyscatter.solvers.kernels.tracking import QUADRATURE, fill_tracked
+from skyscatter.solvers.kernels.volume import make_volume_work
+from skyscatter.solvers.transmittance import cheapest, has_cheap_columns
+from skyscatter.solvers.volume import compile_volume
+from skyscatter.space import SpaceScene, View
+
+ONE = (550.0,)
+RAY = ([[0.3, 0.2, 10.0]], [[0.0, 0.0, -1.0]])
+
+
+def lumpy(depth: float = 2.0) -> SpaceScene:
+    medium = Medium(
+        components=(
+            component(Sphere(radius=1.0), depth, name="wide"),
+            component(GaussianSphere(width=0.2, position=(0.3, 0.1, 0.0)), 3.0 * depth, 0.9, name="core"),
+        )
+    )
+    stars = (PointStar(spectrum=flat(1.0)), PointStar(spectrum=flat(0.5), position=(0.0, 1.5, 0.0)))
+    light = ParallelLight(direction=(1, 0, 0), irradiance=0.1)
+    return SpaceScene(medium=medium, stars=stars, parallel=(light,), view=View(distance=100.0))
+
+
+@pytest.mark.parametrize("residual", [False, True])
+def test_tracked_transmittances_are_unbiased(residual: bool) -> None:
+    scene = lumpy()
+    table = compile_volume(scene, ONE)
+    points = np.random.default_rng(5).uniform(-0.5, 0.5, (12, 3))
+    work, walker, walk = make_volume_work(2, 1), make_walker(), make_walk(1)
+    for light, place in enumerate([(0, 0, 0), (0, 1.5, 0), None]):
+        drawn = np.empty((4000, len(points), 1))
+        for n in range(len(drawn)):
+            fill_tracked(table, light, points, residual, np.uint64(n + 1), work, walker, walk, drawn[n])
+        there = points + np.array([10.0, 0, 0]) if place is None else np.array(place, float)
+        far = np.broadcast_to(there, points.shape)
+        fall = 0.1 if place is None else table.power[light, 0] / np.sum((far - points) ** 2, axis=1)
+        expected = fall * skyscatter.transmittance(scene, points, far, [550.0])[:, 0]
+        error = drawn[:, :, 0].std(axis=0) / np.sqrt(len(drawn))
+        # 36 comparisons in each run: the largest of so many normal deviates passes 4.2 once in a thousand.
+        assert np.abs((drawn[:, :, 0].mean(axis=0) - expected) / error).max() < 4.2
+
+
+def test_closed_forms_are_cheap_and_grids_are_not() -> None:
+    assert cheapest(compile_volume(dusty_sphere(1.0), ONE)) == QUADRATURE
+    assert has_cheap_columns(compile_volume(lumpy(), ONE))
+    grid = VoxelGrid.from_field(GaussianSphere(width=0.3), (64, 64, 64))
+    scene = dusty_sphere(1.0).model_copy(update={"medium": Medium(components=(component(grid, 1.0),))})
+    assert not has_cheap_columns(compile_volume(scene, ONE))
+
+
+def test_costly_media_take_the_first_order_from_the_walks() -> None:
+    field = GaussianSphere(width=0.4)
+    walked = dusty_sphere(1.0).model_copy(
+        update={
+            "medium": Medium(components=(component(VoxelGrid.from_field(field, (48, 48, 48)), 1.0, emission=0.02),)),
+            "background": 0.01,
+        }
+    )
+    origins = np.array([[x, 0.1, 10.0] for x in (0.1, 0.4, 0.8)])
+    rays = (origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
+    one = skyscatter.radiance(walked, *rays, [550.0], solver="single", parts=True)
+    all_ = skyscatter.radiance(walked, *rays, [550.0], solver="path", samples=1024, parts=True, orders=2)
+    total = sum(all_.layers[name] for name in ("direct", "scattered", "multiple"))
+    np.testing.assert_allclose(total, all_.radiance, rtol=1e-12)
+    # Parts have no error of their own; the whole's, which is larger, stands for it.
+    for name in ("direct", "scattered"):
+        assert np.all(np.abs(all_.layers[name] - one.layers[name]) < 4 * all_.standard_error)
+    np.testing.assert_allclose(
+        all_.layers["direct"] + all_.layers["order1"] + all_.layers["order2"], all_.radiance, rtol=0.1
+    )
+
+
+@pytest.mark.parametrize("way", ["quadrature", "ratio", "residual-ratio", "auto"])
+def test_every_way_to_a_transmittance_gives_the_same_light(way: str) -> None:
+    scene = lumpy()
+    rays = (np.array([[0.3, 0.2, 10.0], [-0.5, 0.4, 10.0]]), np.broadcast_to([0.0, 0.0, -1.0], (2, 3)))
+    plain = skyscatter.radiance(scene, *rays, [550.0], solver="path", samples=4096, seed=1)
+    other = skyscatter.radiance(scene, *rays, [550.0], solver="path", samples=4096, seed=2, transmittance=way)
+    error = np.hypot(plain.standard_error, other.standard_error)
+    assert np.all(np.abs(plain.radiance - other.radiance) < 4 * error)
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        ({"solver": "orders"}, "solver"),
+        ({"solver": "path", "sampling": "guess"}, "sampling"),
+        ({"solver": "path", "transmittance": "guess"}, "transmittance"),
+        ({"solver": "path", "stokes": True}, "stokes"),
+        ({"solver": "path", "sampling": "delta", "noise": 0.1}, "noise"),
+        ({"solver": "single", "samples": 8}, "samples"),
+        ({"solver": "single", "transmittance": "ratio"}, "transmittance"),
+    ],
+)
+def test_options_without_meaning_are_refused(more: dict[str, object], word: str) -> None:
+    with pytest.raises(DomainError, match=word):
+        skyscatter.radiance(dusty_sphere(1.0), *RAY, [550.0], **more)
+
+
+def test_shells_refuse_what_is_for_space() -> None:
+    scene = skyscatter.load_model("earth").scene()
+    with pytest.raises(DomainError, match="transmittance"):
+        skyscatter.radiance(scene, [0, 0, 6371e3], [0, 0, 1.0], [550.0], solver="path", transmittance="ratio")
+
+
+def test_one_medium_has_one_sort_of_fields() -> None:
+    with pytest.raises(ValueError, match="planet_radius"):
+        Medium(components=(component(Sphere(radius=1.0), 1.0),), planet_radius=6e6)
+    with pytest.raises(DomainError, match="no planet"):
+        _ = Medium(components=(component(Sphere(radius=1.0), 1.0),)).radius
+
+
+def test_same_seed_same_numbers_whatever_the_threads() -> None:
+    scene = lumpy()
+    origins = np.random.default_rng(2).uniform(-0.8, 0.8, (40, 3)) + np.array([0, 0, 10.0])
+    rays = (origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
+    a, b = (
+        skyscatter.radiance(scene, *rays, [500.0, 600.0], solver="path", samples=16, seed=7, threads=n) for n in (1, 2)
+    )
+    np.testing.assert_array_equal(a.radiance, b.radiance)
+    np.testing.assert_array_equal(a.standard_error, b.standard_error)
+
+
+def test_optical_depths_by_component() -> None:
+    scene = lumpy()
+    tau = skyscatter.optical_depth(scene, [0, 0, -5.0], [0, 0, 5.0], [400.0, 700.0], by_component=True)
+    assert tau.shape == (2, 2)
+    assert tau[0] == pytest.approx([4.0, 4.0])
+    air = scene.medium.components[0].model_copy(update={"optics": RayleighPowerLaw(coefficient=0.1, wavelength=550)})
+    blue, red = skyscatter.optical_depth(
+        scene.model_copy(update={"medium": Medium(components=(air,))}), [0, 0, -5.0], [0, 0, 5.0], [400.0, 700.0]
+    )
+    assert blue / red == pytest.approx((700 / 400) ** 4)
