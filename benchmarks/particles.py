@@ -61,12 +61,12 @@ def parts(model: Path, given: Any) -> list[list[Any]]:
     from skyscatter.solvers.volume import compile_volume
 
     wavelengths = np.arange(380.0, 781.0, 10.0)
-    read, loaded = seconds(lambda: skyscatter.load_model(str(model)))
-    scene: Any = loaded.scene()
+    scene: Any
+    read, scene = seconds(lambda: skyscatter.load_model(str(model)).scene())
     field = scene.medium.components[0].density
-    rows: list[list[Any]] = [["model and file", read]]
+    rows: list[list[Any]] = [["model, file; of particles, neighbours and smoothing lengths", read]]
     if hasattr(field, "particles"):
-        rows.append(["neighbours and smoothing lengths", seconds(lambda: field.particles)[0]])
+        rows[0][1] += seconds(lambda: field.particles)[0]
         if field.cells:
             rows.append([f"grid of {field.cells} cells along its longest side", seconds(lambda: field.grid)[0]])
     rows.append(["tables of the medium", seconds(lambda: compile_volume(scene, tuple(wavelengths.tolist())))[0]])
