@@ -56,7 +56,9 @@ def parallel_rays(offsets: Array, distance: float = 10.0) -> tuple[Array, Array]
     return origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
 
 
-def lines_through(rng: np.random.Generator, count: int, radius: float = 2.0, spread: float = 0.5) -> tuple[Array, Array]:
+def lines_through(
+    rng: np.random.Generator, count: int, radius: float = 2.0, spread: float = 0.5
+) -> tuple[Array, Array]:
     """Origins on a sphere around the origin and directions to points near its middle, both (count, 3)."""
     origins = rng.normal(size=(count, 3))
     origins *= radius / np.linalg.norm(origins, axis=1)[:, None]

@@ -43,7 +43,7 @@ def gas(density: object) -> Component:
 
 def line_radiance(image: SpectralImage, line: slice, layer: str | None = None) -> Array:
     """Radiance of a line [W m-2 sr-1], (y, x)."""
-    values = image.values if layer is None else image.layers[layer]
+    values = image.radiance if layer is None else image.layers[layer]
     low, high = cell_edges(GRID)
     total: Array = (values * (high - low))[..., line].sum(axis=-1)
     return total
@@ -59,8 +59,8 @@ def picture(components: tuple[Component, ...], length: float, pixels: int = 96) 
     return image, scale**2 / (1 + x * x + y * y) ** 1.5
 
 
-def stromgren_sphere() -> tuple[float, Front]:
-    """Radius and front of the region that the star ionises in uniform gas."""
+def stromgren_sphere() -> tuple[float, Sphere]:
+    """Radius by the closed form, and the region itself by the front that is found in uniform gas."""
     photons = star().ionising_photons()
     expected = float((3 * photons / (4 * np.pi * ALPHA_B * HYDROGEN**2)) ** (1 / 3))
     rows, columns = 5, 8
@@ -70,7 +70,8 @@ def stromgren_sphere() -> tuple[float, Front]:
         lambda points: np.ones(len(points)), (0, 0, 0), ways, hydrogen_density=HYDROGEN, ionising_photons=photons,
         limit=3 * expected,
     )  # fmt: skip
-    return expected, Front(radii=tuple(map(tuple, radii.reshape(rows, columns))))
+    assert np.ptp(radii) < 1e-6 * expected
+    return expected, Sphere(radius=float(radii[0]))
 
 
 def test_stromgren_sphere() -> None:
@@ -84,7 +85,9 @@ def test_stromgren_sphere() -> None:
     radius = DISTANCE * np.sqrt(2.5 * np.average(x * x + y * y, weights=beta * solid))
     luminosity = 4 * np.pi * DISTANCE**2 * np.sum(beta * solid)
     closed = star().ionising_photons() * ALPHA_BETA / ALPHA_B * BETA_PHOTON
-    print(f"radius {radius / PARSEC:.4f} pc ({radius / expected - 1:+.2%}), H-beta {luminosity:.4e} W ({luminosity / closed - 1:+.2%})")
+    print(
+        f"radius {radius / PARSEC:.4f} pc ({radius / expected - 1:+.2%}), H-beta {luminosity:.4e} W ({luminosity / closed - 1:+.2%})"  # noqa: E501
+    )
     # The rates themselves: fits within 0.7 % and 1 % of the tables.
     assert abs(radius / expected - 1) < 0.005
     assert abs(luminosity / closed - 1) < 0.015
@@ -96,7 +99,7 @@ def test_sphere_as_its_own_rates_have_it() -> None:
 
     photons = star().ionising_photons()
     expected, front = stromgren_sphere()
-    assert abs(front.radii[1][1] / stromgren_radius(photons, HYDROGEN) - 1) < 1e-6
+    assert abs(front.radius / stromgren_radius(photons, HYDROGEN) - 1) < 1e-6
     image, solid = picture((gas(front),), 2.4 * expected)
     for line, name in ((BETA, "hbeta"), (ALPHA, "halpha")):
         luminosity = 4 * np.pi * DISTANCE**2 * np.sum(line_radiance(image, line) * solid)
@@ -105,6 +108,7 @@ def test_sphere_as_its_own_rates_have_it() -> None:
         assert abs(ratio - 1) < 1e-3
 
 
+@pytest.mark.slow
 def test_front_in_a_cloud_uses_every_photon() -> None:
     """A star beside the middle of a Gaussian cloud: whatever the density, H-beta counts the ionising photons.
 
@@ -115,7 +119,7 @@ def test_front_in_a_cloud_uses_every_photon() -> None:
     photons = star().ionising_photons()
     size = stromgren_sphere()[0]
     place = np.array([0.35 * size, 0.0, 0.2 * size])
-    cloud = GaussianSphere(width=size, factor=2.0) if "factor" in GaussianSphere.model_fields else GaussianSphere(width=2 * size)
+    cloud = GaussianSphere(width=2 * size)
     rows, columns = 49, 96
     theta = np.pi * np.arange(rows) / (rows - 1)
     theta, phi = np.meshgrid(theta, 2 * np.pi * np.arange(columns) / columns, indexing="ij")
@@ -123,15 +127,16 @@ def test_front_in_a_cloud_uses_every_photon() -> None:
     radii = front_radii(
         cloud.density, place, ways.reshape(-1, 3), hydrogen_density=HYDROGEN, ionising_photons=photons, limit=6 * size
     ).reshape(rows, columns)
-    assert radii.max() < 3 * size
+    assert radii.max() < 1.5 * size
     radii[0], radii[-1] = radii[0, 0], radii[-1, 0]
-    front = Front(radii=tuple(map(tuple, radii)), position=tuple(place))
-    image, solid = picture((gas(Product(fields=(Power(field=cloud, exponent=2.0), front))),), 6 * size, 128)
+    # An edge as soft as this adds about 3 (width / radius)^2, a thousandth, to the volume.
+    front = Front(radii=tuple(map(tuple, radii)), position=tuple(place), width=0.02 * size)
+    image, solid = picture((gas(Product(fields=(Power(field=cloud, exponent=2.0), front))),), 4 * size, 24)
     luminosity = 4 * np.pi * DISTANCE**2 * np.sum(line_radiance(image, BETA) * solid)
     ratio = luminosity / case_b_luminosity(photons)
     print(f"front from {radii.min() / PARSEC:.3f} to {radii.max() / PARSEC:.3f} pc, H-beta {ratio - 1:+.3%}")
-    # The bilinear front between directions 3.75 degrees apart, and pixels.
-    assert abs(ratio - 1) < 5e-3
+    # The soft edge, the bilinear front between directions 3.75 degrees apart, and the pixels.
+    assert abs(ratio - 1) < 1e-2
 
 
 @pytest.mark.parametrize("visual", [0.0, 1.0, 4.0])
@@ -143,11 +148,16 @@ def test_balmer_decrement(visual: float) -> None:
         # Square to the line of sight, which leans by 30 degrees from the model's z axis.
         towards = View(inclination_deg=30.0).matrix[2]
         curtain = Slab(
-            half_thickness=0.1 * PARSEC, half_width=10 * PARSEC, axis=tuple(towards), position=tuple(3 * PARSEC * towards)
+            half_thickness=0.1 * PARSEC,
+            half_width=10 * PARSEC,
+            axis=tuple(towards),
+            position=tuple(3 * PARSEC * towards),
         )
         column = 0.2 * PARSEC
         # A_V through 0.2 pc of dust: 1.0857 tau(550 nm), by hydrogen so that it counts along the line of sight.
-        hydrogen = visual / (2.5 / np.log(10)) / (column * float(dust_properties("milky-way-3.1", [550.0]).cross_section[0]))
+        hydrogen = (
+            visual / (2.5 / np.log(10)) / (column * float(dust_properties("milky-way-3.1", [550.0]).cross_section[0]))
+        )
         components += (Component(name="curtain", density=curtain, optics=Dust(hydrogen_density=hydrogen)),)
     image, _ = picture(components, 2.4 * size, 24)
     alpha, beta = line_radiance(image, ALPHA, "direct"), line_radiance(image, BETA, "direct")
@@ -155,9 +165,12 @@ def test_balmer_decrement(visual: float) -> None:
     section = dust_properties("milky-way-3.1", [486.268, 550.0, 656.461]).cross_section
     reddening = np.exp(visual / (2.5 / np.log(10)) * (section[0] - section[2]) / section[1])
     ratio = alpha[seen] / beta[seen]
-    print(f"A_V {visual:g}: H-alpha / H-beta {ratio.min():.4f} to {ratio.max():.4f}; 2.86 reddened {2.86 * reddening:.4f}")
+    print(
+        f"A_V {visual:g}: H-alpha / H-beta {ratio.min():.4f} to {ratio.max():.4f}; 2.86 reddened {2.86 * reddening:.4f}"
+    )
     assert seen.sum() > 200
-    # 2.86: Osterbrock & Ferland (2006), table 4.2; the fits of both rates are within 1 %, what dust does to 1e-3 (a cell of
+    # 2.86: Osterbrock & Ferland (2006), table 4.2; the fits of both rates are within 1 %, what dust does to 1e-3 (a
+    # cell of
     # the wavelengths is as wide as 1 nm, and the rays lean by up to 0.3 degrees).
     assert np.abs(ratio / (2.86 * reddening) - 1).max() < 0.01
     bare = line_radiance(picture((gas(Sphere(radius=size)),), 2.4 * size, 24)[0], ALPHA, "direct")

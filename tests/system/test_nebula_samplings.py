@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nebulae import GREY, dust, dusty_sphere, lines_through
-from significance import assert_agrees, largest_t
+from nebulae import GREY, dust, lines_through
+from significance import assert_agrees
 
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Component, Medium
@@ -29,7 +29,9 @@ def shell(tau: float, g: float) -> SpaceScene:
     extinction = SpectralTable(wavelengths=WAVELENGTHS, values=(1.5 * tau / 0.6, tau / 0.6, 0.6 * tau / 0.6))
     albedo = SpectralTable(wavelengths=WAVELENGTHS, values=(0.5, 0.6, 0.8))
     component = Component(name="dust", density=Shell(inner=0.4, outer=1.0), optics=dust(extinction, albedo, g))
-    return SpaceScene(medium=Medium(components=(component,)), stars=(PointStar(spectrum=GREY),), view=View(distance=100.0))
+    return SpaceScene(
+        medium=Medium(components=(component,)), stars=(PointStar(spectrum=GREY),), view=View(distance=100.0)
+    )
 
 
 def mixture(tau: float) -> SpaceScene:
@@ -43,7 +45,7 @@ def mixture(tau: float) -> SpaceScene:
     half = SpectralTable(wavelengths=(500.0,), values=(0.5,))
     return SpaceScene(
         medium=Medium(components=components),
-        stars=(PointStar(name="a", position=(2.0, 0, 0), spectrum=GREY), PointStar(name="b", position=(-0.5, 1.8, 0.4), spectrum=half)),
+        stars=(PointStar(name="a", position=(2.0, 0, 0), spectrum=GREY), PointStar(name="b", position=(-0.5, 1.8, 0.4), spectrum=half)),  # noqa: E501
         parallel=(ParallelLight(direction=(1.0, 0, 0), irradiance=0.1),), background=0.01, view=View(distance=100.0),
     )  # fmt: skip
 
@@ -82,19 +84,85 @@ def check_ways(kind: str, tau: float, g: float, rays: int, samples: int, most: f
     assert np.max(error / mean) < most
     for name, (value, spread) in found.items():
         if name != "forced":
-            assert np.max(spread / value) < 4 * most, name
-            # Over hundreds of rays the errors are as good as Gaussian.
+            # The reddest wavelength is the clearest: there the plain ways have to be of use, too.
+            assert spread[-1] / value[-1] < 2 * most, name
+            # Over many rays the errors are as good as Gaussian.
             assert_agrees(value, mean, np.hypot(spread, error), freedom=np.inf)
 
 
-@pytest.mark.parametrize(("kind", "tau", "g"), [("shell", 0.1, 0.5), ("shell", 1.0, 0.0), ("shell", 10.0, 0.5), ("mixture", 1.0, 0.5)])
+@pytest.mark.parametrize(
+    ("kind", "tau", "g"), [("shell", 0.1, 0.5), ("shell", 1.0, 0.0), ("shell", 10.0, 0.5), ("mixture", 1.0, 0.5)]
+)
 def test_ways_agree(kind: str, tau: float, g: float) -> None:
-    check_ways(kind, tau, g, 100, 32, 0.02)
+    check_ways(kind, tau, g, 60, 32, 0.08)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("g", [0.0, 0.5])
-@pytest.mark.parametrize("tau", [0.1, 1.0, 10.0, 30.0])
-@pytest.mark.parametrize("kind", ["shell", "mixture"])
+@pytest.mark.parametrize(
+    ("kind", "tau"),
+    [("shell", 0.1), ("shell", 1.0), ("shell", 10.0), *(("mixture", t) for t in (0.1, 1.0, 10.0, 30.0))],
+)
 def test_ways_agree_closely(kind: str, tau: float, g: float) -> None:
-    check_ways(kind, tau, g, 500, 512, 0.01)
+    check_ways(kind, tau, g, 500, 256, 0.01)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"sampling": "free-flight"}, {"sampling": "delta"}], ids=["forced", "flight", "delta"]
+)
+def test_each_wavelength_alone_equals_all_together(options: dict[str, Any]) -> None:
+    """Spectral sampling from all wavelengths at once is as right as walks of one wavelength each."""
+    scene, lines = shell(1.0, 0.5), lines_through(np.random.default_rng(4), 100)
+    samples = 32 if not options else 256
+    together = radiance(scene, *lines, WAVELENGTHS, solver="path", samples=samples, seed=1, **options)
+    for i, wavelength in enumerate(WAVELENGTHS):
+        alone = radiance(scene, *lines, (wavelength,), solver="path", samples=samples, seed=2 + i, **options)
+        a, b = together.radiance[:, i].mean(), alone.radiance[:, 0].mean()
+        errors = [np.sqrt((e**2).sum()) / 100 for e in (together.standard_error[:, i], alone.standard_error[:, 0])]
+        print(
+            f"{options} {wavelength:g} nm: together {a:.4e} ({errors[0] / a:.2%}), alone {b:.4e} ({errors[1] / b:.2%})"
+        )
+        assert errors[0] < 0.05 * a
+        assert_agrees(a, b, np.hypot(*errors), freedom=np.inf)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"transmittance": "ratio"}, {"sampling": "free-flight"}, {"sampling": "delta"}]
+)
+def test_same_seed_same_bits(options: dict[str, Any]) -> None:
+    scene, lines = mixture(1.0), lines_through(np.random.default_rng(5), 40)
+
+    def run(seed: int, threads: int) -> Answer:
+        return radiance(
+            scene, *lines, WAVELENGTHS, solver="path", samples=16, seed=seed, threads=threads, orders=3, **options
+        )
+
+    one, two, other = run(7, 1), run(7, 2), run(8, 2)
+    np.testing.assert_array_equal(one.radiance, two.radiance)
+    np.testing.assert_array_equal(one.standard_error, two.standard_error)
+    for name in one.layers:
+        np.testing.assert_array_equal(one.layers[name], two.layers[name])
+    assert np.any(one.radiance != other.radiance)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"sampling": "free-flight"}, {"sampling": "delta"}], ids=["forced", "flight", "delta"]
+)
+def test_error_bars_are_the_spread_over_seeds(options: dict[str, Any]) -> None:
+    """Variance over seeds against the mean squared error bar, over rays: their ratio is 1."""
+    scene, lines = shell(1.0, 0.5), lines_through(np.random.default_rng(6), 60)
+    seeds, samples = 24, 32 if not options else 128
+    runs = [
+        radiance(scene, *lines, (550.0,), solver="path", samples=samples, seed=50 + k, **options) for k in range(seeds)
+    ]
+    values = np.array([run.radiance[:, 0] for run in runs])
+    stated = np.array([run.standard_error[:, 0] for run in runs])
+    hit = np.all(values > 0, axis=0)
+    assert hit.sum() > 40
+    values, stated = values[:, hit], stated[:, hit]
+    weight = 1 / values.mean(axis=0) ** 2
+    ratio = np.sum(weight * values.var(axis=0, ddof=1)) / np.sum(weight * (stated**2).mean(axis=0))
+    print(f"{options}: variance over seeds / squared error bar {ratio:.3f}")
+    # 60 rays with 23 degrees of freedom each, the brightest of which count most: the ratio itself is uncertain by
+    # some 10 %.
+    assert 0.7 < ratio < 1.4

