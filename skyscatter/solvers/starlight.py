@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 #: Pixels around a star in which the light scattered once is averaged over the pixel, and rays along its sides.
 CLOSE, SUBPIXELS = 2.5, 8
+#: Pixel coordinates of a star, fractional (x, y) and whole (row, column), and its number.
+Place = tuple[float, float, int, int, int]
 #: Distance from a star [pixel] below which a ray is moved to its side.
 LEAST_OFFSET = 0.2
 
@@ -87,20 +89,20 @@ def beside_stars(scene: SpaceScene, camera: Any, grid: Array) -> Array:
     A ray through the star itself sees the dust in front of its surface, millions of times brighter than the pixel.
     """
     moved = grid.copy()
-    for x, y, row, column in _star_pixels(scene, camera):
+    for x, y, row, column, _ in _star_pixels(scene, camera):
         if 0 <= row < camera.height and 0 <= column < camera.width and np.hypot(x - column, y - row) < LEAST_OFFSET:
             moved[row, column] = _towards(camera, scene, np.array(y), np.array(x + LEAST_OFFSET))
     return moved
 
 
-def _star_pixels(scene: SpaceScene, camera: Any) -> list[tuple[float, float, int, int]]:
-    """Pixel coordinates of the stars that the camera sees, fractional and whole."""
+def _star_pixels(scene: SpaceScene, camera: Any) -> list[Place]:
+    """Pixel coordinates of the stars that the camera sees, fractional and whole, and their numbers."""
     found = []
-    for star in scene.stars:
+    for number, star in enumerate(scene.stars):
         offset = np.asarray(star.position) - scene.view.position
         x, y = (float(v[0]) for v in camera.pixel(offset[None, :] / np.linalg.norm(offset), scene.view))
         if np.isfinite(x):
-            found.append((x, y, round(y), round(x)))
+            found.append((x, y, round(y), round(x), number))
     return found
 
 
@@ -135,16 +137,29 @@ def close_correction(
     j, i = np.nonzero(near)
     inner = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     down, across = np.broadcast_arrays(j[:, None, None] + inner[:, None], i[:, None, None] + inner)
+    across = _off_stars(across, down, places)
     directions = np.concatenate([_towards(camera, scene, down, across).reshape(-1, 3), grid[near]])
     origins = np.tile(scene.view.position, (len(directions), 1))
     table = compile_volume(scene, tuple(float(w) for w in wl))
+    # Only light that is scattered next to the star rises towards it; around one in a cavity it is smooth.
+    lit = np.array([any(field.density(star.position) > 0 for field in scene.medium.fields) for star in scene.stars])
     light = single_parts(table, Rays(origins, directions, np.arange(len(directions))), tolerance)[0]
-    parts = light[: -len(j)].reshape(*down.shape, wl.size) * _singular_mean(across, down, places)[..., None]
+    parts = light[: -len(j)].reshape(*down.shape, wl.size) * _singular_mean(across, down, places, lit)[..., None]
     return near, parts.mean(axis=(1, 2)) - light[-len(j) :]
 
 
-def _singular_mean(x: Array, y: Array, places: list[tuple[float, float, int, int]]) -> Array:
-    """Distance of (x, y) from the nearest star times the mean of 1 / distance over the part of a pixel around it."""
+def _off_stars(x: Array, y: Array, places: list[Place]) -> Array:
+    """The coordinates x of parts of pixels, those that meet a star moved by a tenth of a part."""
+    for star_x, star_y, *_ in places:
+        x = np.where(np.hypot(x - star_x, y - star_y) < 0.1 / SUBPIXELS, star_x + 0.1 / SUBPIXELS, x)
+    return x
+
+
+def _singular_mean(x: Array, y: Array, places: list[Place], lit: NDArray[np.bool_]) -> Array:
+    """Distance of (x, y) from the nearest star times the mean of 1 / distance over the part of a pixel around it.
+
+    1 where the nearest star does not stand in the dust.
+    """
     stars = np.array([place[:2] for place in places])
     nearest = np.argmin((x[..., None] - stars[:, 0]) ** 2 + (y[..., None] - stars[:, 1]) ** 2, axis=-1)
     a, b, half = x - stars[nearest, 0], y - stars[nearest, 1], 0.5 / SUBPIXELS
@@ -155,7 +170,7 @@ def _singular_mean(x: Array, y: Array, places: list[tuple[float, float, int, int
         return u * np.arcsinh(v / np.maximum(np.abs(u), tiny)) + v * np.arcsinh(u / np.maximum(np.abs(v), tiny))
 
     whole = sum(su * sv * corner(a + su * half, b + sv * half) for su in (-1, 1) for sv in (-1, 1))
-    return np.asarray(np.hypot(a, b) * whole / (2 * half) ** 2)
+    return np.where(lit[[place[4] for place in places]][nearest], np.hypot(a, b) * whole / (2 * half) ** 2, 1.0)
 
 
 def _towards(camera: Any, scene: SpaceScene, rows: Any, columns: Any) -> Array:

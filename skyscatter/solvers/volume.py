@@ -14,13 +14,13 @@ from skyscatter.solvers.modes import MOMENTS, slowest_mode
 if TYPE_CHECKING:
     from skyscatter.lights import PointStar
     from skyscatter.solvers.kernels.space import SpaceTable
-    from skyscatter.solvers.kernels.volume import VolumeTable
+    from skyscatter.solvers.kernels.volume import MeanPhase, VolumeTable
     from skyscatter.space import SpaceScene
 
 Array = NDArray[np.float64]
 
 #: Nodes of the guide along the longest side of the medium.
-GUIDE_NODES = 25
+GUIDE_NODES = 33
 #: Angles from a star at which the light around it is tabulated.
 ANGLES = 129
 
@@ -48,6 +48,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         for star in scene.stars
     ]
     lights += [(light.towards, True, 0.0, light.spectral_irradiance(wl)) for light in scene.parallel]
+    power = np.array([power for *_, power in lights], float).reshape(-1, wl.size)
     background = scene.background_radiance(wl)
     decay, shape, around = _modes(sigma_s, sigma_t, phase)
     table = VolumeTable(
@@ -57,10 +58,12 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         emission=emission,
         phase=phase,
         phase_cdf=cdf,
+        mean=_mean_phase(sigma_s, phase),
         place=np.array([place for place, *_ in lights], float).reshape(-1, 3),
         distant=np.array([distant for _, distant, *_ in lights], bool),
         size=np.array([size for *_, size, _ in lights], float),
-        power=np.array([power for *_, power in lights], float).reshape(-1, wl.size),
+        power=power,
+        share=(power / np.maximum(power.sum(axis=0), 1e-300)).mean(axis=1),
         background=background,
         emits=bool(np.any(emission)),
         glows=bool(np.any(emission) or np.any(background)),
@@ -86,6 +89,18 @@ def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
     return np.where(np.any(sigma_t > 0, axis=1)[component], space.method, TRANSPARENT)
 
 
+def _mean_phase(sigma_s: Array, phase: Array) -> MeanPhase:
+    """Scattering and phase functions averaged over the wavelengths, these by the light scattered."""
+    from skyscatter.solvers.kernels.volume import MeanPhase
+
+    mean = sigma_s.mean(axis=1)
+    share = np.where(mean[:, None] > 0, sigma_s, 1.0)
+    values = np.einsum("cw,caw->ca", share / share.sum(axis=1, keepdims=True), phase)
+    steps = 0.5 * (values[:, 1:] + values[:, :-1]) * -np.diff(phase_cosines())
+    cdf = np.concatenate([np.zeros((len(mean), 1)), np.cumsum(steps, axis=1)], axis=1)
+    return MeanPhase(mean[:, None], values[:, :, None].copy(), (cdf / cdf[:, -1:])[:, None, :].copy())
+
+
 def _intensity(star: PointStar, wl: Array, distance: float) -> Array:
     """Radiant intensity of a star [W sr-1 nm-1]."""
     return star.spectral_luminosity(wl, distance) / (4 * np.pi)
@@ -108,6 +123,8 @@ def _around(mean: Array) -> Array:
     # Sums from pi down, on the tables' own angles.
     nodes = np.arccos(phase_cosines())
     steps = 0.5 * (mean[1:] + mean[:-1]) * np.diff(nodes)
+    if not steps.sum() > 0:  # nothing scatters
+        return np.full(ANGLES, 1 / np.pi)
     beyond = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
     values = np.interp(theta, nodes, beyond)
     values = np.maximum(values, 1e-2 * values.mean())
@@ -117,7 +134,7 @@ def _around(mean: Array) -> Array:
 def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array, Array]:
     """Exponents (wavelength,) of light in the depths of the medium, its shape, and that of light around near stars.
 
-    For all components equally dense; the shapes are those of the middle wavelength.
+    For all components equally dense; the shape is that of the middle wavelength, the last for the mean of all.
     """
     mu = phase_cosines()
     share = sigma_s / np.maximum(sigma_s.sum(axis=0), 1e-300)
@@ -127,7 +144,7 @@ def _modes(sigma_s: Array, sigma_t: Array, phase: Array) -> tuple[Array, Array, 
     moments = -2 * np.pi * np.trapezoid(mean[:, :, None] * polynomials, mu, axis=1)
     moments[moments[:, 0] <= 0, 0] = 1.0  # nothing scatters
     modes = [slowest_mode(float(o), m / m[0]) for o, m in zip(omega, moments, strict=True)]
-    return np.array([kappa for kappa, _ in modes]), modes[len(modes) // 2][1], _around(mean[len(modes) // 2])
+    return np.array([kappa for kappa, _ in modes]), modes[len(modes) // 2][1], _around(mean.mean(axis=0))
 
 
 def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:

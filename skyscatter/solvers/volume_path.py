@@ -97,7 +97,9 @@ def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
             by_order[:, :1] -= scattered[:, None]
     layers = {}
     if options.parts:
-        layers = {"direct": direct, "scattered": scattered, "multiple": mean}
+        # Plain walks do not tell the first order from the others.
+        plain = options.sampling in ("free-flight", "delta")
+        layers = {"direct": direct, "multiple": mean} | ({} if plain else {"scattered": scattered})
     if options.orders:
         by_order[:, 0] += scattered
         layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}

@@ -1,4 +1,8 @@
-"""Solver ``single`` for media of three dimensions: light that is scattered at most once, by adaptive quadrature."""
+"""Solver ``single`` for media of three dimensions: light of stars scattered once, by adaptive quadrature.
+
+Light from outside and the medium's own are seen through what lies before them, and not scattered: that too is left to
+``path``.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +42,10 @@ def prepare(
 
 def without_lights(table: VolumeTable) -> VolumeTable:
     """The same tables in the dark: what shines by itself and from outside remains."""
-    return table._replace(place=table.place[:0], distant=table.distant[:0], size=table.size[:0], power=table.power[:0])
+    return table._replace(
+        place=table.place[:0], distant=table.distant[:0], size=table.size[:0], power=table.power[:0],
+        share=table.share[:0],
+    )  # fmt: skip
 
 
 def single_parts(table: VolumeTable, rays: Rays, tolerance: float) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from skyscatter.solvers.kernels.volume import make_volume_work
 from skyscatter.solvers.transmittance import cheapest, has_cheap_columns
 from skyscatter.solvers.volume import compile_volume
 from skyscatter.space import SpaceScene, View
+from skyscatter.spectra.table import SpectralTable
 
 ONE = (550.0,)
 RAY = ([[0.3, 0.2, 10.0]], [[0.0, 0.0, -1.0]])
@@ -147,3 +148,14 @@ def test_optical_depths_by_component() -> None:
         scene.model_copy(update={"medium": Medium(components=(air,))}), [0, 0, -5.0], [0, 0, 5.0], [400.0, 700.0]
     )
     assert blue / red == pytest.approx((700 / 400) ** 4)
+
+
+def test_a_middle_wavelength_at_which_nothing_scatters_hides_nothing() -> None:
+    # Directions and strata are chosen for all wavelengths together; once they asked the middle one alone.
+    table = SpectralTable(wavelengths=(500, 549, 550, 551, 600), values=(0.9, 0.9, 0.0, 0.9, 0.9))
+    scene = dusty_sphere(2.0, table, 0.3)
+    three = skyscatter.radiance(scene, *RAY, [500.0, 550.0, 600.0], solver="path", samples=1024)
+    two = skyscatter.radiance(scene, *RAY, [500.0, 600.0], solver="path", samples=1024, seed=1)
+    assert three.radiance[0, 1] == 0
+    error = np.hypot(three.standard_error[0, ::2], two.standard_error[0])
+    assert np.all(np.abs(three.radiance[0, ::2] - two.radiance[0]) < 4 * error)

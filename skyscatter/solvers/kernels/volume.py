@@ -20,6 +20,17 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 from skyscatter.solvers.kernels.optics import transmittance
 from skyscatter.solvers.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
 
+#: Share of the guess of direct light that mistrusts the depths of the guide's table.
+CAREFUL_SHARE = 0.1
+
+
+class MeanPhase(NamedTuple):
+    """Scattering averaged over the wavelengths, as tables of one: directions are drawn by it, whatever the hero."""
+
+    sigma_s: np.ndarray  #: (component, 1) mean scattering per unit density [m-1]
+    phase: np.ndarray  #: (component, angle, 1) phase function of the scattered light of all wavelengths [sr-1]
+    phase_cdf: np.ndarray  #: (component, 1, angle) its distribution function
+
 
 class VolumeTable(NamedTuple):
     """Everything about a scene; components in the order of the fields, the wavelength always last."""
@@ -30,17 +41,19 @@ class VolumeTable(NamedTuple):
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
     phase: np.ndarray  #: (component, angle, wavelength) [sr-1], at cos_theta = 1 - 2 (k / n)^2
     phase_cdf: np.ndarray  #: (component, wavelength, angle) probability of an angle nearer to forward
+    mean: MeanPhase
     place: np.ndarray  #: (light, 3) position [m], or direction to a distant light
     distant: np.ndarray  #: (light,) bool
     size: np.ndarray  #: (light,) distance [m] below which the light does not grow any more: the star's radius
     power: np.ndarray  #: (light, wavelength) radiant intensity [W sr-1 nm-1], or irradiance of a distant light
+    share: np.ndarray  #: (light,) share of the lights' power, averaged over wavelengths: whose light the walks look for
     background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
     emits: bool  #: whether any component shines by itself
     glows: bool  #: whether there is light other than the lights': emission or background
     decay: np.ndarray  #: (wavelength,) exponent with which light in the depths falls per optical depth
     shape: np.ndarray  #: (cosine,) density of directions in the depths [sr-1], from -1 to +1, towards the light
     shape_cdf: np.ndarray  #: (cosine,) its distribution function over the cosine
-    around: np.ndarray  #: (angle,) density of the angle from a near star in which light comes [rad-1], from 0 to pi
+    around: np.ndarray  #: (angle,) density of the angle from a near star in which light comes [rad-1], 0 to pi
     around_cdf: np.ndarray  #: (angle,) its distribution function
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
@@ -173,8 +186,11 @@ def guess_light(v, x, y, z, work, direct, diffuse):
                 work.spare[i] += work.to_light[c] * v.sigma_t[c, i]
         for i in range(direct.size):
             tau = work.spare[i]
-            direct[i] += v.power[k, i] * fall * fast_exp(-tau)
-            diffuse[i] += v.power[k, i] * fall * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
+            light = v.power[k, i] * fall
+            # The table is coarse and knows no edges of shadows: part of the guess trusts only a quarter of its depths.
+            careful = fast_exp(-0.25 * tau)
+            direct[i] += light * (careful**4 + CAREFUL_SHARE * careful)
+            diffuse[i] += light * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
 
 
 @entry

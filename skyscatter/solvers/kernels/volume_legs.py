@@ -51,7 +51,6 @@ def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg
 def main_light(v, x, d, start, end):
     """The point light that should shine brightest on a line, and the distance at which the line is nearest to it."""
     best, chosen, place, apart = 0.0, -1, 0.0, 0.0
-    middle = v.power.shape[1] // 2
     for k in range(v.power.shape[0]):
         if v.distant[k]:
             continue
@@ -60,7 +59,7 @@ def main_light(v, x, d, start, end):
         a, b, c = a - near * d[0], b - near * d[1], c - near * d[2]
         q = math.sqrt(a * a + b * b + c * c)
         # Irradiance integrated along a line goes as 1 / distance.
-        bright = v.power[k, middle] / max(q, v.size[k], 1e-9 * (end - start))
+        bright = v.share[k] / max(q, v.size[k], 1e-9 * (end - start))
         if bright > best:
             best, chosen, place, apart = bright, k, a * d[0] + b * d[1] + c * d[2] + near, q
     return chosen, place, max(apart, 1e-6 * (end - start))

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import phase_at, sample_cosine
 from skyscatter.solvers.kernels.path import turn
@@ -38,7 +40,7 @@ def face_lights(v, x, work, lights):
             continue
         guide_columns(v, k, x[0], x[1], x[2], d, work.to_light)
         tau = depth_at(v, work.to_light, middle)
-        lights[k, 3] = v.power[k, middle] * fall * (0.1 + tau) * math.exp(-v.decay[middle] * tau)
+        lights[k, 3] = v.share[k] * fall * (0.1 + tau) * math.exp(-v.decay[middle] * tau)
         total += lights[k, 3]
         depth += lights[k, 3] * tau
     if not total > 0.0:
@@ -106,17 +108,17 @@ def draw_by_law(v, d, u, w, lights, around, deep, state):
 
 
 @inlined
-def mean_phase(v, i, cosine, density):
-    """Phase function [sr-1] of the mixture at wavelength number i."""
+def mean_phase(v, cosine, density):
+    """Phase function [sr-1] of the mixture for the light of all wavelengths; `v` is a `MeanPhase`."""
     last = v.phase.shape[1] - 1
     k = min(int(math.sqrt(max(0.5 * (1.0 - cosine), 0.0)) * last), last - 1)
     scale = 2.0 / (last * last)
     w = min(max((1.0 - scale * k * k - cosine) / (scale * (2 * k + 1)), 0.0), 1.0)
     scattering, towards = 0.0, 0.0
     for c in range(density.size):
-        s = density[c] * v.sigma_s[c, i]
+        s = density[c] * v.sigma_s[c, 0]
         scattering += s
-        towards += s * (v.phase[c, k, i] + w * (v.phase[c, k + 1, i] - v.phase[c, k, i]))
+        towards += s * (v.phase[c, k, 0] + w * (v.phase[c, k + 1, 0] - v.phase[c, k, 0]))
     return towards / max(scattering, 1e-300)
 
 
@@ -129,7 +131,6 @@ def turn_at_vertex(v, u, w, work, lights, walk):
     Egbert 2005, Eurographics Symposium on Rendering).  The draw is the same for every hero, so chances stay.
     """
     x, d = walk.position, walk.direction
-    middle = walk.value.size // 2
     space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
     old_x, old_y, old_z = d[0], d[1], d[2]
     depth = face_lights(v, x, work, lights)
@@ -146,9 +147,9 @@ def turn_at_vertex(v, u, w, work, lights, walk):
             draw_by_law(v, d, 2.0 * z, uniform(walk.state), lights, around, deep, walk.state)
         else:
             d[0], d[1], d[2] = old_x, old_y, old_z
-            if not draw_by_phase(v, middle, 2.0 * z - 1.0, uniform(walk.state), work, walk):
+            if not draw_by_phase(v.mean, np.int64(0), 2.0 * z - 1.0, uniform(walk.state), work, walk):
                 return False
-        phase = mean_phase(v, middle, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
+        phase = mean_phase(v.mean, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
         law = direction_law(v, d, lights, around, deep)
         weight = phase * law / (0.5 * (phase + law))
         total += weight
@@ -174,7 +175,10 @@ def turn_at_vertex(v, u, w, work, lights, walk):
 
 @kernel
 def draw_by_phase(v, hero, u, w, work, walk):
-    """Direction by the phase function of a component that the hero is scattered by; False if there is none."""
+    """Direction by the phase function of a component that the hero is scattered by; False if there is none.
+
+    `v` is a `VolumeTable`, or with hero 0 its `MeanPhase`.
+    """
     total = 0.0
     for c in range(work.density.size):
         total += work.density[c] * v.sigma_s[c, hero]

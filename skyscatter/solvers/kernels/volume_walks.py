@@ -10,9 +10,8 @@ stratum would hand on.  From these chances come
   rises towards the stars, flights in their direction are stretched and others shortened: the bias towards the source
   that optically deep media need (exponential transform; Dwivedi 1982, Ann. Nucl. Energy 9, 359).
 
-Within a stratum the point is drawn from the exponential that joins the values at both edges.  Directions come from the
-phase function, uniformly in the angle from a star (which takes away the last singularity of the light near stars), and
-for deep vertices by Dwivedi's law 1 / (nu_0 - mu); the density of a direction is the sum of all three.
+Within a stratum the point is drawn from the exponential that joins the values at both edges.  Directions are kept from
+a few candidates by phase function times a guess of the light that comes from there (`kernels.volume_turns`).
 
 One wavelength, the hero, drives the draws and all of them count by the balance heuristic, as in `kernels.path`: there
 and here F is the walk's value, P its chance under each hero, both divided by the mean chance.
@@ -49,6 +48,8 @@ CAMERA_STRATA, LEG_STRATA = 32, 8
 LIT_POINTS = 2
 #: Exponent of the light in the depths below which flights are exact.
 SLOW = 0.4
+#: Walks of each batch before the noise is judged first, and before a ray may count as dark.
+FIRST_WALKS, SURE_WALKS = 4, 32
 #: Roulette begins where a walk promises less than this share of what it did at its first vertex.
 ROULETTE_LEVEL = 0.3
 
@@ -219,6 +220,16 @@ def volume_wander(
             return
 
 
+@inlined
+def seen_everywhere(mean, camera):
+    """Whether the walks have found light at every wavelength that is scattered along the camera's ray."""
+    dark = 0
+    for i in range(mean.size):
+        if mean[i] == 0.0 and camera.total[1, i] > 0.0:
+            dark += 1
+    return dark == 0
+
+
 @entry
 def volume_path_rays(
     v, origins, directions, ids, base, walked, seed, samples, noise, max_order, s, mean, error, by_order, apart, used
@@ -252,7 +263,7 @@ def volume_path_rays(
     """
     batches = s.sums.shape[0]
     walk = s.walk
-    first_goal = samples // batches if noise <= 0.0 else 1
+    first_goal = samples // batches if noise <= 0.0 else min(FIRST_WALKS, samples // batches)
     for ray in range(origins.shape[0]):
         o, d = origins[ray], directions[ray]
         used[ray] = 0
@@ -275,7 +286,7 @@ def volume_path_rays(
                 s.shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
             for i in range(mean.shape[1]):
                 s.sums[b, i] = 0.0
-        done, goal = 0, first_goal
+        done, goal, quiet = 0, first_goal, False
         while True:
             for b in range(batches):
                 for n in range(done, goal):
@@ -287,7 +298,11 @@ def volume_path_rays(
                     )  # fmt: skip
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])
-            if done >= samples // batches or relative_noise(error[ray], mean[ray], base[ray]) <= noise:
+            # Few walks may agree by chance, and nothing found is no sign of darkness: quiet twice, and not too early.
+            before = quiet
+            quiet = relative_noise(error[ray], mean[ray], base[ray]) <= noise
+            sure = done >= SURE_WALKS or seen_everywhere(mean[ray], s.camera)
+            if done >= samples // batches or (quiet and before and sure):
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
