@@ -20,9 +20,6 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 from skyscatter.solvers.kernels.optics import transmittance
 from skyscatter.solvers.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
 
-#: Share of the guess of direct light that mistrusts the depths of the guide's table.
-CAREFUL_SHARE = 0.1
-
 
 class MeanPhase(NamedTuple):
     """Scattering averaged over the wavelengths, as tables of one: directions are drawn by it, whatever the hero."""
@@ -187,9 +184,7 @@ def guess_light(v, x, y, z, work, direct, diffuse):
         for i in range(direct.size):
             tau = work.spare[i]
             light = v.power[k, i] * fall
-            # The table is coarse and knows no edges of shadows: part of the guess trusts only a quarter of its depths.
-            careful = fast_exp(-0.25 * tau)
-            direct[i] += light * (careful**4 + CAREFUL_SHARE * careful)
+            direct[i] += light * fast_exp(-tau)
             diffuse[i] += light * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
 
 

@@ -21,6 +21,8 @@ DEEP = 4.0
 #: Shares of the guess of directions by the light of a near star and by the slowest mode: near a star, and where it is
 #: deep.  The rest is isotropic.
 NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
+#: The same shares for stars outside the medium, where no ray comes near them.
+OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
 
@@ -48,6 +50,17 @@ def face_lights(v, x, work, lights):
     for k in range(lights.shape[0]):
         lights[k, 3] /= total
     return depth / total
+
+
+@inlined
+def share_inside(v, lights):
+    """Share of the light that comes from stars inside the medium's box."""
+    inside = 0.0
+    for k in range(lights.shape[0]):
+        p, low, high = v.place[k], v.space.low, v.space.high
+        if low[0] < p[0] < high[0] and low[1] < p[1] < high[1] and low[2] < p[2] < high[2]:
+            inside += lights[k, 3]
+    return inside
 
 
 @inlined
@@ -137,8 +150,13 @@ def turn_at_vertex(v, u, w, work, lights, walk):
     share = min(max(depth, 0.0) / DEEP, 1.0)
     around, deep = 0.0, 0.0
     if depth >= 0.0:
-        around = NEAR_SHARES[0] + share * (DEEP_SHARES[0] - NEAR_SHARES[0])
-        deep = NEAR_SHARES[1] + share * (DEEP_SHARES[1] - NEAR_SHARES[1])
+        inside = share_inside(v, lights)
+        near = OUTSIDE_NEAR_SHARES[0] + inside * (NEAR_SHARES[0] - OUTSIDE_NEAR_SHARES[0])
+        far = OUTSIDE_DEEP_SHARES[0] + inside * (DEEP_SHARES[0] - OUTSIDE_DEEP_SHARES[0])
+        around = near + share * (far - near)
+        near = OUTSIDE_NEAR_SHARES[1] + inside * (NEAR_SHARES[1] - OUTSIDE_NEAR_SHARES[1])
+        far = OUTSIDE_DEEP_SHARES[1] + inside * (DEEP_SHARES[1] - OUTSIDE_DEEP_SHARES[1])
+        deep = near + share * (far - near)
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
