@@ -2,7 +2,7 @@
 
 `continental`, `maritime` and `urban` are the mixtures of the World Meteorological Organization (WCP-112, 1986): four
 basic components by volume, which is how the 6S code has them (Vermote et al. 1997, IEEE Trans. Geosci. Remote Sensing
-35, 675).  Sizes and refractive indices of the components are those of d'Almeida, Koepke & Shettle 1991, as 6SV 1.1 uses:
+35, 675).  Sizes and refractive indices of the components are those of d'Almeida, Koepke & Shettle 1991, as in 6SV 1.1:
 with them Mie theory reproduces that code's cross sections to 0.2 %.  `desert` and `biomass-burning` are two modes each
 after the climatology of Dubovik et al. 2002 (J. Atmos. Sci. 59, 590, table 1), recalled; that the albedos which follow
 agree with those of the table is a test.

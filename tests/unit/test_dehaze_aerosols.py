@@ -119,6 +119,7 @@ def test_wavelengths_are_computed_once() -> None:
     """Another optical depth, or wavelengths between those that are known, cost no Mie theory."""
     wl = np.linspace(440.0, 900.0, 12)
     for component in aerosol_components("continental", 0.2):
+        assert isinstance(component.optics, MieAerosol)
         component.optics.optical_properties(wl)
     before = _node.cache_info().misses
     for component in aerosol_components("continental", 0.7):
