@@ -9,22 +9,23 @@ crossed about half of it, for which there is `GasTransmittance.water_half` (as 6
 Geosci. Remote Sensing 35, 675).
 
 Each factor is the mean over response times solar irradiance, taken one after the other, so that their product is the
-mean of the product.  Ozone and NO2 come from their cross sections; water vapour and the mixed gases from a band model in
-intervals of 10 cm-1 (data/gas_bands.csv, fitted to 6SV 1.1) with the law of Malkmus (1967, J. Opt. Soc. Am. 57, 323),
+mean of the product.  Ozone and NO2 come from their cross sections; water vapour and the mixed gases from a band model
+in intervals of 10 cm-1 (data/gas_bands.csv, fitted to 6SV 1.1) with the law of Malkmus (1967, J. Opt. Soc. Am. 57,
+323),
 
     -ln T = (2 k / c) (sqrt(1 + c x) - 1),    x the amount along the way.
 
-Against runs of 6SV 1.1 with Sentinel-2A's own responses (water vapour 1.4 and 4 g cm-2, Sun at 30 and 60 degrees) water
-vapour and mixed gases are within 0.002 in all window bands; in B08 the shape instead of the response adds up to 0.010;
-B09 is off by 0.008 of 0.1 to 0.3.  Ozone departs from 6S on purpose: its Chappuis band is that of Brion et al. 1998, 8 %
-deeper at 560 nm (0.006 to 0.008 in B03) and not cut off beyond 750 nm (0.005 in B07).
+Against runs of 6SV 1.1 with Sentinel-2A's own responses (water vapour 1.4 and 4 g cm-2, Sun at 30 and 60 degrees)
+water vapour and mixed gases are within 0.002 in all window bands; in B08 the shape instead of the response adds up to
+0.010; B09 is off by 0.008 of 0.1 to 0.3.  Ozone departs from 6S on purpose: its Chappuis band is that of Brion et al.
+1998, 8 % deeper at 560 nm (0.006 to 0.008 in B03) and not cut off beyond 750 nm (0.005 in B07).
 
-What that is worth: the lines behind the band model date from the 1980s, the mixing ratio of CO2 too (0.003 in the bands
-at 1.6 um), and a water column is seldom known to better than 10 %, which is 0.004 in B08.  Pressure scales the amount
-of the mixed gases, not the width of their lines.  Within strong bands the ground is nearly out of sight: of the light at
-945 nm a third remains, and a tenth more or less water changes it by 7 %; such a band measures the water rather than the
-ground.  At 1375 nm less than a percent remains: a cirrus band sees what floats above the vapour, and no ground
-reflectance can be had from it.
+What that is worth: the lines behind the band model date from the 1980s, the mixing ratio of CO2 too (0.003 in the
+bands at 1.6 um), and a water column is seldom known to better than 10 %, which is 0.003 to 0.005 in B08.  Pressure
+scales the amount of the mixed gases, not the width of their lines.  Within strong bands the ground is nearly out of
+sight: of the light at 945 nm a third remains, and a tenth more water takes 6 % of that; such a band measures the
+water rather than the ground.  At 1375 nm less than a percent remains: a cirrus band sees what floats above the
+vapour, and no ground reflectance can be had from it.
 """
 
 from __future__ import annotations
