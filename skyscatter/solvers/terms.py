@@ -11,7 +11,7 @@ S from one in which the ground alone shines.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +54,10 @@ class CorrectionTerms:
         Vacuum wavelengths [nm].
     sun_elevations_deg, tolerance, stokes, threads
         As for `skyscatter.solve`.
+    degree : int, optional
+        Degree to which phase functions are kept.  Where many atmospheres are to be compared, the same for all.
+    orders_tolerance : float, optional
+        Relative accuracy of the sums over the orders of scattering, where it is to be finer than that of the grid.
     """
 
     def __init__(
@@ -64,6 +68,8 @@ class CorrectionTerms:
         sun_elevations_deg: tuple[float, float] = (0.0, 90.0),
         tolerance: float = DEFAULT_TOLERANCE,
         stokes: bool = False,
+        degree: int | None = None,
+        orders_tolerance: float | None = None,
         threads: int | None = None,
     ) -> None:
         self.wavelengths = check_wavelengths(wavelengths)
@@ -72,10 +78,11 @@ class CorrectionTerms:
         dark = self.scene.model_copy(
             update={"star": scene.star.model_copy(update={"spectrum": 0.0}), "background": 0.0}
         )
-        common = (min(tolerance, LOOSEST), stokes, None, worker_count(threads))
+        common: Any = {"degree": degree, "orders_tolerance": orders_tolerance}
+        usual = (min(tolerance, LOOSEST), stokes, None, worker_count(threads))
         #: Sunlight over a black ground, and the light of a ground that shines by itself.
-        self.black: Solution = solve_once(self.scene, self.wavelengths, self.zenith, *common)
-        self.shining: Solution = solve_once(dark, self.wavelengths, (0.5, 0.5), *common, ground_radiance=1.0)
+        self.black: Solution = solve_once(self.scene, self.wavelengths, self.zenith, *usual, **common)
+        self.shining: Solution = solve_once(dark, self.wavelengths, (0.5, 0.5), *usual, ground_radiance=1.0, **common)
 
     def at(
         self,
