@@ -297,14 +297,16 @@ class _Builder:
 
     def refine_depths(self, table: dict[float, Array]) -> None:
         """More optical depths, where polynomials of all and of fewer nodes differ most, until one is met."""
-        found = np.inf
-        while found > self.tolerance / 2 and len(table) < MOST_SOLUTIONS:
+        found, last = np.inf, False
+        while not last and len(table) < MOST_SOLUTIONS:
             depths = np.array(sorted(table))
             values = np.stack([table[d] for d in depths])
-            probe = self.doubtful(depths, values)
+            # The last look is at thick haze, where the solutions themselves are least smooth.
+            last = found < self.tolerance / 2
+            probe = 0.5 * float(depths[-1] + depths[-2]) if last else self.doubtful(depths, values)
             guess = np.tensordot(depth_weights(depths, probe), values, (0, 0))
             table[probe] = self.terms(probe)
-            found = difference(guess, table[probe])
+            found = max(difference(guess, table[probe]), found if last else 0.0)
         self.error += found
 
     @staticmethod

@@ -11,7 +11,7 @@ S from one in which the ground alone shines.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,10 @@ from skyscatter.solvers.field import DEFAULT_TOLERANCE, LOOSEST, Solution, check
 from skyscatter.solvers.fluxes import fluxes
 from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import view
+
+
+#: Share of the tolerance for the solution in which the ground shines.
+SHINING_SHARE = 0.4
 
 
 class Terms(NamedTuple):
@@ -78,11 +82,17 @@ class CorrectionTerms:
         dark = self.scene.model_copy(
             update={"star": scene.star.model_copy(update={"spectrum": 0.0}), "background": 0.0}
         )
-        common: Any = {"degree": degree, "orders_tolerance": orders_tolerance}
-        usual = (min(tolerance, LOOSEST), stokes, None, worker_count(threads))
-        #: Sunlight over a black ground, and the light of a ground that shines by itself.
-        self.black: Solution = solve_once(self.scene, self.wavelengths, self.zenith, *usual, **common)
-        self.shining: Solution = solve_once(dark, self.wavelengths, (0.5, 0.5), *usual, ground_radiance=1.0, **common)
+        tolerance, workers = min(tolerance, LOOSEST), worker_count(threads)
+        #: Sunlight over a black ground.
+        self.black: Solution = solve_once(
+            self.scene, self.wavelengths, self.zenith, tolerance, stokes, None, workers,
+            degree=degree, orders_tolerance=orders_tolerance,
+        )  # fmt: skip
+        #: The light of a ground that shines by itself: one Sun position stands for all, so a finer grid costs little.
+        self.shining: Solution = solve_once(
+            dark, self.wavelengths, (0.5, 0.5), SHINING_SHARE * tolerance, stokes, None, workers, ground_radiance=1.0,
+            degree=self.black.problem.diffuse.greek.shape[2] - 1, orders_tolerance=orders_tolerance or tolerance,
+        )  # fmt: skip
 
     def at(
         self,
