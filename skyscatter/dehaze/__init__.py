@@ -1,0 +1,1 @@
+"""Dehazing of satellite images: the physics of the sky run backwards."""
