@@ -145,7 +145,7 @@ class DehazeOptions(Record):
     ozone_du: _number("ozone_du", 0.0, 1000.0, " DU") = None  # type: ignore[valid-type]
     water_vapour_g_cm2: _number("water_vapour_g_cm2", 0.0, 10.0, " g cm-2") = None  # type: ignore[valid-type]
     adjacency: bool = True
-    strength: _number("strength", 0.0, 1.0) = 1.0  # type: ignore[valid-type]
+    strength: Annotated[float, _bounded("strength", 0.0, 1.0, "")] = 1.0
     alpha: _automatic("alpha", 0.0, 4.0) = "auto"  # type: ignore[valid-type]
     transfer: Literal["srgb", "linear", "gamma"] = "srgb"
     window: int | None = Field(None, ge=16, le=65536)

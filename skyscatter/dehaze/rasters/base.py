@@ -213,7 +213,8 @@ class RasterSource(ABC):
         return places["red"], places["green"], places["blue"]
 
     def close(self) -> None:
-        """Close the files."""
+        """Close the files, if there are any."""
+        return
 
     def __enter__(self) -> Self:
         return self
