@@ -175,7 +175,7 @@ class RasterSource(ABC):
     @abstractmethod
     def thumbnail(
         self, size: int, bands: Sequence[int | str] | None = None
-    ) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    ) -> tuple[NDArray[np.float32], tuple[float, float]]:
         """The image from every n-th pixel or coarser tables of the file, at most `size` pixels on a side.
 
         Returns

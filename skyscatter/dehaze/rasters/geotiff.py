@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.dehaze.options import SourceOptions
-from skyscatter.dehaze.rasters.base import RasterBand, RasterProfile, RasterSource, Window, calibrate
+from skyscatter.dehaze.rasters.base import RasterProfile, RasterSource, Window, calibrate
 from skyscatter.dehaze.rasters.handles import DatasetPool, quiet
 from skyscatter.dehaze.rasters.names import LABELS, BandWords, choose_bands, describe_bands
 from skyscatter.dehaze.rasters.scaling import check_dtype, resolve_scaling
@@ -130,7 +130,7 @@ class GeoTiffSource(RasterSource):
 
     def thumbnail(
         self, size: int, bands: Sequence[int | str] | None = None
-    ) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    ) -> tuple[NDArray[np.float32], tuple[float, float]]:
         """A coarse version of the image; see `RasterSource`."""
         step = max(1.0, max(self.height, self.width) / size)
         shape = max(1, round(self.height / step)), max(1, round(self.width / step))
@@ -174,11 +174,12 @@ class GeoTiffSource(RasterSource):
         elif self._mask:
             valid = dataset.read_masks([self._places[0] + 1], window=ranges, out_shape=(1, *shape)) != 0
         if any(self._nodata[index] is not None for index in taken):
-            there = np.ones(numbers.shape, dtype=bool)
+            there: NDArray[np.bool_] = np.ones(numbers.shape, dtype=bool)
             for place, index in enumerate(taken):
                 if self._nodata[index] is not None:
                     np.not_equal(numbers[place], self._nodata[index], out=there[place])
-            there = there.any(axis=0, keepdims=True) if together else there
+            if together:
+                there = np.logical_or.reduce(there, axis=0, keepdims=True)
             valid = there if valid is None else there & valid
         return valid
 

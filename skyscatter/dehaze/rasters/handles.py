@@ -56,6 +56,14 @@ def first_line(error: BaseException) -> str:
     return " ".join(str(deepest).split()) or type(deepest).__name__
 
 
+def _said(error: BaseException, shown: str) -> str:
+    """What was said of a file, without its name again."""
+    text = first_line(error)
+    for name in (f"'{shown}'", shown):
+        text = text.removeprefix(name)
+    return text.lstrip(": ").rstrip(".")
+
+
 class DatasetPool:
     """A raster file that many threads may read; each has its own handle.
 
@@ -89,7 +97,7 @@ class DatasetPool:
                     dataset.transform  # noqa: B018 - warns here, if at all, and not in a thread later
             except rasterio.errors.RasterioError as error:
                 raise MissingDataError(
-                    self.shown, f"cannot be opened as a raster ({first_line(error)}); check that it is whole"
+                    self.shown, f"cannot be opened as a raster ({_said(error, self.shown)}); check that it is whole"
                 ) from error
             self._local.dataset = dataset
             with _OPENING:
@@ -103,7 +111,7 @@ class DatasetPool:
         try:
             yield self.handle()
         except rasterio.errors.RasterioError as error:
-            remedy = f"is damaged or cut short ({first_line(error)}); get the file again"
+            remedy = f"is damaged or cut short ({_said(error, self.shown)}); get the file again"
             raise MissingDataError(self.shown, remedy) from error
 
     def close(self) -> None:

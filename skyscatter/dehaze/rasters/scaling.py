@@ -87,7 +87,7 @@ def resolve_scaling(
         if not scaled and options.scale is None and not floating:
             raise _missing_scale(name, dtype, quantity)
         bands = tuple(_told(band, options) for band in bands)
-        notes = ()
+        notes: tuple[str, ...] = ()
         if not scaled and options.offset is None and not floating and quantity != "display":
             notes = (f"{name} has no offset and none was given: it is taken as 0",)
         return Scaling(quantity, bands, scaled, notes)
