@@ -166,15 +166,14 @@ class CogSink(RasterSink):
 
     def prepare(self) -> None:
         """Lay the file out as a COG under its temporary name."""
-        rasterio = require_rasterio()
-        import rasterio.shutil
+        from rasterio.shutil import copy
 
         try:
             with environment(), quiet():
                 self._dataset.update_tags(**self.tags)
                 self._dataset.close()
                 self._check_work()
-                rasterio.shutil.copy(self._work, self._file.path, driver="COG", **self._options)
+                copy(self._work, self._file.path, driver="COG", **self._options)
                 self._check_result()
             self._work.unlink()
         except Exception as error:
@@ -215,14 +214,20 @@ class CogSink(RasterSink):
             return error
         if isinstance(error, OSError) and error.errno is not None:
             return _explain(self._file.shown, error)
+        text = first_line(error)
+        if "No space left" in text or self._disk_is_full():
+            return _explain(self._file.shown, OSError(errno.ENOSPC, text))
+        # GDAL loses the reason, which hardly ever is another one.
+        return SkyscatterError(
+            f"{self._file.shown}: cannot be written: {text}; is the disk full? free some space or choose another disk"
+        )
+
+    def _disk_is_full(self) -> bool:
         try:
             free = os.statvfs(self._file.path.parent)
-            full = free.f_bavail * free.f_frsize < 1 << 20
-        except OSError:
-            full = False
-        text = first_line(error)
-        number = errno.ENOSPC if full or "No space left" in text else None
-        return _explain(self._file.shown, OSError(number, text) if number else OSError(text))
+        except (OSError, AttributeError):  # not on every system
+            return False
+        return free.f_bavail * free.f_frsize < 1 << 20
 
 
 def _with_alpha(values: tuple[float, ...], alpha: int | None, own: float) -> list[float]:

@@ -143,8 +143,7 @@ def layer_encoding(count: int, dtype: str = "float32") -> Encoding:
 def _display_encoding(source: RasterSource, dtype: str, same: bool) -> Encoding:
     profile, count = source.profile, len(source.bands)
     if dtype in ("float64", "float32"):
-        nodata = _float_nodata(profile.nodata) if same else float("nan")
-        return Encoding("float32", *_ones(count), nodata)
+        return Encoding("float32", *_ones(count), _float_nodata(profile.nodata if same else None))
     if same and dtype in OUTPUT_DTYPES:
         scales = tuple(band.scale for band in source.bands)
         offsets = tuple(band.offset for band in source.bands)
