@@ -46,8 +46,8 @@ def s2_geometry(granule: Metadata, bands: Sequence[int], resolution: float) -> S
         view = _s2_mean_view(granule, bands, zenith.shape)
     view_zenith, view_azimuth = view
     return SceneGeometry(
-        row_step * np.arange(zenith.shape[0]),
-        col_step * np.arange(zenith.shape[1]),
+        row_step * np.arange(zenith.shape[0], dtype=np.float64),
+        col_step * np.arange(zenith.shape[1], dtype=np.float64),
         zenith,
         view_zenith,
         view_azimuth - azimuth,

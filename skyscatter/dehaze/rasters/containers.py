@@ -83,9 +83,10 @@ class Container:
 
     def raster(self, name: str) -> str:
         """What GDAL calls the file."""
-        path = f"{self._root.as_posix()}/{name}"
+        path = f"{self._root.as_posix()}/{name.removeprefix('./')}"
         return path if self._kind == "folder" else f"/vsi{self._kind}/{path}"
 
     def show(self, name: str) -> str:
         """What the user calls the file."""
+        name = name.removeprefix("./")
         return f"{self.shown}/{name}" if Path(self.shown).is_dir() or self._kind != "folder" else str(self._root / name)

@@ -56,11 +56,11 @@ def first_line(error: BaseException) -> str:
     return " ".join(str(deepest).split()) or type(deepest).__name__
 
 
-def _said(error: BaseException, shown: str) -> str:
+def _said(error: BaseException, *names: str) -> str:
     """What was said of a file, without its name again."""
     text = first_line(error)
-    for name in (f"'{shown}'", shown):
-        text = text.removeprefix(name)
+    for name in names:
+        text = text.removeprefix(f"'{name}'").removeprefix(name)
     return text.lstrip(": ").rstrip(".")
 
 
@@ -97,7 +97,8 @@ class DatasetPool:
                     dataset.transform  # noqa: B018 - warns here, if at all, and not in a thread later
             except rasterio.errors.RasterioError as error:
                 raise MissingDataError(
-                    self.shown, f"cannot be opened as a raster ({_said(error, self.shown)}); check that it is whole"
+                    self.shown,
+                    f"cannot be opened as a raster ({_said(error, self.path, self.shown)}); check that it is whole",
                 ) from error
             self._local.dataset = dataset
             with _OPENING:
@@ -111,7 +112,7 @@ class DatasetPool:
         try:
             yield self.handle()
         except rasterio.errors.RasterioError as error:
-            remedy = f"is damaged or cut short ({_said(error, self.shown)}); get the file again"
+            remedy = f"is damaged or cut short ({_said(error, self.path, self.shown)}); get the file again"
             raise MissingDataError(self.shown, remedy) from error
 
     def close(self) -> None:

@@ -85,7 +85,8 @@ class LayeredSource(RasterSource):
             n = file.finer
             values, saturated = self._native(file, band, row0 * n, row1 * n, col0 * n, col1 * n)
             out[...] = _mean_of_blocks(values, n)
-            return saturated.reshape(row1 - row0, n, col1 - col0, n).any(axis=(1, 3))
+            blocks = saturated.reshape(row1 - row0, n, col1 - col0, n)
+            return np.logical_or.reduce(blocks, axis=(1, 3))
         n = file.coarser
         first_row, first_col = row0 // n, col0 // n
         values, saturated = self._native(file, band, first_row, -(-row1 // n), first_col, -(-col1 // n))

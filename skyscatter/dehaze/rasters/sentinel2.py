@@ -1,7 +1,7 @@
 """Sentinel-2 Level-1C products (SAFE folders, or the same zipped).
 
-Names and meaning of metadata after the Sentinel-2 Products Specification Document, S2-PDGS-TAS-DI-PSD (ESA): reflectance =
-(number + RADIO_ADD_OFFSET) / QUANTIFICATION_VALUE, the offset since processing baseline 04.00.
+Names and meaning of metadata after the Sentinel-2 Products Specification Document, S2-PDGS-TAS-DI-PSD (ESA):
+reflectance = (number + RADIO_ADD_OFFSET) / QUANTIFICATION_VALUE, the offset since processing baseline 04.00.
 """
 
 from __future__ import annotations
@@ -89,8 +89,9 @@ class Sentinel2Source(LayeredSource):
             self.close()
             raise
         self.acquired = _time(product.text("PRODUCT_START_TIME", ""))
-        excentricity = product.number("U", default=None)
-        self.sun_distance_au = None if excentricity is None else excentricity**-0.5
+        # U is the inverse square of the distance to the Sun [au].
+        nearness = product.number("U", default=None)
+        self.sun_distance_au = None if nearness is None else nearness**-0.5
         self.profile = _profile(product, self.bands, tile, resolution)
 
 
