@@ -120,20 +120,34 @@ class ArraySource(RasterSource):
         return np.stack([np.asarray(self._cube[place, rows, cols]) for place in places])
 
     def _load(self, rows: slice, cols: slice, indexes: list[int]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        # As in files: of a picture a pixel is empty only where all bands hold the nodata value.
         together = self.quantity == "display" and self._nodata is not None
         taken = list(range(len(self.bands))) if together else indexes
         numbers = self._numbers([self._places[index] for index in taken], rows, cols)
-        valid: NDArray[np.bool_] | None = None
-        if self._nodata is not None:
-            valid = numbers != self._nodata
-            if together:
-                valid = np.logical_or.reduce(valid, axis=0, keepdims=True)
-                numbers = numbers[indexes]
+        valid = self.valid(numbers)
         if self._alpha is not None:
             opaque = (self._alpha[rows, cols] != 0)[np.newaxis]
             valid = opaque if valid is None else valid & opaque
+        if together:
+            numbers = numbers[indexes]
         return calibrate(numbers, valid, [self.bands[index] for index in indexes])
+
+    @property
+    def places(self) -> list[int]:
+        """Places of the bands among all of the array, from 0."""
+        return list(self._places)
+
+    def valid(self, numbers: NDArray[Any]) -> NDArray[np.bool_] | None:
+        """Where numbers (band, y, x) are not nodata; of a picture, in any of its bands: black in one is a colour.
+
+        Returns
+        -------
+        ndarray of bool or None
+            Shape (band, y, x), or (1, y, x) for all bands together; None if all are data.
+        """
+        if self._nodata is None:
+            return None
+        there: NDArray[np.bool_] = np.asarray(numbers != self._nodata)
+        return np.logical_or.reduce(there, axis=0, keepdims=True) if self.quantity == "display" else there
 
     def _sample(self) -> NDArray[Any]:
         step = max(1, max(self.height, self.width) // 256)

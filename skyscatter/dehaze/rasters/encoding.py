@@ -106,7 +106,8 @@ def result_encoding(source: RasterSource, dtype: str | None = None) -> Encoding:
     """How results of a source are written.
 
     Pictures keep the type of number that they have.  Reflectance keeps it with scale, offset and nodata if it
-    is an integer whose steps are not above 2e-4; otherwise it becomes float32 with NaN where there are no data.
+    is an integer whose steps are not above 2e-4; otherwise it becomes float32 with NaN where there are no data.  Values
+    that an integer cannot hold (a cloud under a low Sun) become its greatest or least number.
 
     Parameters
     ----------
