@@ -148,7 +148,8 @@ def _display_encoding(source: RasterSource, dtype: str, same: bool) -> Encoding:
     if same and dtype in OUTPUT_DTYPES:
         scales = tuple(band.scale for band in source.bands)
         offsets = tuple(band.offset for band in source.bands)
-        return Encoding(dtype, scales, offsets, profile.nodata, tagged=profile.scaled, together=True)
+        plain = set(scales) == {1.0 / np.iinfo(dtype).max} and set(offsets) == {0.0}
+        return Encoding(dtype, scales, offsets, profile.nodata, tagged=not plain, together=True)
     if dtype not in ("uint8", "uint16"):
         raise DomainError("dtype", dtype, "pictures are written as uint8, uint16 or float32; choose one of these")
     gaps = profile.nodata is not None or (profile.dtype.startswith("float") and profile.alpha is None)
