@@ -63,7 +63,8 @@ class SceneGeometry:
     relative_azimuth_deg: Array
     sun_azimuth_deg: Array | None = None
     view_azimuth_deg: Array | None = None
-    # Interpolated instead of the angles: 1 / cos(Sun), and the view as a vector, which azimuths that wrap do not break.
+    # Interpolated instead of the angles: the view as a vector, which azimuths that wrap do not break, and 1 / cos(Sun);
+    # behind them the relative azimuth as it was given.
     _nodes: tuple[Array, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -78,7 +79,7 @@ class SceneGeometry:
             given = getattr(self, name)
             azimuths[name] = None if given is None else np.mod(_angles(name, given, shape), 360.0)
         turn = np.radians(signed)
-        nodes = (sun, view * np.cos(turn), view * np.sin(turn), 1.0 / np.cos(np.radians(sun)))
+        nodes = (sun, view * np.cos(turn), view * np.sin(turn), 1.0 / np.cos(np.radians(sun)), signed)
         values = {"rows": rows, "cols": cols, "sun_zenith_deg": sun, "view_zenith_deg": view, **azimuths}
         for name, value in {**values, "relative_azimuth_deg": fold_azimuth(signed)}.items():
             object.__setattr__(self, name, _frozen(value))
@@ -126,7 +127,7 @@ class SceneGeometry:
         Angles
             Arrays of shape (n, m).
         """
-        sun, ahead, aside, _ = (self._interpolate(node, rows, cols) for node in self._nodes)
+        sun, ahead, aside, _ = (self._interpolate(node, rows, cols) for node in self._nodes[:4])
         return Angles(sun, np.hypot(ahead, aside), fold_azimuth(np.degrees(np.arctan2(aside, ahead))))
 
     def secant_of_sun(self, rows: ArrayLike, cols: ArrayLike) -> Array:
@@ -144,7 +145,7 @@ class SceneGeometry:
             (self.cols - col0) / step,
             self.sun_zenith_deg,
             self.view_zenith_deg,
-            self.relative_azimuth_deg,
+            self._nodes[4],  # with its sign, without which views on both sides of the zenith would fall together
             self.sun_azimuth_deg,
             self.view_azimuth_deg,
         )

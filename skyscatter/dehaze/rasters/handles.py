@@ -44,6 +44,7 @@ def environment() -> Iterator[None]:
         GDAL_PAM_ENABLED="NO",
         GDAL_TIFF_INTERNAL_MASK=True,
         GDAL_DISABLE_READDIR_ON_OPEN="TRUE",
+        COG_TMP_COMPRESSION="NONE",  # of overviews on their way into a COG: compressing them took most of the time
     ):
         yield
 
