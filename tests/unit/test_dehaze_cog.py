@@ -229,34 +229,67 @@ def test_of_several_files_none_is_moved_before_all_are_whole(scaled, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scaled.tif"]
 
 
-@pytest.mark.parametrize("limit", [200_000, 2_200_000])
-def test_a_disk_that_takes_no_more_leaves_nothing(tmp_path, limit):
-    """A limit on the size of files stands in for the disk: it is met by the tiles (2.1 MB), or by the finished file."""
+LIMITED = """
+    import resource, signal, sys
+    from skyscatter.dehaze.rasters.opening import open_raster
+    from skyscatter.dehaze.rasters.outputs import open_result
+    from skyscatter.dehaze.rasters.windows import for_each_window
+    from skyscatter.errors import SkyscatterError
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    name, out, limit, options = sys.argv[1], sys.argv[2], int(sys.argv[3]), eval(sys.argv[4])
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    try:
+        with open_raster(name) as source, open_result(out, source, **options) as sink:
+            for_each_window(source, sink, lambda row0, col0, values: values, size=256)
+    except SkyscatterError as error:
+        print(error)
+        sys.exit(2)
+"""
+
+
+@pytest.mark.parametrize(
+    ("out", "limit", "options"),
+    [
+        ("out.tif", 200_000, {}),  # met by the tiles, of 2.1 MB
+        ("out.tif", 2_200_000, {"compression": "none"}),  # met by the finished file
+        ("out.png", 200_000, {"dtype": "uint8"}),
+        ("out.png", 200_000, {"dtype": "uint16"}),
+        ("out.jpg", 200_000, {}),
+    ],
+)
+def test_a_disk_that_takes_no_more_leaves_nothing(tmp_path, out, limit, options):
+    """A limit on the size of files stands in for the full disk."""
     numbers = np.random.default_rng(2).integers(1, 60000, (1, 800, 800), dtype=np.uint16)
-    path = write_tiff(tmp_path / "in.tif", numbers, scale=1e-5, offset=0.0)
-    code = f"""
-        import resource, signal, sys
-        from skyscatter.dehaze.options import SourceOptions
-        from skyscatter.dehaze.rasters.geotiff import GeoTiffSource
-        from skyscatter.dehaze.rasters.outputs import open_result
-        from skyscatter.dehaze.rasters.windows import for_each_window
-        from skyscatter.errors import SkyscatterError
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
-        try:
-            source = GeoTiffSource({str(path)!r}, SourceOptions())
-            with open_result("out.tif", source, compression="none") as sink:
-                for_each_window(source, sink, lambda row0, col0, values: values, size=256)
-        except SkyscatterError as error:
-            print(error)
-            sys.exit(2)
-    """
-    command = [sys.executable, "-c", textwrap.dedent(code)]
+    write_tiff(tmp_path / "in.tif", numbers)
+    command = [sys.executable, "-c", textwrap.dedent(LIMITED), "in.tif", out, str(limit), repr(options)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
-    assert done.stdout.startswith("out.tif: cannot be written: ")
-    assert "free some space" in done.stdout
+    assert done.stdout.startswith(f"{out}: cannot be written: ")
+    assert done.stdout.count("\n") == 1
     assert [one.name for one in tmp_path.iterdir()] == ["in.tif"]
+
+
+STREAMED = """
+    import resource, sys
+    from skyscatter.dehaze.rasters.opening import open_raster
+    from skyscatter.dehaze.rasters.outputs import open_result
+    from skyscatter.dehaze.rasters.windows import for_each_window
+    with open_raster("in.tif") as source, open_result("out.tif", source, compression="none") as sink:
+        for_each_window(source, sink, lambda row0, col0, values: values + 0.0, threads=2)
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_raster(tmp_path):
+    """Three windows of 50 MB with as much scratch, 256 MB of GDAL's blocks and the libraries; the raster has 1.7 GB."""
+    layout = {"height": 12000, "width": 12000, "count": 6, "tiled": True, "blockxsize": 512, "blockysize": 512, **UTM}
+    with rasterio.open(tmp_path / "in.tif", "w", driver="GTiff", dtype="uint16", nodata=0, **layout) as file:
+        file.scales, file.offsets = [1e-4] * 6, [0.0] * 6
+        file.write(np.full((6, 512, 512), 900, np.uint16), window=((5000, 5512), (5000, 5512)))
+    command = [sys.executable, "-c", textwrap.dedent(STREAMED)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 900
 
 
 def test_paths_that_cannot_be_written_are_refused_at_once(scaled, tmp_path):

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.atomic import _explain
 from skyscatter.dehaze.rasters.base import RasterProfile
 from skyscatter.dehaze.rasters.encoding import Encoding
 from skyscatter.dehaze.rasters.handles import environment, first_line, quiet, require_rasterio
@@ -76,8 +75,9 @@ class CogSink(RasterSink):
             with environment(), quiet():
                 self._dataset = self._create()
         except BaseException as error:
+            said = self._said(error)
             self.abort()
-            raise self._said(error) from error
+            raise said from error
 
     @property
     def _bands(self) -> int:
@@ -213,10 +213,10 @@ class CogSink(RasterSink):
         if isinstance(error, SkyscatterError) or not isinstance(error, Exception):
             return error
         if isinstance(error, OSError) and error.errno is not None:
-            return _explain(self._file.shown, error)
+            return self._file.explained(error)
         text = first_line(error)
         if "No space left" in text or self._disk_is_full():
-            return _explain(self._file.shown, OSError(errno.ENOSPC, text))
+            return self._file.explained(OSError(errno.ENOSPC, text))
         # GDAL loses the reason, which hardly ever is another one.
         return SkyscatterError(
             f"{self._file.shown}: cannot be written: {text}; is the disk full? free some space or choose another disk"

@@ -24,6 +24,14 @@ def require_rasterio() -> Any:
     return rasterio
 
 
+def raster_errors() -> tuple[type[Exception], ...]:
+    """What rasterio raises: its own errors, and now and then those of GDAL as they are."""
+    rasterio = require_rasterio()
+    from rasterio._err import CPLE_BaseError
+
+    return rasterio.errors.RasterioError, CPLE_BaseError
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
     """Without the warning that a file has no georeference; a picture need not have any."""
@@ -96,7 +104,7 @@ class DatasetPool:
                 with quiet():
                     dataset = rasterio.open(self.path)
                     dataset.transform  # noqa: B018 - warns here, if at all, and not in a thread later
-            except rasterio.errors.RasterioError as error:
+            except raster_errors() as error:
                 raise MissingDataError(
                     self.shown,
                     f"cannot be opened as a raster ({_said(error, self.path, self.shown)}); check that it is whole",
@@ -109,10 +117,9 @@ class DatasetPool:
     @contextmanager
     def reading(self) -> Iterator[Any]:
         """The dataset of this thread; errors of reading become one line."""
-        rasterio = require_rasterio()
         try:
             yield self.handle()
-        except rasterio.errors.RasterioError as error:
+        except raster_errors() as error:
             remedy = f"is damaged or cut short ({_said(error, self.path, self.shown)}); get the file again"
             raise MissingDataError(self.shown, remedy) from error
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.rasters.encoding import Encoding
-from skyscatter.dehaze.rasters.handles import environment, quiet, require_rasterio
+from skyscatter.dehaze.rasters.handles import environment, first_line, quiet, raster_errors, require_rasterio
 from skyscatter.dehaze.rasters.sinks import PendingFile, RasterSink
 from skyscatter.errors import DomainError, SkyscatterError
 
@@ -86,10 +86,13 @@ class PictureSink(RasterSink):
 
     def prepare(self) -> None:
         """Write the picture under its temporary name."""
-        if self.pixels.dtype == np.uint16:
-            self._write_deep()
-        else:
-            self._write_shallow()
+        try:
+            if self.pixels.dtype == np.uint16:
+                self._write_deep()
+            else:
+                self._write_shallow()
+        except OSError as error:
+            raise self._file.explained(error) from error
 
     def _write_shallow(self) -> None:
         from PIL import Image
@@ -120,9 +123,9 @@ class PictureSink(RasterSink):
                 ) as dataset,
             ):
                 dataset.write(np.moveaxis(self.pixels, 2, 0))
-        except rasterio.errors.RasterioError as error:
-            text = " ".join(str(error).split())
-            raise SkyscatterError(f"{self._file.shown}: cannot be written: {text}; is there space left?") from error
+        except raster_errors() as error:
+            text = f"{first_line(error)}; is the disk full? free some space or choose another disk"
+            raise SkyscatterError(f"{self._file.shown}: cannot be written: {text}") from error
 
     def commit(self) -> None:
         """Move the file into place."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, SkyscatterError
 
 
 class RasterSink(ABC):
@@ -117,9 +117,19 @@ class PendingFile:
             self._open = False
             with suppress(_AbandonedError):
                 self._manager.__exit__(_AbandonedError, _AbandonedError(), None)
-            for left in self.path.parent.glob(f"{self.path.stem}*"):
-                with suppress(OSError):
-                    left.unlink()
+        for left in self.path.parent.glob(f"{self.path.stem}*"):
+            with suppress(OSError):
+                left.unlink()
+
+    def explained(self, error: OSError) -> Exception:
+        """Give the file up for an error of the operating system; the same error as one line with the remedy."""
+        if self._open:
+            self._open = False
+            try:
+                self._manager.__exit__(type(error), error, None)
+            except SkyscatterError as said:
+                return said
+        return error
 
 
 class ArraySink(RasterSink):
