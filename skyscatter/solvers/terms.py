@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
-from skyscatter.scene import Ground, Scene
+from skyscatter.ground import Ground
+from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, Solution, solve, solve_once
 from skyscatter.solvers.run import check_wavelengths, worker_count
