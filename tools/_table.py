@@ -16,7 +16,7 @@ def write_table(name: str, remarks: Sequence[str], header: Sequence[str], rows: 
     """Write a CSV table with ``#`` remarks into data/, replacing it in one step."""
     text = "".join(f"# {line}\n" for line in remarks) + ",".join(header) + "\n"
     text += "".join(",".join(row) + "\n" for row in rows)
-    DATA.mkdir(exist_ok=True)
+    (DATA / name).parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile("w", dir=DATA, suffix=".part", delete=False, encoding="utf-8") as part:
         part.write(text)
     os.chmod(part.name, 0o644)

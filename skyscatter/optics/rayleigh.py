@@ -85,7 +85,8 @@ def cross_section_bodhaine1999(wavelengths_nm: ArrayLike, co2_ppm: float = 420.0
 class RayleighAir(OpticalModel):
     """Air after Bodhaine et al. (1999): dispersion, King factor, and the phase function that goes with it.
 
-    Valid from 250 to 1000 nm and beyond (the refractive index is fitted from 230 to 1690 nm).
+    Valid from 250 to 1000 nm and beyond: the refractive index is fitted from 230 to 1690 nm; to 2600 nm the formula is
+    continued, where its dispersion changes the refractivity by less than 0.1 % and the optical depth is below 0.0015.
 
     Parameters
     ----------
@@ -110,9 +111,9 @@ class RayleighAir(OpticalModel):
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
         """Coefficients per unit density; see `OpticalModel`."""
         wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
-        if wl.min() < 230 or wl.max() > 1700:
+        if wl.min() < 230 or wl.max() > 2600:
             outside = wl.min() if wl.min() < 230 else wl.max()
-            raise DomainError("wavelength", float(outside), "rayleigh-air holds from 230 to 1700 nm")
+            raise DomainError("wavelength", float(outside), "rayleigh-air holds from 230 to 2600 nm")
         zero = np.zeros_like(wl)
         return Coefficients(self.number_density * cross_section_bodhaine1999(wl, self.co2_ppm), zero, zero)
 

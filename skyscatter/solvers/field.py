@@ -162,16 +162,21 @@ def solve(
         If the orders of scattering do not settle: a very thick medium that absorbs nothing.
     """
     wl = check_wavelengths(wavelengths)
+    zenith = zenith_range(scene, sun_elevations_deg, tolerance)
+    Options(max_order=max_order).check()
+    workers = worker_count(threads)
+    return solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress)
+
+
+def zenith_range(scene: Scene, sun_elevations_deg: tuple[float, float], tolerance: float) -> tuple[float, float]:
+    """Zenith angles of the Sun [rad] that a solution has to cover for those elevations, after checks of both."""
     low, high = (float(e) for e in sun_elevations_deg)
     if not -90 <= low <= high <= 90:
         raise DomainError("sun_elevations_deg", (low, high), "lowest and highest, between -90 and 90 degrees")
     if not 1e-4 <= tolerance <= 0.1:
         raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
-    Options(max_order=max_order).check()
     margin = 2 * reach(scene.medium.radius, scene.medium.top)
-    zenith = (np.radians(90 - high) - margin, np.radians(90 - low) + margin)
-    workers = worker_count(threads)
-    return solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress)
+    return max(np.radians(90 - high) - margin, 0.0), min(np.radians(90 - low) + margin, np.pi)
 
 
 def solve_range(
@@ -190,6 +195,19 @@ def solve_range(
     coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
+
+
+def check_coverage(scene: Scene, zenith: tuple[float, float], origins: Array, directions: Array, sun: Sun) -> None:
+    """Refuse rays on which the Sun stands outside of those zenith angles [rad]."""
+    medium = scene.medium
+    low, high = needed_zenith(origins, directions, sun.direction, medium.radius, medium.top)
+    if low < zenith[0] - 1e-6 or high > zenith[1] + 1e-6:
+        need, have = ((90 - np.degrees(z[1]), 90 - np.degrees(z[0])) for z in ((low, high), zenith))
+        raise DomainError(
+            "sun_elevation_deg", sun.elevation_deg,
+            f"the rays see air with the Sun at {need[0]:.1f} to {need[1]:.1f} degrees and the field covers "
+            f"{have[0]:.1f} to {have[1]:.1f}; solve with wider sun_elevations_deg",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -402,15 +420,7 @@ class RadianceField:
 
     def check_coverage(self, origins: Array, directions: Array, sun: Sun) -> None:
         """Refuse rays on which the Sun stands where the field was not solved."""
-        medium = self.scene.medium
-        low, high = needed_zenith(origins, directions, sun.direction, medium.radius, medium.top)
-        if low < self.zenith[0] - 1e-6 or high > self.zenith[1] + 1e-6:
-            need, have = ((90 - np.degrees(z[1]), 90 - np.degrees(z[0])) for z in ((low, high), self.zenith))
-            raise DomainError(
-                "sun_elevation_deg", sun.elevation_deg,
-                f"the rays see air with the Sun at {need[0]:.1f} to {need[1]:.1f} degrees and the field covers "
-                f"{have[0]:.1f} to {have[1]:.1f}; solve with wider sun_elevations_deg",
-            )  # fmt: skip
+        check_coverage(self.scene, self.zenith, origins, directions, sun)
 
     def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
         """`radiance` of a few rays, in one thread and without checks."""

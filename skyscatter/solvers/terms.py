@@ -18,9 +18,12 @@ from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
 from skyscatter.ground import Ground
-from skyscatter.scene import Scene
+from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, Solution, solve, solve_once
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.direct import slant_columns
+from skyscatter.solvers.field import DEFAULT_TOLERANCE, LOOSEST, Solution, check_coverage, solve_once, zenith_range
+from skyscatter.solvers.fluxes import fluxes
 from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import view
 
@@ -32,6 +35,7 @@ class Terms(NamedTuple):
     transmittance_down: Array  #: of sunlight to the ground, direct and diffuse
     transmittance_up: Array  #: of the ground's light to the sensor, direct and diffuse
     spherical_albedo: Array  #: share of the ground's light that the atmosphere sends back
+    direct_up: Array  #: direct part of `transmittance_up`
 
     def reflectance(self, ground_albedo: ArrayLike) -> Array:
         """Reflectance seen from above over a ground of that albedo."""
@@ -64,16 +68,15 @@ class CorrectionTerms:
         threads: int | None = None,
     ) -> None:
         self.wavelengths = check_wavelengths(wavelengths)
-        black = scene.model_copy(update={"ground": Ground(albedo=0.0)})
-        self.black: RadianceField = solve(
-            black, self.wavelengths, sun_elevations_deg=sun_elevations_deg, tolerance=tolerance, stokes=stokes,
-            threads=threads,
-        )  # fmt: skip
-        dark = black.model_copy(update={"star": black.star.model_copy(update={"spectrum": 0.0}), "background": 0.0})
-        workers = worker_count(threads)
-        self.shining: Solution = solve_once(
-            dark, self.wavelengths, (0.5, 0.5), tolerance, stokes, None, workers, ground_radiance=1.0
+        self.scene = scene.model_copy(update={"ground": Ground(albedo=0.0)})
+        self.zenith = zenith_range(self.scene, sun_elevations_deg, tolerance)
+        dark = self.scene.model_copy(
+            update={"star": scene.star.model_copy(update={"spectrum": 0.0}), "background": 0.0}
         )
+        common = (min(tolerance, LOOSEST), stokes, None, worker_count(threads))
+        #: Sunlight over a black ground, and the light of a ground that shines by itself.
+        self.black: Solution = solve_once(self.scene, self.wavelengths, self.zenith, *common)
+        self.shining: Solution = solve_once(dark, self.wavelengths, (0.5, 0.5), *common, ground_radiance=1.0)
 
     def at(
         self,
@@ -107,7 +110,7 @@ class CorrectionTerms:
             raise DomainError("view_zenith_deg", float(zenith.max()), "lies between 0 and 90 degrees, 90 excluded")
         if elevation.size and elevation.min() <= 0:
             raise DomainError("sun_elevation_deg", float(elevation.min()), "the Sun must stand above the horizon")
-        medium = self.black.scene.medium
+        medium = self.scene.medium
         height = medium.top if altitude is None else min(float(altitude), medium.top)
         if height <= 0:
             raise DomainError("altitude", altitude, "a sensor above the ground")
@@ -116,20 +119,45 @@ class CorrectionTerms:
         radius = medium.radius
         length = np.sqrt((radius * np.cos(theta)) ** 2 + height * (2 * radius + height)) - radius * np.cos(theta)
         origin = np.array([0.0, 0.0, radius]) + length[..., None] * up
-        shape = (*elevation.shape, self.wavelengths.size)
-        path, down = np.empty(shape), np.empty(shape)
-        normal = self.black.scene.star.irradiance(self.wavelengths, self.black.scene.star_distance)
-        for sun in np.unique(elevation):
-            here = elevation == sun
-            irradiance = normal * np.sin(np.radians(sun))
-            answer = self.black.radiance(origin[here], -up[here], sun_elevation_deg=float(sun), sun_azimuth_deg=0.0)
-            path[here] = np.pi * answer.radiance / irradiance
-            flux = self.black.fluxes(0.0, sun_elevation_deg=float(sun))
-            down[here] = (flux.direct + flux.diffuse_down) / irradiance
+        path, down = self._sunlight(elevation, origin, up)
         shining = self.shining
         _, multiple, _, direct = view(
             shining.problem, shining.loaded, shining.problem.table, origin.reshape(-1, 3), -up.reshape(-1, 3)
         )
-        upward = (multiple[:, 0] + direct).reshape(shape)
-        back = np.broadcast_to(shining.sums.flux[0, 1, 0] / np.pi, shape)
-        return Terms(path, down, upward, np.array(back))
+        upward = (multiple[:, 0] + direct).reshape(path.shape)
+        back = np.broadcast_to(shining.sums.flux[0, 1, 0] / np.pi, path.shape)
+        return Terms(path, down, upward, np.array(back), self._direct(zenith, height))
+
+    def _sunlight(self, elevation: Array, origin: Array, up: Array) -> tuple[Array, Array]:
+        """Path reflectance and T_down for elevations (...) of the Sun [degree] and sensors (..., 3) along `up`."""
+        path, down = (np.empty((*elevation.shape, self.wavelengths.size)) for _ in range(2))
+        star, problem = self.scene.star, self.black.problem
+        normal = star.irradiance(self.wavelengths, self.scene.star_distance)
+        for height in np.unique(elevation):
+            here = elevation == height
+            irradiance = normal * np.sin(np.radians(height))
+            sun = Sun(elevation_deg=float(height), azimuth_deg=0.0)
+            o, d = origin[here], -up[here]
+            check_coverage(self.scene, self.zenith, o, d, sun)
+            table = compile_scene(self.scene.model_copy(update={"sun": sun}), self.wavelengths)
+            scattered, multiple, _, _ = view(problem, self.black.loaded, table, o, d)
+            path[here] = np.pi * (scattered[:, 0] + multiple[:, 0]) / irradiance
+            flux = fluxes(problem, self.black.sums, np.array([0.0]), np.array([np.radians(90 - height)]))
+            down[here] = (flux.direct[0] + flux.diffuse_down[0]) / irradiance
+        return path, down
+
+    def _direct(self, zenith: Array, height: float) -> Array:
+        """Transmittance of the ground's light that is not scattered on its way, for zenith angles (...) [degree]."""
+        table = self.shining.problem.table
+        out = np.empty((*zenith.shape, self.wavelengths.size))
+        for angle in np.unique(zenith):
+            mu, radius = float(np.cos(np.radians(angle))), self.scene.medium.radius
+            column = slant_columns(table.columns, 0.0, mu)
+            beyond = None
+            if height < self.scene.medium.top:
+                there = np.sqrt(1 - (1 - mu**2) * (radius / (radius + height)) ** 2)
+                beyond = slant_columns(table.columns, height, float(there))
+            assert column is not None  # a ray that rises from the ground meets it no more
+            column = column if beyond is None else column - beyond
+            out[zenith == angle] = np.exp(-column @ table.optics.sigma_t)
+        return out

@@ -30,7 +30,9 @@ def test_tables_are_cached_and_read_only() -> None:
         table["altitude"][0] = 1.0
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "data").glob("*.csv")))
+@pytest.mark.parametrize(
+    "name", sorted(path.relative_to(ROOT / "data").as_posix() for path in (ROOT / "data").rglob("*.csv"))
+)
 def test_every_table_is_documented_and_rises(name: str) -> None:
     own = ROOT / "data" / f"{Path(name).stem}.md"
     assert own.is_file() or name in (ROOT / "data" / "README.md").read_text(encoding="utf-8")

@@ -75,8 +75,8 @@ def test_unsorted_and_repeated_wavelengths_are_fine_for_the_phase_function() -> 
         (lambda: RayleighPowerLaw(coefficient=1e-5, wavelength="550 parsec"), ["wavelength", "parsec", "nm"]),
         (lambda: RayleighAir(number_density=-1.0), ["number_density = -1.0"]),
         (lambda: RayleighAir(co2_ppm=-3.0), ["co2_ppm = -3.0", "parts per million"]),
-        (lambda: RayleighAir().coefficients([150.0], 1.0), ["wavelength = 150.0", "230 to 1700 nm"]),
-        (lambda: RayleighAir().coefficients([550.0, 2500.0], 1.0), ["wavelength = 2500.0", "230 to 1700 nm"]),
+        (lambda: RayleighAir().coefficients([150.0], 1.0), ["wavelength = 150.0", "230 to 2600 nm"]),
+        (lambda: RayleighAir().coefficients([550.0, 2700.0], 1.0), ["wavelength = 2700.0", "230 to 2600 nm"]),
         (
             lambda: RayleighPowerLaw(coefficient=1e-5, depolarisation=1.5).phase_function([550.0]),
             ["depolarisation = 1.5"],
