@@ -136,7 +136,7 @@ def spread_function(
     table = compile_scene(Scene(medium=medium), wl)
     height = medium.top if altitude is None else min(float(altitude), medium.top)
     target = np.array([0.0, 0.0, medium.radius])
-    origin, direction = _sensor(medium.radius, height, np.radians(view_zenith_deg))
+    origin, direction = line_of_sight(medium.radius, height, view_zenith_deg)
     polar = None
     if stokes:
         frame = meridian_frame(origin[None], direction[None])[0]
@@ -163,9 +163,13 @@ def _check(view_zenith_deg: float, altitude: float | None, walks: int, fewest: i
         raise DomainError("walks", walks, f"at least {fewest}, for the standard errors")
 
 
-def _sensor(radius: float, height: float, zenith: float) -> tuple[Array, Array]:
-    """Position [m] of a sensor of that altitude that the target sees at a zenith angle [rad], and its line of sight."""
-    up = np.array([np.sin(zenith), 0.0, np.cos(zenith)])
+def line_of_sight(radius: float, height: float, zenith_deg: float, azimuth_deg: float = 0.0) -> tuple[Array, Array]:
+    """Position [m] of a sensor of that altitude [m], and the direction from it to the target below the zenith.
+
+    `zenith_deg` and `azimuth_deg` are those of the sensor as seen from the target [degree].
+    """
+    theta, phi = np.radians(zenith_deg), np.radians(azimuth_deg)
+    up = np.array([np.sin(theta) * np.sin(phi), np.sin(theta) * np.cos(phi), np.cos(theta)])
     along = radius * up[2]
     length = np.sqrt(along**2 + height * (2 * radius + height)) - along
     return np.array([0.0, 0.0, radius]) + length * up, -up
