@@ -6,7 +6,8 @@ drawn over a uniform ground, and the light of each is counted for every pixel, m
 albedo of the cell that is met from there over that of the uniform ground.
 
 Light that meets the map but once is gathered by the offset of the cell from the pixel, and spread over the picture
-afterwards; only what is reflected again is counted pixel by pixel.
+afterwards.  Only what is reflected twice or more is counted pixel by pixel; that is little light and most of the work,
+so that one walk in a few does it for all.
 """
 
 # Decorated by numba, which is untyped; the arrays are checked by the callers.
@@ -46,6 +47,9 @@ from skyscatter.solvers.kernels.polar import arriving, begin, depolarise
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.work import make_work
 
+#: Share of the walks that count light which meets the ground more than once.
+HEAVY = 0.2
+
 
 class Landscape(NamedTuple):
     """The map and where the picture lies in it."""
@@ -62,13 +66,13 @@ class Sums(NamedTuple):
     air: np.ndarray  #: (wavelength,) light that meets no ground
     offset: np.ndarray  #: (y, x, wavelength) light that meets ground once, by the cells between pixel and cell met
     outside: np.ndarray  #: (wavelength,) the same from beyond all offsets
-    picture: np.ndarray  #: (y, x, wavelength) light that meets ground more than once, or that is scattered afterwards
+    picture: np.ndarray  #: (y, x, wavelength) light that meets ground more than once
     weight: np.ndarray  #: (y, x, wavelength) product of the ratios that the walk has met so far
 
 
 @kernel
 def offset_of(scene, land, walk, distance, target, cells):
-    """Rows and columns from the pixel's cell to that of a point ahead on the walk's line, into `cells` (2,)."""
+    """Rows and columns from the pixel's cell to that of a point ahead on the walk's line, into `cells`."""
     x, d = walk.position, walk.direction
     cells[0] = math.floor(0.5 - (x[1] + distance * d[1] - target[1]) / land.cell)
     cells[1] = math.floor(0.5 + (x[0] + distance * d[0] - target[0]) / land.cell)
@@ -100,21 +104,36 @@ def count_everywhere(land, cells, air, ground, sums):
         for x in range(weight.shape[1]):
             row = row_at(land, land.first[0] + y + cells[0], land.first[1] + x + cells[1])
             for i in range(weight.shape[2]):
-                picture[y, x, i] += weight[y, x, i] * (air[i] + ground[i] * land.ratio[row, i])
+                picture[y, x, i] += weight[y, x, i] * (air[i] + ground[i] * land.ratio[row, i]) / HEAVY
 
 
 @kernel
-def count_by_offset(cells, air, ground, sums):
-    """Add a leg's light to the sums that are the same for all pixels."""
+def count_by_offset(cells, light, sums):
+    """Add light that meets the cell at that offset, and no other, to the sums that are the same for all pixels."""
     y = cells[0] + sums.offset.shape[0] // 2
     x = cells[1] + sums.offset.shape[1] // 2
     inside = 0 <= y < sums.offset.shape[0] and 0 <= x < sums.offset.shape[1]
-    for i in range(air.size):
-        sums.air[i] += air[i]
+    for i in range(light.size):
         if inside:
-            sums.offset[y, x, i] += ground[i]
+            sums.offset[y, x, i] += light[i]
         else:
-            sums.outside[i] += ground[i]
+            sums.outside[i] += light[i]
+
+
+@kernel
+def count(land, bounces, heavy, cells, met, air, ground, sums):
+    """Add a leg's light where it belongs by how often the walk has met ground, `met` being where it did first."""
+    if bounces == 0:
+        for i in range(air.size):
+            sums.air[i] += air[i]
+        count_by_offset(cells, ground, sums)
+        return
+    if bounces == 1:
+        count_by_offset(met, air, sums)
+        for i in range(air.size):
+            air[i] = 0.0
+    if heavy:
+        count_everywhere(land, cells, air, ground, sums)
 
 
 @kernel
@@ -136,8 +155,9 @@ def part_light(scene, line, node, leg, work, walk, polar, air, ground):
 @merged
 def wander(scene, land, target, line, camera, max_order, leg, work, camera_work, walk, polar, parts, cells, sums):
     """Follow a walk from the camera to its end; as in `path.wander`, with the light counted for every pixel."""
-    air, ground = parts[0], parts[1]
+    air, ground, met = parts[0], parts[1], cells[2:]
     reference, bounces = 0.0, 0
+    heavy = uniform(walk.state) < HEAVY
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
     for i in range(walk.value.size):
         walk.value[i], walk.chance[i] = 1.0, 1.0
@@ -150,8 +170,13 @@ def wander(scene, land, target, line, camera, max_order, leg, work, camera_work,
         if found == GROUND:
             lift_to_ground(scene, walk)
             offset_of(scene, land, walk, 0.0, target, cells)
-            darken(land, cells, bounces, sums.weight)
+            if heavy:
+                darken(land, cells, bounces, sums.weight)
+            elif bounces > 0:
+                return
             bounces += 1
+            if bounces == 1:
+                met[0], met[1] = cells[0], cells[1]
             reflect(walk, u, v)
             depolarise(polar, d)
         else:
@@ -172,10 +197,7 @@ def wander(scene, land, target, line, camera, max_order, leg, work, camera_work,
         march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk, polar)
         part_light(scene, line, node, leg, work, walk, polar, air, ground)
         offset_of(scene, land, walk, line.leave - line.start, target, cells)
-        if bounces > 0:
-            count_everywhere(land, cells, air, ground, sums)
-        else:
-            count_by_offset(cells, air, ground, sums)
+        count(land, bounces, heavy, cells, met, air, ground, sums)
         found = choose(scene, line, leg, hero, draw(walk, order, 4), guided, work, walk)
 
 
@@ -228,6 +250,6 @@ def make_simulate_scratch(components: int, wavelengths: int) -> tuple[Any, ...]:
         make_leg(LEG_STRATA, wavelengths),
         make_walk(wavelengths),
         np.zeros((2, wavelengths)),
-        np.zeros(2, np.int64),
+        np.zeros(4, np.int64),
         np.zeros(EVEN_DIMENSIONS, np.uint32),
     )
