@@ -169,14 +169,16 @@ def render(blind: BlindScene, folder: str | Path | None = None) -> dict[str, Any
     Returns
     -------
     dict
-        ``reflectance``, ``standard_error``, ``surface`` (band, y, x), and every field of the `BlindScene`.
+        ``reflectance``, ``standard_error``, ``surface`` (band, y, x); ``surroundings`` (band, 2 y, 2 x), the surface of
+        the whole map, whose middle is the picture; and every field of the `BlindScene`.
     """
     path = None if folder is None else Path(folder) / f"{blind.name}.npz"
     if path is not None and path.is_file():
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
+    scene = build(blind)
     image = simulate(
-        build(blind),
+        scene,
         blind.bands,
         (blind.size, blind.size),
         view_zenith_deg=blind.view_zenith_deg,
@@ -184,8 +186,12 @@ def render(blind: BlindScene, folder: str | Path | None = None) -> dict[str, Any
         walks=blind.walks,
         seed=blind.seed,
     )
+    whole = scene.ground.map
+    assert whole is not None
+    surroundings = np.moveaxis(whole.reflectance(blind.bands)[whole.classes.array.astype(int)], -1, 0)
     content: dict[str, Any] = {
         "reflectance": image.reflectance, "standard_error": image.standard_error, "surface": image.surface,
+        "surroundings": surroundings,
     }  # fmt: skip
     content |= {name: np.asarray(value) for name, value in asdict(blind).items()}
     if path is not None:
@@ -210,7 +216,7 @@ def standard_set(size: int = 64, walks: int = 1 << 19) -> list[BlindScene]:
                     view_zenith_deg=(2.0, 6.0, 10.0)[n % 3],
                     relative_azimuth_deg=(30.0, 100.0, 160.0)[n % 3],
                     size=size,
-                    cell_size_m=(120.0, 60.0, 300.0)[n % 3],
+                    cell_size_m=(150.0, 60.0, 300.0)[n % 3],
                     walks=walks,
                     seed=n,
                 )

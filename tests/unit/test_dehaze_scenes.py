@@ -46,6 +46,7 @@ def test_scene_is_what_its_parameters_say() -> None:
 def test_files_belong_to_their_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fresh = render(SMALL, tmp_path)
     assert fresh["reflectance"].shape == fresh["surface"].shape == (2, 8, 8)
+    np.testing.assert_allclose(fresh["surroundings"][:, 4:12, 4:12], fresh["surface"], rtol=1e-12)
     monkeypatch.setattr(dehaze_scenes, "simulate", lambda *_, **__: pytest.fail("rendered again"))
     kept = render(SMALL, tmp_path)
     for name, value in fresh.items():
