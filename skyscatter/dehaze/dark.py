@@ -81,9 +81,7 @@ def cover_spectra(bands: Sequence[Band]) -> Spectra:
     region = np.where(centre < 720, 0, np.where(centre < 1200, 1, 2))
     mean = np.array([np.interp(centre, NODES, cover.mean) for cover in COVERS])
     common = np.array([cover.brightness for cover in COVERS])[:, None] * mean
-    own = np.array(
-        [np.hypot(np.array(c.relative)[region] * m, c.absolute) for c, m in zip(COVERS, mean, strict=True)]
-    )
+    own = np.array([np.hypot(np.array(c.relative)[region] * m, c.absolute) for c, m in zip(COVERS, mean, strict=True)])
     return Spectra(np.log([cover.weight for cover in COVERS]), mean, common, own)
 
 

@@ -114,9 +114,7 @@ class _Judged:
         return said, np.where(tells, 1 / np.sqrt(safe), np.inf)
 
 
-def estimate(
-    tables: Sequence[TermsTable], observed: Array, angles: Array, vary: bool = True
-) -> HazeEstimate:
+def estimate(tables: Sequence[TermsTable], observed: Array, angles: Array, vary: bool = True) -> HazeEstimate:
     """Haze by the darkest pixels of all cells, under any of some aerosol models.
 
     Parameters
@@ -139,9 +137,7 @@ def estimate(
         even = {name: 1 / len(names) for name in names}
         nothing = np.ones(shape, bool)
         note = "no cell has enough clear pixels: the haze is the prior's"
-        return HazeEstimate(
-            np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,)
-        )
+        return HazeEstimate(np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,))
     judged = [_Judged(table, observed[:, seen].T, angles[:, seen]) for table in tables]
     evidence = np.array([j.evidence for j in judged])
     shares = np.exp(evidence - logsumexp(evidence))

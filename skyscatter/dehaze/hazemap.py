@@ -71,9 +71,7 @@ def neighbours(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.in
     return first, second
 
 
-def curvature(
-    diagonal: Array, first: NDArray[np.int64], second: NDArray[np.int64], weight: Array
-) -> csc_matrix:
+def curvature(diagonal: Array, first: NDArray[np.int64], second: NDArray[np.int64], weight: Array) -> csc_matrix:
     """Half of the second derivative of the sum: a diagonal, and weighted differences between neighbours."""
     n = diagonal.size
     apart = coo_matrix((weight, (first, second)), shape=(n, n))

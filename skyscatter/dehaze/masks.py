@@ -2,7 +2,7 @@
 
 Clouds: bright, nearly white, brighter in the blue than haze over ground makes it, and not snow.  Whiteness, the haze
 optimised transform and the snow index with their thresholds are those of Zhu & Woodcock 2012 (Remote Sens. Environ.
-118, 83, eqs. 2, 3 and 1); the brightness in the blue keeps thick haze, which is to be corrected, from counting as cloud.
+118, 83, eqs. 2, 3 and 1); the brightness in the blue keeps thick haze, which can be corrected, from counting as cloud.
 """
 
 from __future__ import annotations
