@@ -27,7 +27,9 @@ S2_NUMBERS["B01"][30, 35] = 65535
 
 def s2_product_xml(baseline="04.00", offset=-1000, level="Level-1C"):
     offsets = "".join(f'<RADIO_ADD_OFFSET band_id="{i}">{offset}</RADIO_ADD_OFFSET>' for i in range(13))
-    sun = "".join(f'<SOLAR_IRRADIANCE bandId="{i}" unit="W/m²/µm">{1900 - 100 * i}</SOLAR_IRRADIANCE>' for i in range(13))
+    sun = "".join(
+        f'<SOLAR_IRRADIANCE bandId="{i}" unit="W/m²/µm">{1900 - 100 * i}</SOLAR_IRRADIANCE>' for i in range(13)
+    )
     spectral = "".join(
         f'<Spectral_Information bandId="{i}" physicalBand="{name.replace("B0", "B")}">'
         f"<RESOLUTION>{S2_RESOLUTIONS[name]}</RESOLUTION><Wavelength>"
@@ -44,7 +46,8 @@ def s2_product_xml(baseline="04.00", offset=-1000, level="Level-1C"):
 <PRODUCT_URI>S2A_MSIL1C_20220601T101031_N0400_R022_T32TQM_20220601T121948.SAFE</PRODUCT_URI>
 <PROCESSING_LEVEL>{level}</PROCESSING_LEVEL><PRODUCT_TYPE>S2MSI1C</PRODUCT_TYPE>
 <PROCESSING_BASELINE>{baseline}</PROCESSING_BASELINE>
-<Datatake datatakeIdentifier="GS2A_20220601T101031_036262_N04.00"><SPACECRAFT_NAME>Sentinel-2A</SPACECRAFT_NAME></Datatake>
+<Datatake datatakeIdentifier="GS2A_20220601T101031_036262_N04.00">
+<SPACECRAFT_NAME>Sentinel-2A</SPACECRAFT_NAME></Datatake>
 <Product_Organisation><Granule_List><Granule>{files}</Granule></Granule_List></Product_Organisation></Product_Info>
 <Product_Image_Characteristics>
 <Special_Values><SPECIAL_VALUE_TEXT>NODATA</SPECIAL_VALUE_TEXT><SPECIAL_VALUE_INDEX>0</SPECIAL_VALUE_INDEX></Special_Values>
@@ -64,7 +67,7 @@ def _grid(tag, zenith, azimuth, more=""):
         )
 
     zenith, azimuth = (table(values).replace("nan", "NaN") for values in (zenith, azimuth))
-    return f'<{tag}{more}><Zenith>{zenith}</Zenith><Azimuth>{azimuth}</Azimuth></{tag}>'
+    return f"<{tag}{more}><Zenith>{zenith}</Zenith><Azimuth>{azimuth}</Azimuth></{tag}>"
 
 
 def s2_angles(sun_zenith=30.0):
@@ -88,7 +91,8 @@ def s2_granule_xml(sun_zenith=30.0):
         for r in (10, 20, 60)
     )
     places = "".join(
-        f'<Geoposition resolution="{r}"><ULX>399960</ULX><ULY>5000040</ULY><XDIM>{r}</XDIM><YDIM>-{r}</YDIM></Geoposition>'
+        f'<Geoposition resolution="{r}"><ULX>399960</ULX><ULY>5000040</ULY>'
+        f"<XDIM>{r}</XDIM><YDIM>-{r}</YDIM></Geoposition>"
         for r in (10, 20, 60)
     )
     return f"""<?xml version="1.0" encoding="UTF-8" standalone="no"?>

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, MAX_VIEW_ZENITH, SceneGeometry
 from skyscatter.errors import DomainError
-from skyscatter.record import Record
+from skyscatter.record import Record, nearest
 
 #: Above this the ground has left no trace in the light: exp(-5) of it arrives directly.
 MAX_AOD = 5.0
@@ -156,3 +157,21 @@ class DehazeOptions(Record):
         if self.pressure_hpa is not None and self.ground_height_m is not None:
             raise DomainError("pressure_hpa", self.pressure_hpa, "give the pressure or the ground's height, not both")
         return self
+
+
+def split_options(values: Mapping[str, Any]) -> tuple[SourceOptions, DehazeOptions]:
+    """Options given by name in one go, as those of reading and those of dehazing.
+
+    Raises
+    ------
+    DomainError
+        If there is no such option, naming the most similar one.
+    """
+    known = (*SourceOptions.model_fields, *DehazeOptions.model_fields)
+    for name, value in values.items():
+        if name not in known:
+            raise DomainError(name, value, f"no such option; {nearest(name, known)}")
+    source, rest = (
+        {key: values[key] for key in values if key in one.model_fields} for one in (SourceOptions, DehazeOptions)
+    )
+    return SourceOptions(**source), DehazeOptions(**rest)

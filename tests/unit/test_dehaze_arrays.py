@@ -12,9 +12,10 @@ import xarray as xr
 from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.arrays import ArraySource, XarraySource
 from skyscatter.dehaze.rasters.base import NODATA, SATURATED
+from skyscatter.dehaze.rasters.opening import as_source
 from skyscatter.dehaze.rasters.sinks import ArraySink
 from skyscatter.dehaze.rasters.windows import for_each_window
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, MissingDataError
 
 NUMBERS = np.random.default_rng(3).integers(0, 9000, (3, 40, 50), dtype=np.uint16)
 NUMBERS[:, 5:9, 5:9] = 0
@@ -93,6 +94,17 @@ def test_a_picture_runs_from_0_to_1_and_black_in_one_band_is_a_colour():
 def test_bad_arrays_say_what_is_wrong(array, options, message):
     with pytest.raises(DomainError, match=message):
         ArraySource(array, SourceOptions(**options))
+
+
+def test_whatever_holds_an_image_becomes_a_source():
+    assert isinstance(as_source(labelled()), XarraySource)
+    source = as_source([[0.1, 0.2], [0.3, 0.4]], SourceOptions(sun_zenith_deg=30.0))
+    assert source.read(0, 2, 0, 2).shape == (1, 2, 2)
+    assert as_source(source) is source
+    with pytest.raises(DomainError, match="is open already"):
+        as_source(source, SourceOptions(scale=1.0))
+    with pytest.raises(MissingDataError, match="no such file"):
+        as_source("nowhere.tif")
 
 
 def test_windows_outside_of_the_image_are_refused():

@@ -143,7 +143,11 @@ def test_a_mask_of_its_own_passes_through(tmp_path):
         path = write_tiff(tmp_path / "masked.tif", np.full((3, 60, 70), 90, np.uint8), mask=mask)
     with GeoTiffSource(str(path), SourceOptions()) as source:
         np.testing.assert_array_equal(np.isnan(source.read(0, 60, 0, 70)[0]), ~mask)
-    with rasterio.open(passed(path, tmp_path / "out.tif")) as file:
+    out = tmp_path / "out.tif"
+    with GeoTiffSource(str(path), SourceOptions()) as source, open_result(out, source) as sink:
+        sink.write(0, 0, source.read(0, 60, 0, 70))
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["masked.tif", "out.tif"]
+    with rasterio.open(out) as file:
         np.testing.assert_array_equal(file.dataset_mask() != 0, mask)
         np.testing.assert_array_equal(file.read()[:, mask], 90)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyscatter.dehaze.geometry import SceneGeometry, fold_azimuth
-from skyscatter.dehaze.options import DehazeOptions, SourceOptions
+from skyscatter.dehaze.options import DehazeOptions, SourceOptions, split_options
 from skyscatter.errors import DomainError
 
 #: Of float64 after a dozen operations on angles up to 360.
@@ -110,3 +110,10 @@ def test_options_of_dehazing_have_limits():
     for bad in ({"aod": -0.1}, {"aod": "some"}, {"strength": None}, {"strength": 1.5}, {"alpha": 5}, {"ozone_du": -1}):
         with pytest.raises(ValueError, match=next(iter(bad))):
             DehazeOptions(**bad)
+
+
+def test_options_in_one_go_are_told_apart():
+    source, options = split_options({"aod": 0.2, "sun_zenith_deg": 30, "bands": ("red",)})
+    assert (source.sun_zenith_deg, source.bands, options.aod) == (30.0, ("red",), 0.2)
+    with pytest.raises(DomainError, match="did you mean sun_zenith_deg"):
+        split_options({"sun_zenith": 30})

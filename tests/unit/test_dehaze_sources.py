@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from rasterio.enums import ColorInterp  # noqa: E402
 from skyscatter.dehaze.options import SourceOptions  # noqa: E402
 from skyscatter.dehaze.rasters.arrays import ArraySource  # noqa: E402
 from skyscatter.dehaze.rasters.base import NODATA, SATURATED  # noqa: E402
+from skyscatter.dehaze.rasters.handles import environment  # noqa: E402
 from skyscatter.dehaze.rasters.opening import open_raster  # noqa: E402
 from skyscatter.dehaze.rasters.outputs import open_result  # noqa: E402
 from skyscatter.dehaze.rasters.quicklook import write_quicklook  # noqa: E402
@@ -108,6 +111,27 @@ def test_every_band_of_reflectance_has_gaps_of_its_own(tmp_path):
         assert flags[1, 1] == NODATA
         assert flags[0, 0] == 0
         assert np.argwhere(source.read_saturated(0, 3, 0, 4)).tolist() == [[2, 2]]
+
+
+def test_black_in_one_band_of_a_picture_is_a_colour(tmp_path):
+    numbers = np.array([[[0, 0, 9]], [[0, 7, 0]], [[0, 200, 0]]], dtype=np.uint8)
+    with open_raster(tiff(tmp_path / "a.tif", numbers, nodata=0)) as source:
+        values, flags = source.read_with_flags(0, 1, 0, 3)
+        np.testing.assert_array_equal(flags, [[NODATA, 0, 0]])
+        np.testing.assert_allclose(values[:, 0, 1:], numbers[:, 0, 1:] / 255, rtol=1e-6)
+        np.testing.assert_array_equal(source.read(0, 1, 0, 3, bands=["red"])[0], values[0])
+
+
+def test_what_stands_in_a_file_beside_the_raster_is_read(tmp_path):
+    """GDAL's .aux.xml, as other programs write it for formats that hold no scale."""
+    numbers = np.array([[[1000, 3000]]], dtype=np.uint16)
+    path = tiff(tmp_path / "a.img", numbers, driver="ENVI")
+    path.with_name("a.img.aux.xml").write_text(
+        "<PAMDataset><PAMRasterBand band='1'><Offset>-0.1</Offset><Scale>0.0001</Scale></PAMRasterBand></PAMDataset>"
+    )
+    for context in (nullcontext(), environment()):
+        with context, open_raster(path) as source:
+            np.testing.assert_allclose(source.read(0, 1, 0, 2)[0, 0], [0.0, 0.2], rtol=0, atol=1e-7)
 
 
 def test_a_raster_of_nothing_but_nodata_is_read_as_nothing(tmp_path):

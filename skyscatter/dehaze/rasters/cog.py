@@ -72,7 +72,7 @@ class CogSink(RasterSink):
         self._work = self._file.path.with_name(f"{self._file.path.stem}.work.tif")
         self._dataset: Any = None
         try:
-            with environment(), quiet():
+            with environment(writing=True), quiet():
                 self._dataset = self._create()
         except BaseException as error:
             said = self._said(error)
@@ -148,7 +148,8 @@ class CogSink(RasterSink):
                 self._dataset.write(numbers, window=window)
                 if self.profile.mask:
                     there = ~np.isnan(cube).all(axis=0)
-                    self._dataset.write_mask(there, window=window)
+                    with environment(writing=True):
+                        self._dataset.write_mask(there, window=window)
         except Exception as error:
             raise self._said(error) from error
 
@@ -169,7 +170,7 @@ class CogSink(RasterSink):
         from rasterio.shutil import copy
 
         try:
-            with environment(), quiet():
+            with environment(writing=True), quiet():
                 self._dataset.update_tags(**self.tags)
                 self._dataset.close()
                 self._check_work()

@@ -44,16 +44,22 @@ def quiet() -> Iterator[None]:
 
 
 @contextmanager
-def environment() -> Iterator[None]:
-    """GDAL with bounded memory and without files of its own beside ours; around everything that reads or writes."""
+def environment(*, writing: bool = False) -> Iterator[None]:
+    """GDAL with bounded memory; around everything that reads and writes.
+
+    Parameters
+    ----------
+    writing : bool
+        Also without files of GDAL's own beside ours.  Those beside images that are read stay in use: they may hold the
+        scale.
+    """
     rasterio = require_rasterio()
-    with rasterio.Env(
-        GDAL_CACHEMAX=CACHE_MEGABYTES,
-        GDAL_PAM_ENABLED="NO",
-        GDAL_TIFF_INTERNAL_MASK=True,
-        GDAL_DISABLE_READDIR_ON_OPEN="TRUE",
-        COG_TMP_COMPRESSION="NONE",  # of overviews on their way into a COG: compressing them took most of the time
-    ):
+    options: dict[str, Any] = {"GDAL_CACHEMAX": CACHE_MEGABYTES}
+    if writing:
+        options |= {"GDAL_PAM_ENABLED": "NO", "GDAL_TIFF_INTERNAL_MASK": True}
+        # Of overviews on their way into a COG: compressing them took most of the time.
+        options["COG_TMP_COMPRESSION"] = "NONE"
+    with rasterio.Env(**options):
         yield
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.base import RasterSource
@@ -42,6 +43,29 @@ def open_raster(path: str | Path, options: SourceOptions | None = None) -> Raste
     from skyscatter.dehaze.rasters.geotiff import GeoTiffSource
 
     return GeoTiffSource(str(path), options)
+
+
+def as_source(image: Any, options: SourceOptions | None = None) -> RasterSource:
+    """The source of whatever holds an image.
+
+    Parameters
+    ----------
+    image : path-like, array_like, xarray.DataArray or RasterSource
+        Arrays are (band, y, x), or (y, x) for one band; labelled ones have rows y and columns x in any order.
+    options : SourceOptions, optional
+        Not for a RasterSource, which has been told.
+    """
+    from skyscatter.dehaze.rasters.arrays import ArraySource, XarraySource
+
+    if isinstance(image, RasterSource):
+        if options is not None and options != SourceOptions():
+            raise DomainError("image", image.name, "is open already; give its options where it is opened")
+        return image
+    if isinstance(image, (str, Path)):
+        return open_raster(image, options)
+    if hasattr(image, "dims") and hasattr(image, "coords"):
+        return XarraySource(image, options)
+    return ArraySource(image, options)
 
 
 def _open_product(path: str, options: SourceOptions) -> RasterSource:

@@ -116,7 +116,7 @@ class PictureSink(RasterSink):
             layout["SOURCE_ICC_PROFILE"] = base64.b64encode(self._icc).decode()
         try:
             with (
-                environment(),
+                environment(writing=True),
                 quiet(),
                 rasterio.open(
                     self._file.path, "w", driver="PNG", height=self.height, width=self.width, **layout
