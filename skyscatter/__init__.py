@@ -66,12 +66,12 @@ _HOME = {
     "render": "skyscatter.solvers.render",
 }
 
-_MODULES = ("fields",)
+_MODULES = ("dehaze", "fields")
 
 __all__ = ["__version__", *_HOME, *_MODULES]
 
 if TYPE_CHECKING:
-    from skyscatter import fields
+    from skyscatter import dehaze, fields
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
     from skyscatter.geometry.telescope import Telescope

@@ -90,8 +90,6 @@ def _through_planet(r: Array, mu: Array, length: Array, radius: float) -> NDArra
     return (mu < 0) & (lowest < radius * (1 - 1e-9)) & (length > -r * mu * (1 + 1e-9))
 
 
-def transmittance(
-    scene: Scene | SpaceScene, start: ArrayLike, end: ArrayLike, wavelengths: ArrayLike
-) -> Array:
+def transmittance(scene: Scene | SpaceScene, start: ArrayLike, end: ArrayLike, wavelengths: ArrayLike) -> Array:
     """exp(-optical depth) of the medium along straight segments, 0 through the planet; arguments as `optical_depth`."""
     return np.exp(-optical_depth(scene, start, end, wavelengths))

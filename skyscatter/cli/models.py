@@ -46,9 +46,7 @@ def _list(context: typer.Context) -> None:
 @app.command("show")
 def show(
     name: Annotated[str, typer.Argument(help="Name of a shipped model or a TOML file.")],
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)
-    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)] = None,
 ) -> None:
     """Print what a model consists of and where its numbers come from."""
     import skyscatter
@@ -64,9 +62,7 @@ def show(
 @app.command("check")
 def check(
     file: Annotated[str, typer.Argument(help="A TOML file, or the name of a shipped model.")],
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)
-    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)] = None,
 ) -> None:
     """Read a model file and evaluate each component once; an error names the field, the value and the remedy."""
     import skyscatter

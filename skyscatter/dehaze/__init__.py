@@ -1,1 +1,60 @@
-"""Taking haze off images: the atmosphere run backwards."""
+"""Taking haze off images: the atmosphere run backwards.
+
+``skyscatter.dehaze(image, ...)`` is `skyscatter.dehaze.engine.dehaze`: the package can be called.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+_HOMES = {
+    "Atmosphere": "skyscatter.dehaze.forward",
+    "Band": "skyscatter.dehaze.passband",
+    "DehazeOptions": "skyscatter.dehaze.options",
+    "DehazeResult": "skyscatter.dehaze.result",
+    "Flag": "skyscatter.dehaze.flags",
+    "SceneGeometry": "skyscatter.dehaze.geometry",
+    "Sensor": "skyscatter.dehaze.bands",
+    "SourceOptions": "skyscatter.dehaze.options",
+    "TermsTable": "skyscatter.dehaze.table",
+    "aerosol_names": "skyscatter.dehaze.aerosols",
+    "build_table": "skyscatter.dehaze.table",
+    "dehaze": "skyscatter.dehaze.engine",
+    "dehaze_raster": "skyscatter.dehaze.engine",
+    "load_sensor": "skyscatter.dehaze.bands",
+    "open_raster": "skyscatter.dehaze.rasters.opening",
+    "sensor_names": "skyscatter.dehaze.bands",
+}
+__all__ = list(_HOMES)
+
+if TYPE_CHECKING:
+    from skyscatter.dehaze.aerosols import aerosol_names
+    from skyscatter.dehaze.bands import Sensor, load_sensor, sensor_names
+    from skyscatter.dehaze.engine import dehaze, dehaze_raster
+    from skyscatter.dehaze.flags import Flag
+    from skyscatter.dehaze.forward import Atmosphere
+    from skyscatter.dehaze.geometry import SceneGeometry
+    from skyscatter.dehaze.options import DehazeOptions, SourceOptions
+    from skyscatter.dehaze.passband import Band
+    from skyscatter.dehaze.rasters.opening import open_raster
+    from skyscatter.dehaze.result import DehazeResult
+    from skyscatter.dehaze.table import TermsTable, build_table
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+class _CallablePackage(ModuleType):
+    """A package whose name is also that of its main function."""
+
+    def __call__(self, image: Any, **options: Any) -> Any:
+        return import_module("skyscatter.dehaze.engine").dehaze(image, **options)
+
+
+sys.modules[__name__].__class__ = _CallablePackage

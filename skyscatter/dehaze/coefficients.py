@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skyscatter.dehaze.estimate import HazeEstimate
 from skyscatter.dehaze.forward import BACK, DIFFUSE, DIRECT, PATH, surface_reflectance
 from skyscatter.dehaze.lattice import Lattice
-from skyscatter.dehaze.sensing import Gases
+from skyscatter.dehaze.sensing import Gases, with_water
 from skyscatter.dehaze.table import TermsTable
 
 Array = NDArray[np.float64]
@@ -48,20 +48,6 @@ class Coefficients:
     relative: Single
     aod: Single
     aod_sigma: Single
-
-
-def cell_terms(table: TermsTable, aod: Array, angles: Array, gases: Gases) -> tuple[Array, Array]:
-    """Terms with water vapour in them, and their slopes over the haze, of places (place, band, term).
-
-    Light that the air scatters has crossed half of the water vapour, light from the ground all of it.
-    """
-    out = []
-    for terms in table.at(aod, *angles):
-        terms[..., PATH] *= gases.half
-        terms[..., DIRECT] *= gases.water
-        terms[..., DIFFUSE] *= gases.water
-        out.append(terms)
-    return out[0], out[1]
 
 
 def gain_and_offset(terms: Array, above: Array, around: Array | None) -> tuple[Array, Array]:
@@ -113,7 +99,7 @@ class Corrector:
             The next best model and the probability that it is right.
         haze : HazeEstimate
         """
-        terms, slopes = (self._fine(t) for t in cell_terms(table, haze.aod.ravel(), self.angles, self.gases))
+        terms, slopes = (self._fine(t) for t in with_water(table.at(haze.aod.ravel(), *self.angles), self.gases))
         gain, offset = gain_and_offset(terms, self.above, self._around(terms))
         sigma = self.lattice.to_small(haze.sigma)
         # A finite step: the haze changes the surroundings too, of which a derivative would know nothing.
@@ -123,7 +109,7 @@ class Corrector:
         by_haze = np.stack([(c - was) / step * sigma for c, was in zip(changed, (gain, offset), strict=True)])
         by_model = np.zeros_like(by_haze)
         if other is not None:
-            theirs = self._fine(cell_terms(other[0], haze.aod.ravel(), self.angles, self.gases)[0])
+            theirs = self._fine(with_water(other[0].at(haze.aod.ravel(), *self.angles), self.gases)[0])
             changed = gain_and_offset(theirs, self.above, self._around(theirs))
             share = np.sqrt(other[1])
             by_model = np.stack([share * (c - was) for c, was in zip(changed, (gain, offset), strict=True)])

@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 
 from skyscatter.dehaze.dark import cover_spectra, log_likelihood
 from skyscatter.dehaze.hazemap import regularised
+from skyscatter.dehaze.sensing import Gases, with_water
 from skyscatter.dehaze.table import TermsTable
 
 Array = NDArray[np.float64]
@@ -84,10 +85,10 @@ def moments(aod: Array, log_density: Array) -> tuple[Array, Array, Array]:
 class _Judged:
     """What one aerosol model makes of the dark cells."""
 
-    def __init__(self, table: TermsTable, observed: Array, angles: Array) -> None:
+    def __init__(self, table: TermsTable, observed: Array, angles: Array, gas: Gases) -> None:
         self.table = table
         self.depths = trial_depths(float(table.aod[-1]))
-        terms, _ = table.at(self.depths, *(a[:, None] for a in angles))
+        (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles))[:1], gas)
         self.likelihood, unknown = log_likelihood(observed, terms, cover_spectra(table.bands))
         local = self.likelihood + log_prior(self.depths)
         weight = np.exp(local - logsumexp(local, axis=-1, keepdims=True))
@@ -114,7 +115,9 @@ class _Judged:
         return said, np.where(tells, 1 / np.sqrt(safe), np.inf)
 
 
-def estimate(tables: Sequence[TermsTable], observed: Array, angles: Array, vary: bool = True) -> HazeEstimate:
+def estimate(
+    tables: Sequence[TermsTable], observed: Array, angles: Array, gas: Gases, vary: bool = True
+) -> HazeEstimate:
     """Haze by the darkest pixels of all cells, under any of some aerosol models.
 
     Parameters
@@ -122,9 +125,11 @@ def estimate(tables: Sequence[TermsTable], observed: Array, angles: Array, vary:
     tables : sequence of TermsTable
         One for each aerosol model, of the same bands and angles.
     observed : array, shape (band, large row, large column)
-        Dark spectra above the scattering air (gases divided out); NaN where there is nothing to judge.
+        Dark spectra above the scattering air (ozone and mixed gases divided out); NaN where there is nothing to judge.
     angles : array, shape (3, large row, large column)
         Zenith angles of Sun and view, relative azimuth [degree].
+    gas : Gases
+        At all large cells, row by row.
     vary : bool
         Whether the haze may vary over the image.
     """
@@ -138,7 +143,9 @@ def estimate(tables: Sequence[TermsTable], observed: Array, angles: Array, vary:
         nothing = np.ones(shape, bool)
         note = "no cell has enough clear pixels: the haze is the prior's"
         return HazeEstimate(np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,))
-    judged = [_Judged(table, observed[:, seen].T, angles[:, seen]) for table in tables]
+    near = seen.ravel()
+    here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
+    judged = [_Judged(table, observed[:, seen].T, angles[:, seen], here) for table in tables]
     evidence = np.array([j.evidence for j in judged])
     shares = np.exp(evidence - logsumexp(evidence))
     best = judged[int(shares.argmax())]

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from enum import IntFlag
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class Flag(IntFlag):
     """Why a pixel is no plain measurement of clear ground."""
@@ -16,3 +19,8 @@ class Flag(IntFlag):
     SHADOW = 32  #: much darker than the air allows for lit ground
     CLIPPED = 64  #: the estimate was negative and has been set to 0
     UNCERTAIN = 128  #: nothing dark nearby: the haze there is the prior's, or a neighbour's
+
+
+def mark(flags: NDArray[np.uint8], where: NDArray[np.bool_], flag: Flag) -> None:
+    """Set a flag, in place, where a mask of the same shape holds."""
+    flags |= where.astype(np.uint8) * np.uint8(flag)

@@ -125,6 +125,8 @@ class DehazeOptions(Record):
         Pressure on the ground, or its height above the sea; one of them.
     ozone_du, water_vapour_g_cm2 : float, optional
         Columns of the gases [DU, g cm-2].
+    pixel_size_m : float, optional
+        Side of a pixel on the ground [m], where the georeference does not say it or is wrong.
     adjacency : bool
         Whether light from the surroundings of a pixel is taken off.
     strength : float
@@ -145,6 +147,7 @@ class DehazeOptions(Record):
     ground_height_m: _number("ground_height_m", -500.0, 9000.0, " m") = None  # type: ignore[valid-type]
     ozone_du: _number("ozone_du", 0.0, 1000.0, " DU") = None  # type: ignore[valid-type]
     water_vapour_g_cm2: _number("water_vapour_g_cm2", 0.0, 10.0, " g cm-2") = None  # type: ignore[valid-type]
+    pixel_size_m: _number("pixel_size_m", 0.01, 1e5, " m") = None  # type: ignore[valid-type]
     adjacency: bool = True
     strength: Annotated[float, _bounded("strength", 0.0, 1.0, "")] = 1.0
     alpha: _automatic("alpha", 0.0, 4.0) = "auto"  # type: ignore[valid-type]

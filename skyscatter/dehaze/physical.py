@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from skyscatter.dehaze import masks
 from skyscatter.dehaze.coefficients import Coefficients, Corrector
 from skyscatter.dehaze.estimate import HazeEstimate, estimate
-from skyscatter.dehaze.flags import Flag
+from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
 from skyscatter.dehaze.gather import Gathered, look
 from skyscatter.dehaze.lattice import Lattice
 from skyscatter.dehaze.options import DehazeOptions
+from skyscatter.dehaze.pixelsize import pixel_size
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows
 from skyscatter.dehaze.sensing import Gases, Sensing, gases, sense
@@ -106,16 +107,16 @@ class Correction:
 
     def flag(self, flags: NDArray[np.uint8], surface: Values, clipped: NDArray[np.bool_], row0: int, col0: int) -> None:
         """Enter what is known of pixels after the correction."""
-        free = (flags & (Flag.CLOUD | Flag.NODATA)) == 0
+        free = (flags & np.uint8(Flag.CLOUD | Flag.NODATA)) == 0
         with np.errstate(invalid="ignore"):
             wet = masks.water(surface, self.roles) & free
-            flags[wet] |= Flag.WATER
-            flags[masks.shadow(surface, self.roles, wet) & free] |= Flag.SHADOW
-        flags[clipped & free] |= Flag.CLIPPED
+            mark(flags, wet, Flag.WATER)
+            mark(flags, masks.shadow(surface, self.roles, wet) & free, Flag.SHADOW)
+        mark(flags, clipped & free, Flag.CLIPPED)
         rows, cols = (
             (start + np.arange(n)) // self.lattice.large for start, n in zip((row0, col0), flags.shape, strict=True)
         )
-        flags[self.haze.uncertain[rows[:, None], cols] & free] |= Flag.UNCERTAIN
+        mark(flags, self.haze.uncertain[rows[:, None], cols] & free, Flag.UNCERTAIN)
 
     def upsampled(self, cells: NDArray[np.float32], row0: int, col0: int, shape: tuple[int, ...]) -> Values:
         """Values of small cells at the pixels of a window, bilinear."""
@@ -140,14 +141,14 @@ def above_atmosphere(
         toa *= sensing.factors[list(sensing.places), None, None].astype(np.float32)
         toa *= secant(rows, cols).astype(np.float32)
     with np.errstate(invalid="ignore"):
-        flags[masks.clouds(toa, air, roles)] |= Flag.CLOUD
+        mark(flags, masks.clouds(toa, air, roles), Flag.CLOUD)
         if sensing.cirrus is not None:
             high = values[sensing.cirrus]
             if sensing.factors is not None:
                 high = high * np.float32(sensing.factors[sensing.cirrus])
             thin = np.nan_to_num(np.maximum(high - np.float32(CIRRUS_NONE), np.float32(0)), nan=0.0)
-            flags[thin > 0] |= Flag.CIRRUS
-            flags[thin > CIRRUS_THICK] |= Flag.CLOUD
+            mark(flags, thin > 0, Flag.CIRRUS)
+            mark(flags, thin > CIRRUS_THICK, Flag.CLOUD)
             toa -= thin / np.float32(CIRRUS_SEEN)
     return toa
 
@@ -236,7 +237,7 @@ def gather(
 
     def first_look(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> Any:
         toa = toa_of(row0, col0, values, flags)
-        clear = (flags & (Flag.CLOUD | Flag.NODATA | Flag.SATURATED)) == 0
+        clear = (flags & np.uint8(Flag.CLOUD | Flag.NODATA | Flag.SATURATED)) == 0
         clear &= np.isfinite(toa).all(axis=0)
         return look(toa, clear, visible, lattice)
 
@@ -269,7 +270,7 @@ def find_haze(
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]
     observed = seen.dark[use] / np.moveaxis(above, -1, 0)
-    return estimate([only(t, use) for t in tables], observed, angles, gas_of(gas, use, shape), vary=True)
+    return estimate([only(t, use) for t in tables], observed, angles, gas_of(gas, use), vary=True)
 
 
 def only(table: TermsTable, bands: list[int]) -> TermsTable:
@@ -279,7 +280,7 @@ def only(table: TermsTable, bands: list[int]) -> TermsTable:
     return replace(table, bands=tuple(table.bands[k] for k in bands), values=table.values[..., bands, :])
 
 
-def gas_of(gas: Gases, bands: list[int], shape: tuple[int, int]) -> Gases:
+def gas_of(gas: Gases, bands: list[int]) -> Gases:
     """Gases of some bands."""
     return Gases(gas.above[:, bands], gas.water[:, bands], gas.half[:, bands], gas.relative[bands])
 
@@ -296,7 +297,7 @@ def neighbourhood(
     """How light from around a pixel is gathered; None, and why, where it cannot be known."""
     if not options.adjacency:
         return None, []
-    pixel = source.pixel_size_m
+    pixel = options.pixel_size_m or pixel_size(source)
     if pixel is None:
         return None, ["the size of a pixel is unknown: light from the surroundings of a pixel is left in it"]
     from skyscatter.dehaze.adjacency import environment, spread_function
@@ -343,7 +344,6 @@ def dehaze_physical(
     """Correct an image into sinks (result, sigma, haze_map, mask: those there are); returns the summary."""
     correction, report = prepare(source, options, progress)
     wanted = frozenset(sinks)
-    counts = {flag.name: 0 for flag in Flag}
 
     def work(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
         return correction(row0, col0, values, flags, wanted)
@@ -352,5 +352,4 @@ def dehaze_physical(
         source, sinks, work, size=options.window, flags=True, threads=options.threads,
         progress=lambda share: progress(AFTER_ESTIMATE + (1 - AFTER_ESTIMATE) * share),
     )  # fmt: skip
-    del counts
     return report

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.dehaze.bands import Band, load_sensor
+from skyscatter.dehaze.forward import DIFFUSE, DIRECT, PATH
 from skyscatter.dehaze.gases import gas_transmittance
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.errors import DomainError
@@ -116,6 +117,8 @@ def sense(source: RasterSource) -> Sensing:
 
 def sun_distance(source: RasterSource, notes: list[str]) -> float:
     """Distance of the Sun [au] on the day of the image; 1 with a remark where the day is unknown."""
+    if source.sun_distance_au is not None:
+        return source.sun_distance_au
     if source.acquired is None:
         notes.append("the date is unknown: the Sun is taken to be 1 au away (off by up to 1.7 %, radiance only)")
         return 1.0
@@ -175,3 +178,19 @@ def gases(
         ]
         relative[k] = np.hypot(*(float(m / usual - 1) for m in more))
     return Gases(above, through, half, relative)
+
+
+def with_water(terms: Sequence[Array], gas: Gases) -> list[Array]:
+    """Terms (place, ..., band, term), or slopes of them, with the water vapour at those places in them.
+
+    Light that the air scatters has crossed half of the water vapour, light from the ground all of it.
+    """
+    out = []
+    for values in terms:
+        between = (len(gas.half), *(1 for _ in values.shape[1:-2]), -1)
+        scaled = values.copy()
+        scaled[..., PATH] *= gas.half.reshape(between)
+        scaled[..., DIRECT] *= gas.water.reshape(between)
+        scaled[..., DIFFUSE] *= gas.water.reshape(between)
+        out.append(scaled)
+    return out

@@ -449,10 +449,7 @@ class RadianceField:
     def _error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
         """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays."""
         order, group = bundles(origins, directions, table.columns.radius)
-        sample = [
-            order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))]
-            for a, b in pairwise(group)
-        ]
+        sample = [order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))] for a, b in pairwise(group)]
         chosen = np.concatenate([*sample, np.zeros(0, np.int64)])
         scattered, multiple, ground, _ = view(
             self.coarse.problem, self.coarse.loaded, table, origins[chosen], directions[chosen]

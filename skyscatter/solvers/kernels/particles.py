@@ -160,11 +160,7 @@ def particle_density(p, i, data, at, j, x, y, z):
     total, k = 0.0, 1
     while True:
         n = boxes + NODE * k
-        if (
-            data[n] <= u <= data[n + 3]
-            and data[n + 1] <= v <= data[n + 4]
-            and data[n + 2] <= w <= data[n + 5]
-        ):
+        if data[n] <= u <= data[n + 3] and data[n + 1] <= v <= data[n + 4] and data[n + 2] <= w <= data[n + 5]:
             if k < leaves:
                 k *= 2
                 continue

@@ -1,0 +1,110 @@
+"""The two entrances to dehazing, by what an image says of itself, and the function for arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from skyscatter.dehaze.options import DehazeOptions, SourceOptions, split_options
+from skyscatter.dehaze.rasters.base import RasterSource
+from skyscatter.dehaze.result import DehazeResult, Summary
+from skyscatter.errors import DomainError
+
+Progress = Callable[[float], object]
+
+
+def dehaze_raster(
+    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress | None = None
+) -> Summary:
+    """Take the haze off an image window by window.
+
+    Parameters
+    ----------
+    source : RasterSource
+    sinks : mapping of str to RasterSink
+        Where to write: ``result``, ``sigma``, ``haze_map``, ``mask``; what is left out is not computed.
+    options : DehazeOptions
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+
+    Returns
+    -------
+    Summary
+    """
+    say = progress or (lambda share: None)
+    if source.quantity == "display":
+        from skyscatter.dehaze.plain import dehaze_plain
+
+        return Summary(dehaze_plain(source, sinks, options, say))
+    if source.geometry is None:
+        rule = f"{source.name} does not say where the Sun was; give sun_zenith_deg, or quantity='display' for a picture"
+        raise DomainError("sun_zenith_deg", None, rule)
+    from skyscatter.dehaze.physical import dehaze_physical
+
+    return Summary(dehaze_physical(source, sinks, options, say))
+
+
+def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> DehazeResult:
+    """Take the haze off an image.
+
+    An image whose sensor and geometry are known becomes surface reflectance with an uncertainty; a plain picture
+    becomes a picture without its veil.
+
+    Parameters
+    ----------
+    image : path-like, array_like, xarray.DataArray or RasterSource
+        Arrays are (band, y, x): reflectance above the atmosphere, radiance [W m-2 sr-1 um-1] or display values.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+    **options
+        Of `skyscatter.dehaze.options.SourceOptions` (sensor, bands, quantity, scale, offset, angles) and
+        `skyscatter.dehaze.options.DehazeOptions` (aod, aerosol, pressure_hpa, ozone_du, strength, ...).
+
+    Returns
+    -------
+    DehazeResult
+
+    Raises
+    ------
+    DomainError
+        Naming the option or the property of the image that is missing or wrong.
+    """
+    from skyscatter.dehaze.rasters.arrays import XarraySource
+
+    reading, doing = split_options(options)
+    source = _source(image, reading)
+    with source:
+        sinks = array_sinks(source)
+        summary = dehaze_raster(source, sinks, doing, progress)
+    found = {name: sink.array for name, sink in sinks.items()}
+    if isinstance(source, XarraySource):
+        single = {"haze_map": ["haze"], "mask": ["flags"]}
+        found = {name: source.wrap(values, single.get(name)) for name, values in found.items()}
+    return DehazeResult(found["result"], found["sigma"], found["haze_map"], found["mask"], summary.to_json())
+
+
+def _source(image: Any, reading: SourceOptions) -> RasterSource:
+    """The source of an image; names for all bands of a plain array are the names of its bands."""
+    from skyscatter.dehaze.rasters.arrays import ArraySource
+    from skyscatter.dehaze.rasters.opening import as_source
+
+    plain = not isinstance(image, RasterSource) and not hasattr(image, "dims") and hasattr(image, "ndim")
+    names = reading.bands
+    if plain and names is not None and image.ndim == 3 and len(names) == len(image) and "=" not in "".join(names):
+        return ArraySource(image, reading.model_copy(update={"bands": None}), names=names)
+    return as_source(image, reading)
+
+
+def array_sinks(source: RasterSource) -> dict[str, Any]:
+    """Arrays for everything that can be asked for."""
+    from skyscatter.dehaze.rasters.sinks import ArraySink
+
+    count = len(source.bands)
+    return {
+        "result": ArraySink(source.height, source.width, count),
+        "sigma": ArraySink(source.height, source.width, count),
+        "haze_map": ArraySink(source.height, source.width, 1),
+        "mask": ArraySink(source.height, source.width, 1, np.dtype(np.uint8).name),
+    }
