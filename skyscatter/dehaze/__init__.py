@@ -1,0 +1,1 @@
+"""Taking haze off images: the atmosphere run backwards."""

@@ -1,0 +1,217 @@
+r"""What a picture says about a veil on it, weighed against what pictures look like.
+
+Nothing in a single picture tells a veil from a pale scene for certain: (J - A) t + A with a larger t and a paler J shows the same.
+So the answer is a distribution: over the veil's transmittance t, its own colour A and the slope of its optical depth over
+wavelength, each judged by whether what would lie beneath is a plausible picture.  Evidence is
+
+- the dark end: most scenes hold something nearly black (shadows, water, forest) in every band, and nothing negative;
+- contrast: the spread of the light in scenes of many surfaces, and in scenes of a single one (sand, sea);
+- colour: a grey veil dilutes the saturation of everything alike, also where nothing is dark;
+- the bright end, which must stay within the scale;
+
+and what is known of veils: layers that scatter without absorbing.  If such a layer reflects R, it lets 1 - R through each way
+(energy is conserved), and by the adding method light from the ground is dimmed to t = (1 - R)², so that
+
+    A = R / (1 - t) = 1 / (1 + √t),
+
+0.5 of a white surface for a thin veil and 1 for an opaque one (van de Hulst, Multiple Light Scattering, 1980, section 4.1; the light that
+goes back and forth between the ground and the layer is left out).  The widths below are wide on purpose: they are what one would say of
+pictures at large without having seen the one in question.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.dehaze.picture.lattice import Lattice
+from skyscatter.dehaze.picture.options import PictureOptions
+from skyscatter.dehaze.picture.transfer import Transfer, encode
+
+Floats = NDArray[np.float64]
+
+REFERENCE = 550.0
+"""Wavelength of the optical depths that are reported, nm."""
+
+# Plausible pictures, in displayed values 0 to 1: (centre, standard deviation); those of "log" in natural logarithms.
+DARK_END = (0.04, 0.04)  # of the darkest band, in scenes that hold dark objects
+DARK_SHARE = 0.85  # how many scenes of many surfaces hold them
+DARK_COLOUR = 0.07  # how far the dark ends of the bands lie apart
+PALE_END = (0.25, 0.25)  # the dark end of the others
+BLACK = 0.012  # how far below zero noise may reach
+BRIGHT_END = (0.9, 0.25)
+WHITE = 0.04  # how far above one the bright end may reach
+MEAN_MANY, MEAN_ONE = (0.42, 0.2), (0.42, 0.3)
+LOG_SPREAD_MANY, LOG_SPREAD_ONE = (np.log(0.16), 0.45), (np.log(0.05), 0.7)
+ONE_SURFACE = 0.4  # share of scenes of a single kind of surface
+LOG_SATURATION = (np.log(0.3), 0.5)
+MOST_SATURATED = (0.7, 0.1)
+LEAF_END = (0.06, 0.05)  # the dark end of a canopy: leaves absorb red and blue light, and shade each other
+GREEN = 0.1  # relative excess of green over red and blue from which a scene is taken to be vegetated
+# Veils
+NO_VEIL = 0.5  # share of pictures without one
+MEAN_DEPTH = 0.6  # of the others, exponential
+LOG_AIRLIGHT = 0.15  # exposure and stretch of the picture about A = 1 / (1 + √t)
+GREY_VEIL = 0.5  # share of veils without colour; the others alike
+
+DEPTHS = np.linspace(0.03, 2.4, 60)
+AIRLIGHTS = np.geomspace(0.3, 1.0, 30)
+SLOPES = (
+    (0.0, 0.0),
+    (0.5, 0.0),
+    (1.0, 0.0),
+    (1.5, 0.0),
+    (2.0, 0.0),
+    (3.0, 0.0),
+    (4.0, 0.0),
+    (0.0, 1.0),
+    (0.0, 2.0),
+    (0.0, 3.0),
+)
+"""Colours of veils: the exponent α of τ ~ λ^-α, and β of A ~ λ^β for smoke and dust that absorb blue light, which no α ≥ 0 says."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """A picture, or a region of it, in a few numbers: light, (bands,) each, and the saturation of its pixels."""
+
+    dark: Floats
+    bright: Floats
+    mean: Floats
+    spread: Floats
+    brightest: float
+    darkest: float
+
+
+def features(lattice: Lattice, where: tuple[slice, slice] = (slice(None), slice(None))) -> Features | None:
+    """Features of a rectangle of cells; None where less than a quarter of the cells have data, or fewer than four."""
+    number = lattice.number[where]
+    some = number > 0
+    if some.sum() < max(4, 0.25 * some.size):
+        return None
+    weight = number[some] / number[some].sum(dtype=np.float64)
+    mean = lattice.mean[:, *where][:, some].astype(np.float64)
+    centre = mean @ weight
+    variance = (lattice.variance[:, *where][:, some] + (mean - centre[:, None]) ** 2) @ weight
+    dark = np.quantile(lattice.low[:, *where][:, some], 0.02, axis=1)
+    bright = np.quantile(lattice.high[:, *where][:, some], 0.98, axis=1)
+    tops, bottoms = lattice.brightest[where][some] @ weight, lattice.darkest[where][some] @ weight
+    return Features(dark, bright, centre, np.sqrt(variance) + 1e-4, float(tops), float(bottoms))
+
+
+def _normal(x: Floats, prior: tuple[float, float]) -> Floats:
+    return -0.5 * ((x - prior[0]) / prior[1]) ** 2 - np.log(prior[1])
+
+
+def _greenness(mean: Floats) -> Floats:
+    """How likely a scene is vegetated: nothing else on land or sea reflects green best (sand and soil are redder, water bluer)."""
+    if len(mean) != 3:
+        return np.full(mean.shape[1:], 1e-6)
+    excess = (mean[1] - np.maximum(mean[0], mean[2])) / np.maximum(mean[1], 0.01)
+    return 0.9 * np.clip(excess / GREEN, 1e-6, 1.0)
+
+
+def plausibility(dark: Floats, bright: Floats, mean: Floats, spread: Floats, saturation: Floats | None) -> Floats:
+    """Log-density of a clear picture with given features in displayed values; bands along the first axis."""
+    lowest = dark.min(axis=0)
+    held = np.logaddexp(
+        np.log(DARK_SHARE) + _normal(np.maximum(lowest, 0.0), DARK_END),
+        np.log(1.0 - DARK_SHARE) + _normal(lowest, PALE_END),
+    )
+    held = held - 0.5 * ((dark - lowest) ** 2).sum(axis=0) / DARK_COLOUR**2
+    level, contrast = mean.mean(axis=0), np.log(np.maximum(spread.mean(axis=0), 1e-5))
+    many = held + _normal(contrast, LOG_SPREAD_MANY) + _normal(level, MEAN_MANY) + np.log(1.0 - ONE_SURFACE)
+    green = _greenness(mean)
+    single = np.logaddexp(np.log(green) + _normal(lowest, LEAF_END), np.log(1.0 - green) + _normal(lowest, PALE_END))
+    one = single + _normal(contrast, LOG_SPREAD_ONE) + _normal(level, MEAN_ONE) + np.log(ONE_SURFACE)
+    highest = bright.max(axis=0)
+    total = np.logaddexp(many, one) + _normal(np.minimum(highest, 1.0), BRIGHT_END)
+    total = total - 0.5 * (np.maximum(highest - 1.0, 0.0) / WHITE) ** 2 - 0.5 * (np.minimum(lowest, 0.0) / BLACK) ** 2
+    if saturation is not None:
+        total = total + _normal(np.log(np.maximum(saturation, 1e-3)), LOG_SATURATION)
+        total = total - 0.5 * (np.maximum(saturation - MOST_SATURATED[0], 0.0) / MOST_SATURATED[1]) ** 2
+    return total
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Veils that are weighed: transmittance and airlight of (bands, colours, depths, airlights), and their prior density."""
+
+    transmittance: Floats
+    airlight: Floats
+    prior: Floats
+    colours: tuple[tuple[float, float], ...]
+
+
+def candidates(options: PictureOptions) -> Candidates:
+    """All veils on the grid of colours, optical depths and airlights."""
+    colours = SLOPES if options.alpha is None else ((options.alpha, 0.0),)
+    if len(options.wavelengths) == 1:
+        colours = ((options.alpha or 0.0, 0.0),)
+    ratio = np.array(options.wavelengths)[:, None, None, None] / REFERENCE
+    alpha, beta = (np.array([c[k] for c in colours])[:, None, None] for k in (0, 1))
+    t = np.exp(-DEPTHS[:, None] * ratio**-alpha)
+    a = AIRLIGHTS * ratio**beta * np.ones_like(t)
+    t = t * np.ones_like(a)
+    middle = np.exp(-DEPTHS)[:, None]
+    prior = np.exp(-DEPTHS / MEAN_DEPTH)[:, None] * np.exp(
+        -0.5 * (np.log(AIRLIGHTS * (1.0 + np.sqrt(middle))) / LOG_AIRLIGHT) ** 2
+    )
+    share = np.array(
+        [
+            1.0 if len(colours) == 1 else GREY_VEIL if c == (0.0, 0.0) else (1 - GREY_VEIL) / (len(colours) - 1)
+            for c in colours
+        ]
+    )
+    prior = share[:, None, None] * (prior / prior.sum())
+    return Candidates(t, a, prior, colours)
+
+
+def _judge(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats:
+    """Plausibility of what lies beneath veils (bands, ...)."""
+    shape = (-1,) + (1,) * (t.ndim - 1)
+
+    def beneath(light: Floats) -> Floats:
+        return a + (light.reshape(shape) - a) / t
+
+    low, high, mean = beneath(found.dark), beneath(found.bright), beneath(found.mean)
+    spread = found.spread.reshape(shape) / t
+    shown = encode(mean, transfer)
+    contrast = 0.5 * (encode(mean + spread, transfer) - encode(np.maximum(mean - spread, 0.0), transfer))
+    if transfer == "linear":
+        contrast = spread
+    saturation = None
+    if len(found.mean) == 3:
+        # Exact for grey veils; others shift the bands against each other by the shift of their means.
+        inner = t.mean(axis=0)
+        top = mean.max(axis=0) + (found.brightest - found.mean.max()) / inner
+        bottom = mean.min(axis=0) - (found.mean.min() - found.darkest) / inner
+        top, bottom = encode(top, transfer), encode(bottom, transfer)
+        saturation = (top - bottom) / np.maximum(top, 1e-3)
+    return plausibility(encode(low, transfer), encode(high, transfer), shown, contrast, saturation)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Posterior weights: of the candidates (colours, depths, airlights), and of there being no veil; their sum is one.
+
+    ``log_evidence`` is the logarithm of the common factor that was divided out.
+    """
+
+    veil: Floats
+    clear: float
+    log_evidence: float
+
+
+def weigh(found: Features, veils: Candidates, transfer: Transfer) -> Weights:
+    """Posterior weights of veils on a picture with given features."""
+    log_veil = _judge(found, veils.transmittance, veils.airlight, transfer)
+    one = np.ones((len(found.mean), 1))
+    log_clear = float(_judge(found, one, 0.5 * one, transfer)[0])
+    top = max(float(log_veil.max()), log_clear)
+    veil = (1.0 - NO_VEIL) * veils.prior * np.exp(log_veil - top)
+    clear = NO_VEIL * float(np.exp(log_clear - top))
+    total = float(veil.sum()) + clear
+    return Weights(veil / total, clear / total, top + float(np.log(total)))

@@ -1,0 +1,151 @@
+"""The veil from place to place: the evidence of overlapping regions, joined under a total-variation prior.
+
+What one region seems to show may come from its surfaces, so a map is only drawn as far as regions differ by more than their own
+uncertainty says they would (the method of moments of DerSimonian & Laird, Controlled Clinical Trials 7, 1986, eq. 8).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.dehaze.picture.evidence import (
+    DEPTHS,
+    Candidates,
+    Weights,
+    features,
+    weigh,
+)
+from skyscatter.dehaze.picture.lattice import Lattice
+from skyscatter.dehaze.picture.transfer import Transfer
+
+Floats = NDArray[np.float64]
+
+REGIONS = 12
+"""Regions along the longer edge of an image; each overlaps the next by half."""
+INDEPENDENT = 1.0
+"""How many pictures' worth of evidence the regions of one picture are: they share their light and their kinds of surface."""
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Posterior weights of the regions, (rows, columns) of them; None where there is too little data."""
+
+    weights: list[list[Weights | None]]
+    size: int
+    step: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of regions."""
+        return len(self.weights), len(self.weights[0])
+
+
+def weigh_regions(lattice: Lattice, veils: Candidates, transfer: Transfer) -> Regions:
+    """Weigh the veils on every region by itself."""
+    rows, columns = lattice.shape
+    step = max(3, -(-max(rows, columns) // (REGIONS + 1)))
+    size = 2 * step
+    starts = [range(0, max(1, n - step), step) for n in (rows, columns)]
+    weights: list[list[Weights | None]] = []
+    for r in starts[0]:
+        line: list[Weights | None] = []
+        for c in starts[1]:
+            found = features(lattice, (slice(r, r + size), slice(c, c + size)))
+            line.append(None if found is None else weigh(found, veils, transfer))
+        weights.append(line)
+    return Regions(weights, size, step)
+
+
+def join_evidence(whole: Weights, regions: Regions, veils: Candidates) -> tuple[Weights, Floats]:
+    """The picture's weights with what its regions say of the veil's colour and brightness, which they all share.
+
+    Returns
+    -------
+    whole : Weights
+        Of the picture.
+    shared : (colours, airlights)
+        Posterior of colour and airlight over their prior: what to multiply the weights of a region with.
+    """
+    prior = veils.prior.sum(axis=1)
+    known = [w for line in regions.weights for w in line if w is not None]
+    log_ratio = np.zeros_like(prior)
+    for w in known:
+        # A region without a veil says nothing about the veil's colour.
+        log_ratio += np.log(w.clear + w.veil.sum(axis=1) / prior)
+    log_ratio *= min(1.0, INDEPENDENT / max(1, len(known)))
+    ratio = np.exp(log_ratio - log_ratio.max())
+    veil = whole.veil * ratio[:, None, :]
+    clear = whole.clear * float((prior * ratio).sum() / prior.sum())
+    total = float(veil.sum()) + clear
+    joined = Weights(veil / total, clear / total, whole.log_evidence)
+    shared = (
+        joined.clear * prior / prior.sum() * ratio / (prior * ratio).sum() * prior.sum() + joined.veil.sum(axis=1)
+    ) / prior
+    return joined, shared
+
+
+def condition(region: Weights, shared: Floats) -> Weights:
+    """A region's weights, given the colour and the airlight of the veil on the whole picture."""
+    veil = region.veil * shared[:, None, :]
+    total = float(veil.sum()) + region.clear
+    return Weights(veil / total, region.clear / total, region.log_evidence)
+
+
+def depth_moments(weights: Weights) -> tuple[float, float]:
+    """Depth of the posterior mean of the gain, ln E[e^τ], and the standard deviation of the depth."""
+    share = weights.veil.sum(axis=(0, 2))
+    centre = float(share @ DEPTHS)
+    spread = float(share @ DEPTHS**2) - centre**2
+    return float(np.log(share @ np.exp(DEPTHS) + weights.clear)), float(np.sqrt(max(spread, 0.0))) + 0.01
+
+
+def smooth(values: Floats, sigma: Floats, scale: float = 0.1) -> Floats:
+    """Most probable map given values with errors and steps between neighbours with a Laplace distribution.
+
+    That prior keeps fronts sharp and lets flat stay flat.  Solved by reweighted least squares; ``scale`` is that of a step.
+    """
+    rows, columns = values.shape
+    number = np.arange(rows * columns).reshape(rows, columns)
+    pairs = np.concatenate(
+        [
+            np.stack([number[:, 1:].ravel(), number[:, :-1].ravel()], 1),
+            np.stack([number[1:].ravel(), number[:-1].ravel()], 1),
+        ]
+    )
+    weight = (1.0 / sigma**2).ravel()
+    field = np.full(rows * columns, float((weight @ values.ravel()) / weight.sum()))
+    for _ in range(30):
+        pull = 1.0 / (scale * np.maximum(np.abs(field[pairs[:, 0]] - field[pairs[:, 1]]), 0.02))
+        matrix = np.diag(weight)
+        np.add.at(matrix, (pairs[:, 0], pairs[:, 0]), pull)
+        np.add.at(matrix, (pairs[:, 1], pairs[:, 1]), pull)
+        np.add.at(matrix, (pairs[:, 0], pairs[:, 1]), -pull)
+        np.add.at(matrix, (pairs[:, 1], pairs[:, 0]), -pull)
+        field = np.linalg.solve(matrix, weight * values.ravel())
+    return field.reshape(rows, columns)
+
+
+def heterogeneity(values: Floats, sigma: Floats) -> float:
+    """Share of the differences between regions that their errors do not explain, 0 to 1."""
+    weight = 1.0 / sigma**2
+    total = weight.sum()
+    centre = (weight * values).sum() / total
+    found = (weight * (values - centre) ** 2).sum()
+    free = values.size - 1
+    if free < 3:
+        return 0.0
+    between = (found - free) / (total - (weight**2).sum() / total)
+    return float(max(0.0, between / (between + free / total))) if between > 0.0 else 0.0
+
+
+def spread_map(values: Floats, regions: Regions, shape: tuple[int, int]) -> Floats:
+    """Values of regions at the centres of all cells, straight lines between the regions' centres."""
+    out = values
+    for axis, number in enumerate(shape):
+        centres = np.minimum(regions.step * np.arange(values.shape[axis]) + 0.5 * regions.size, number)
+        place = np.arange(number) + 0.5
+        out = np.apply_along_axis(lambda line, at=place, of=centres: np.interp(at, of, line), axis, out)
+    return out
