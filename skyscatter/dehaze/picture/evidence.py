@@ -45,6 +45,10 @@ BRIGHT_END = (0.9, 0.25)
 WHITE = 0.04  # how far above one the bright end may reach
 MEAN_MANY, MEAN_ONE = (0.42, 0.2), (0.42, 0.3)
 LOG_SPREAD_MANY, LOG_SPREAD_ONE = (np.log(0.16), 0.45), (np.log(0.05), 0.7)
+LOG_COLOUR_MANY, LOG_COLOUR_ONE = (
+    (np.log(0.8), 0.6),
+    (np.log(4.0), 0.9),
+)  # mean chroma over spread: no grey veil changes it
 ONE_SURFACE = 0.4  # share of scenes of a single kind of surface
 LOG_SATURATION = (np.log(0.3), 0.5)
 MOST_SATURATED = (0.7, 0.1)
@@ -113,7 +117,9 @@ def _greenness(mean: Floats) -> Floats:
     return 0.9 * np.clip(excess / GREEN, 1e-6, 1.0)
 
 
-def plausibility(dark: Floats, bright: Floats, mean: Floats, spread: Floats, saturation: Floats | None) -> Floats:
+def plausibility(
+    dark: Floats, bright: Floats, mean: Floats, spread: Floats, chroma: Floats | None, saturation: Floats | None
+) -> Floats:
     """Log-density of a clear picture with given features in displayed values; bands along the first axis."""
     lowest = dark.min(axis=0)
     held = np.logaddexp(
@@ -126,6 +132,11 @@ def plausibility(dark: Floats, bright: Floats, mean: Floats, spread: Floats, sat
     green = _greenness(mean)
     single = np.logaddexp(np.log(green) + _normal(lowest, LEAF_END), np.log(1.0 - green) + _normal(lowest, PALE_END))
     one = single + _normal(contrast, LOG_SPREAD_ONE) + _normal(level, MEAN_ONE) + np.log(ONE_SURFACE)
+    if chroma is not None:
+        # One kind of surface has one colour and little contrast; many kinds differ by more than their common colour.
+        log_colour = np.log(np.maximum(chroma, 1e-3)) - contrast
+        many = many + _normal(log_colour, LOG_COLOUR_MANY)
+        one = one + _normal(np.minimum(log_colour, LOG_COLOUR_ONE[0]), LOG_COLOUR_ONE)
     highest = bright.max(axis=0)
     total = np.logaddexp(many, one) + _normal(np.minimum(highest, 1.0), BRIGHT_END)
     total = total - 0.5 * (np.maximum(highest - 1.0, 0.0) / WHITE) ** 2 - 0.5 * (np.minimum(lowest, 0.0) / BLACK) ** 2
@@ -182,15 +193,16 @@ def _judge(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats:
     contrast = 0.5 * (encode(mean + spread, transfer) - encode(np.maximum(mean - spread, 0.0), transfer))
     if transfer == "linear":
         contrast = spread
-    saturation = None
+    chroma = saturation = None
     if len(found.mean) == 3:
         # Exact for grey veils; others shift the bands against each other by the shift of their means.
         inner = t.mean(axis=0)
         top = mean.max(axis=0) + (found.brightest - found.mean.max()) / inner
         bottom = mean.min(axis=0) - (found.mean.min() - found.darkest) / inner
         top, bottom = encode(top, transfer), encode(bottom, transfer)
-        saturation = (top - bottom) / np.maximum(top, 1e-3)
-    return plausibility(encode(low, transfer), encode(high, transfer), shown, contrast, saturation)
+        chroma = np.maximum(top - bottom, 0.0)
+        saturation = chroma / np.maximum(top, 1e-3)
+    return plausibility(encode(low, transfer), encode(high, transfer), shown, contrast, chroma, saturation)
 
 
 @dataclass(frozen=True)

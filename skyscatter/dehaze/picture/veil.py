@@ -21,7 +21,7 @@ from skyscatter.dehaze.picture.veilmap import (
     condition,
     depth_moments,
     heterogeneity,
-    join_evidence,
+    shared_evidence,
     smooth,
     spread_map,
     weigh_regions,
@@ -201,7 +201,7 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
     veils = candidates(options)
     whole = weigh(found, veils, options.transfer)
     regions = weigh_regions(lattice, veils, options.transfer)
-    whole, shared = join_evidence(whole, regions, veils)
+    shared = shared_evidence(whole, veils)
     parts = [[None if w is None else condition(w, shared) for w in line] for line in regions.weights]
     depth, sigma = _depths(whole, parts, regions, lattice.shape, options)
     ratio, airlight, airlight_sigma, alpha, alpha_sigma = _colours(whole, parts, veils)

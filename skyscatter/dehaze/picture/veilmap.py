@@ -25,8 +25,6 @@ Floats = NDArray[np.float64]
 
 REGIONS = 12
 """Regions along the longer edge of an image; each overlaps the next by half."""
-INDEPENDENT = 1.0
-"""How many pictures' worth of evidence the regions of one picture are: they share their light and their kinds of surface."""
 
 
 @dataclass(frozen=True)
@@ -59,32 +57,18 @@ def weigh_regions(lattice: Lattice, veils: Candidates, transfer: Transfer) -> Re
     return Regions(weights, size, step)
 
 
-def join_evidence(whole: Weights, regions: Regions, veils: Candidates) -> tuple[Weights, Floats]:
-    """The picture's weights with what its regions say of the veil's colour and brightness, which they all share.
+def shared_evidence(whole: Weights, veils: Candidates) -> Floats:
+    """What the whole picture says of the veil's colour and brightness, which its regions share.
+
+    The regions add nothing to it: they hold the same kinds of surface, so that what looks like the veil's colour in one does so in all.
 
     Returns
     -------
-    whole : Weights
-        Of the picture.
-    shared : (colours, airlights)
-        Posterior of colour and airlight over their prior: what to multiply the weights of a region with.
+    ratio : (colours, airlights)
+        Posterior over prior: what to multiply the weights of a region with.
     """
     prior = veils.prior.sum(axis=1)
-    known = [w for line in regions.weights for w in line if w is not None]
-    log_ratio = np.zeros_like(prior)
-    for w in known:
-        # A region without a veil says nothing about the veil's colour.
-        log_ratio += np.log(w.clear + w.veil.sum(axis=1) / prior)
-    log_ratio *= min(1.0, INDEPENDENT / max(1, len(known)))
-    ratio = np.exp(log_ratio - log_ratio.max())
-    veil = whole.veil * ratio[:, None, :]
-    clear = whole.clear * float((prior * ratio).sum() / prior.sum())
-    total = float(veil.sum()) + clear
-    joined = Weights(veil / total, clear / total, whole.log_evidence)
-    shared = (
-        joined.clear * prior / prior.sum() * ratio / (prior * ratio).sum() * prior.sum() + joined.veil.sum(axis=1)
-    ) / prior
-    return joined, shared
+    return whole.clear + whole.veil.sum(axis=1) / prior
 
 
 def condition(region: Weights, shared: Floats) -> Weights:
