@@ -37,7 +37,7 @@ REFERENCE = 550.0
 
 # Plausible pictures, in displayed values 0 to 1: (centre, standard deviation); those of "log" in natural logarithms.
 DARK_END = (0.04, 0.04)  # of the darkest band, in scenes that hold dark objects
-DARK_SHARE = 0.85  # how many scenes of many surfaces hold them
+DARK_SHARE = 0.9  # how many scenes of many surfaces hold them
 DARK_COLOUR = 0.07  # how far the dark ends of the bands lie apart
 PALE_END = (0.25, 0.25)  # the dark end of the others
 BLACK = 0.012  # how far below zero noise may reach
@@ -49,16 +49,17 @@ LOG_COLOUR_MANY, LOG_COLOUR_ONE = (
     (np.log(0.8), 0.6),
     (np.log(4.0), 0.9),
 )  # mean chroma over spread: no grey veil changes it
-ONE_SURFACE = 0.4  # share of scenes of a single kind of surface
+LOG_FLOORS = (np.log(0.5), 0.5)  # scatter of the logarithm of the dark ends of blocks, in scenes of many surfaces
+ONE_SURFACE = 0.3  # share of scenes of a single kind of surface
 LOG_SATURATION = (np.log(0.3), 0.5)
 MOST_SATURATED = (0.7, 0.1)
 LEAF_END = (0.06, 0.05)  # the dark end of a canopy: leaves absorb red and blue light, and shade each other
 GREEN = 0.1  # relative excess of green over red and blue from which a scene is taken to be vegetated
 # Veils
-NO_VEIL = 0.5  # share of pictures without one
-MEAN_DEPTH = 0.6  # of the others, exponential
+NO_VEIL = 0.3  # share of pictures without one: who asks for a veil to be taken off mostly sees one
+MEAN_DEPTH = 0.8  # of the others, exponential
 LOG_AIRLIGHT = 0.15  # exposure and stretch of the picture about A = 1 / (1 + √t)
-GREY_VEIL = 0.5  # share of veils without colour; the others alike
+GREY_VEIL = 0.7  # share of veils without colour; the others alike
 
 DEPTHS = np.linspace(0.03, 2.4, 60)
 AIRLIGHTS = np.geomspace(0.3, 1.0, 30)
@@ -79,7 +80,10 @@ SLOPES = (
 
 @dataclass(frozen=True)
 class Features:
-    """A picture, or a region of it, in a few numbers: light, (bands,) each, and the saturation of its pixels."""
+    """A picture, or a region of it, in a few numbers: light, (bands,) each, and means of a pixel's brightest and darkest band.
+
+    ``floors`` are the dark ends of blocks, (bands, blocks), for a whole picture.
+    """
 
     dark: Floats
     bright: Floats
@@ -87,9 +91,14 @@ class Features:
     spread: Floats
     brightest: float
     darkest: float
+    floors: Floats | None = None
 
 
-def features(lattice: Lattice, where: tuple[slice, slice] = (slice(None), slice(None))) -> Features | None:
+EVERYWHERE = (slice(None), slice(None))
+BLOCKS = 6
+
+
+def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE) -> Features | None:
     """Features of a rectangle of cells; None where less than a quarter of the cells have data, or fewer than four."""
     number = lattice.number[where]
     some = number > 0
@@ -102,7 +111,23 @@ def features(lattice: Lattice, where: tuple[slice, slice] = (slice(None), slice(
     dark = np.quantile(lattice.low[:, *where][:, some], 0.02, axis=1)
     bright = np.quantile(lattice.high[:, *where][:, some], 0.98, axis=1)
     tops, bottoms = lattice.brightest[where][some] @ weight, lattice.darkest[where][some] @ weight
-    return Features(dark, bright, centre, np.sqrt(variance) + 1e-4, float(tops), float(bottoms))
+    floors = _floors(lattice) if where == EVERYWHERE else None
+    return Features(dark, bright, centre, np.sqrt(variance) + 1e-4, float(tops), float(bottoms), floors)
+
+
+def _floors(lattice: Lattice) -> Floats | None:
+    """Dark ends of blocks, (bands, blocks); None where fewer than eight have data."""
+    rows, columns = lattice.shape
+    found = []
+    for r in range(BLOCKS):
+        for c in range(BLOCKS):
+            block = np.s_[
+                r * rows // BLOCKS : (r + 1) * rows // BLOCKS, c * columns // BLOCKS : (c + 1) * columns // BLOCKS
+            ]
+            some = lattice.number[block] > 0
+            if some.sum() >= 4:
+                found.append(np.quantile(lattice.low[:, *block][:, some], 0.02, axis=1))
+    return np.array(found).T if len(found) >= 8 else None
 
 
 def _normal(x: Floats, prior: tuple[float, float]) -> Floats:
@@ -118,7 +143,13 @@ def _greenness(mean: Floats) -> Floats:
 
 
 def plausibility(
-    dark: Floats, bright: Floats, mean: Floats, spread: Floats, chroma: Floats | None, saturation: Floats | None
+    dark: Floats,
+    bright: Floats,
+    mean: Floats,
+    spread: Floats,
+    chroma: Floats | None = None,
+    saturation: Floats | None = None,
+    scatter: Floats | None = None,
 ) -> Floats:
     """Log-density of a clear picture with given features in displayed values; bands along the first axis."""
     lowest = dark.min(axis=0)
@@ -137,6 +168,10 @@ def plausibility(
         log_colour = np.log(np.maximum(chroma, 1e-3)) - contrast
         many = many + _normal(log_colour, LOG_COLOUR_MANY)
         one = one + _normal(np.minimum(log_colour, LOG_COLOUR_ONE[0]), LOG_COLOUR_ONE)
+    if scatter is not None:
+        # Surfaces vary in proportion to their brightness: a floor that is high and yet the same everywhere is a veil's.
+        many = many + _normal(np.log(scatter), LOG_FLOORS)
+        one = one + _normal(0.0 * scatter, (0.0, LOG_FLOORS[1]))
     highest = bright.max(axis=0)
     total = np.logaddexp(many, one) + _normal(np.minimum(highest, 1.0), BRIGHT_END)
     total = total - 0.5 * (np.maximum(highest - 1.0, 0.0) / WHITE) ** 2 - 0.5 * (np.minimum(lowest, 0.0) / BLACK) ** 2
@@ -180,7 +215,7 @@ def candidates(options: PictureOptions) -> Candidates:
     return Candidates(t, a, prior, colours)
 
 
-def _judge(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats:
+def judge(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats:
     """Plausibility of what lies beneath veils (bands, ...)."""
     shape = (-1,) + (1,) * (t.ndim - 1)
 
@@ -202,7 +237,28 @@ def _judge(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats:
         top, bottom = encode(top, transfer), encode(bottom, transfer)
         chroma = np.maximum(top - bottom, 0.0)
         saturation = chroma / np.maximum(top, 1e-3)
-    return plausibility(encode(low, transfer), encode(high, transfer), shown, contrast, chroma, saturation)
+    return plausibility(
+        encode(low, transfer),
+        encode(high, transfer),
+        shown,
+        contrast,
+        chroma,
+        saturation,
+        _scatter(found, t, a, transfer),
+    )
+
+
+def _scatter(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats | None:
+    """Scatter of the logarithm of the dark ends of blocks beneath veils; noise of 0.02 keeps it finite."""
+    if found.floors is None:
+        return None
+    total = square = np.zeros(t.shape[1:])
+    for block in found.floors.T:
+        lowest = encode((a + (block.reshape((-1,) + (1,) * (t.ndim - 1)) - a) / t).min(axis=0), transfer)
+        log_floor = np.log(np.maximum(lowest, 0.0) + 0.02)
+        total, square = total + log_floor, square + log_floor**2
+    number = found.floors.shape[1]
+    return np.sqrt(np.maximum(square / number - (total / number) ** 2, 0.0)) + 0.02
 
 
 @dataclass(frozen=True)
@@ -219,9 +275,9 @@ class Weights:
 
 def weigh(found: Features, veils: Candidates, transfer: Transfer) -> Weights:
     """Posterior weights of veils on a picture with given features."""
-    log_veil = _judge(found, veils.transmittance, veils.airlight, transfer)
+    log_veil = judge(found, veils.transmittance, veils.airlight, transfer)
     one = np.ones((len(found.mean), 1))
-    log_clear = float(_judge(found, one, 0.5 * one, transfer)[0])
+    log_clear = float(judge(found, one, 0.5 * one, transfer)[0])
     top = max(float(log_veil.max()), log_clear)
     veil = (1.0 - NO_VEIL) * veils.prior * np.exp(log_veil - top)
     clear = NO_VEIL * float(np.exp(log_clear - top))

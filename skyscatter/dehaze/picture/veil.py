@@ -15,17 +15,9 @@ from skyscatter.dehaze import flags as flag
 from skyscatter.dehaze.picture.evidence import DEPTHS, Candidates, Weights, candidates, features, weigh
 from skyscatter.dehaze.picture.lattice import Lattice, new_lattice, saturation_of
 from skyscatter.dehaze.picture.options import PictureOptions
+from skyscatter.dehaze.picture.relative import relative_depths
 from skyscatter.dehaze.picture.transfer import decode, encode_slope, tables
-from skyscatter.dehaze.picture.veilmap import (
-    Regions,
-    condition,
-    depth_moments,
-    heterogeneity,
-    shared_evidence,
-    smooth,
-    spread_map,
-    weigh_regions,
-)
+from skyscatter.dehaze.picture.veilmap import depth_moments, find_regions, heterogeneity, smooth, spread_map
 from skyscatter.errors import DomainError
 
 Floats = NDArray[np.float64]
@@ -200,11 +192,8 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
         return Veil(none, none + 0.52, np.ones(bands), full, 0.15 * full, 0.0, 1.2, 0.0, 0.0, lattice.cell, options)
     veils = candidates(options)
     whole = weigh(found, veils, options.transfer)
-    regions = weigh_regions(lattice, veils, options.transfer)
-    shared = shared_evidence(whole, veils)
-    parts = [[None if w is None else condition(w, shared) for w in line] for line in regions.weights]
-    depth, sigma = _depths(whole, parts, regions, lattice.shape, options)
-    ratio, airlight, airlight_sigma, alpha, alpha_sigma = _colours(whole, parts, veils)
+    ratio, airlight, airlight_sigma, alpha, alpha_sigma = _colours(whole, veils)
+    depth, sigma = _depths(lattice, whole, ratio, airlight, options)
     misfit = float(np.sqrt(np.mean(np.log(airlight / airlight.mean()) ** 2)))
     chance = 1.0 - whole.clear
     return Veil(
@@ -213,29 +202,27 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
 
 
 def _depths(
-    whole: Weights, parts: list[list[Weights | None]], regions: Regions, shape: tuple[int, int], options: PictureOptions
+    lattice: Lattice, whole: Weights, ratio: Floats, airlight: Floats, options: PictureOptions
 ) -> tuple[Floats, Floats]:
     """Optical depth and its standard deviation at all cells: the picture's own, and as far as they differ its regions'."""
     level, sigma = depth_moments(whole)
-    # A region without data takes what the whole picture says, with so large an error that its neighbours outweigh it.
-    moments = np.array([[(level, 3.0) if w is None else depth_moments(w) for w in line] for line in parts])
-    share = heterogeneity(moments[..., 0], moments[..., 1]) if options.shape == "auto" else 0.0
+    regions = find_regions(lattice)
+    parts = relative_depths(regions.known(), ratio, airlight, options.transfer)
+    values, errors = regions.filled(parts.depth, level), regions.filled(parts.sigma, 3.0)
+    share = heterogeneity(values, errors) if options.shape == "auto" else 0.0
     if share == 0.0:
-        return np.full(shape, level), np.full(shape, sigma)
-    field = spread_map(smooth(moments[..., 0], moments[..., 1]), regions, shape)
-    error = spread_map(np.minimum(moments[..., 1], 1.0), regions, shape)
+        return np.full(lattice.shape, level), np.full(lattice.shape, sigma)
+    field = spread_map(smooth(values, errors), regions, lattice.shape)
+    error = spread_map(np.minimum(errors, 1.0), regions, lattice.shape)
     return np.maximum((1.0 - share) * level + share * field, 0.0), (1.0 - share) * sigma + share * error
 
 
-def _colours(
-    whole: Weights, parts: list[list[Weights | None]], veils: Candidates
-) -> tuple[Floats, Floats, Floats, float, float]:
+def _colours(whole: Weights, veils: Candidates) -> tuple[Floats, Floats, Floats, float, float]:
     """Relative depths and airlights of the bands, errors of the airlights, α and its error: means over the posterior.
 
     Weighted by what a veil adds, (1/t - 1), since veils that do nothing have no colour.
     """
-    known = [w.veil for line in parts for w in line if w is not None]
-    veil = whole.veil + (sum(known) / len(known) if known else 0.0)
+    veil = whole.veil
     gain = 1.0 / veils.transmittance
     extra = (veil * (gain - 1.0)).sum(axis=(1, 2, 3))
     airlight = (veil * (gain - 1.0) * veils.airlight).sum(axis=(1, 2, 3)) / extra

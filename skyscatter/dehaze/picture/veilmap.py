@@ -11,15 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.dehaze.picture.evidence import (
-    DEPTHS,
-    Candidates,
-    Weights,
-    features,
-    weigh,
-)
+from skyscatter.dehaze.picture.evidence import DEPTHS, Features, Weights, features
 from skyscatter.dehaze.picture.lattice import Lattice
-from skyscatter.dehaze.picture.transfer import Transfer
 
 Floats = NDArray[np.float64]
 
@@ -29,53 +22,35 @@ REGIONS = 12
 
 @dataclass(frozen=True)
 class Regions:
-    """Posterior weights of the regions, (rows, columns) of them; None where there is too little data."""
+    """Features of overlapping regions, (rows, columns) of them; None where there is too little data.
 
-    weights: list[list[Weights | None]]
+    ``size`` and ``step`` are their edge and their distance, cells.
+    """
+
+    found: list[list[Features | None]]
     size: int
     step: int
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of regions."""
-        return len(self.weights), len(self.weights[0])
+    def known(self) -> list[Features]:
+        """Features of the regions that have data, row by row."""
+        return [f for line in self.found for f in line if f is not None]
+
+    def filled(self, values: Floats, otherwise: float) -> Floats:
+        """Values of the known regions on the grid of all, (rows, columns)."""
+        mask = np.array([[f is not None for f in line] for line in self.found])
+        out = np.full(mask.shape, otherwise)
+        out[mask] = values
+        return out
 
 
-def weigh_regions(lattice: Lattice, veils: Candidates, transfer: Transfer) -> Regions:
-    """Weigh the veils on every region by itself."""
+def find_regions(lattice: Lattice) -> Regions:
+    """Features of the regions of a lattice."""
     rows, columns = lattice.shape
     step = max(3, -(-max(rows, columns) // (REGIONS + 1)))
     size = 2 * step
     starts = [range(0, max(1, n - step), step) for n in (rows, columns)]
-    weights: list[list[Weights | None]] = []
-    for r in starts[0]:
-        line: list[Weights | None] = []
-        for c in starts[1]:
-            found = features(lattice, (slice(r, r + size), slice(c, c + size)))
-            line.append(None if found is None else weigh(found, veils, transfer))
-        weights.append(line)
-    return Regions(weights, size, step)
-
-
-def shared_evidence(whole: Weights, veils: Candidates) -> Floats:
-    """What the whole picture says of the veil's colour and brightness, which its regions share.
-
-    The regions add nothing to it: they hold the same kinds of surface, so that what looks like the veil's colour in one does so in all.
-
-    Returns
-    -------
-    ratio : (colours, airlights)
-        Posterior over prior: what to multiply the weights of a region with.
-    """
-    prior = veils.prior.sum(axis=1)
-    return whole.clear + whole.veil.sum(axis=1) / prior
-
-
-def condition(region: Weights, shared: Floats) -> Weights:
-    """A region's weights, given the colour and the airlight of the veil on the whole picture."""
-    veil = region.veil * shared[:, None, :]
-    total = float(veil.sum()) + region.clear
-    return Weights(veil / total, region.clear / total, region.log_evidence)
+    found = [[features(lattice, (slice(r, r + size), slice(c, c + size))) for c in starts[1]] for r in starts[0]]
+    return Regions(found, size, step)
 
 
 def depth_moments(weights: Weights) -> tuple[float, float]:
