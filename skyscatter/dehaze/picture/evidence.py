@@ -98,11 +98,11 @@ EVERYWHERE = (slice(None), slice(None))
 BLOCKS = 6
 
 
-def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE) -> Features | None:
-    """Features of a rectangle of cells; None where less than a quarter of the cells have data, or fewer than four."""
+def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE, least: float = 0.25) -> Features | None:
+    """Features of a rectangle of cells; None where less than a share of the cells have data, or fewer than four."""
     number = lattice.number[where]
     some = number > 0
-    if some.sum() < max(4, 0.25 * some.size):
+    if some.sum() < max(4, least * some.size):
         return None
     weight = number[some] / number[some].sum(dtype=np.float64)
     mean = lattice.mean[:, *where][:, some].astype(np.float64)

@@ -6,7 +6,8 @@ gives the same numbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class Veil:
     alpha, alpha_sigma : float
         Exponent of τ ~ λ^-α and its standard deviation.
     probability : float
-        That there is a veil at all, on the picture as a whole.
+        That there is a veil, on the picture or on the part of it that looks veiled.
     misfit : float
         Root mean square over the bands of ln(A / mean A): colour of the veil that no α explains.
     cell : int
@@ -192,22 +193,29 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
         return Veil(none, none + 0.52, np.ones(bands), full, 0.15 * full, 0.0, 1.2, 0.0, 0.0, lattice.cell, options)
     veils = candidates(options)
     whole = weigh(found, veils, options.transfer)
-    ratio, airlight, airlight_sigma, alpha, alpha_sigma = _colours(whole, veils)
-    depth, sigma = _depths(lattice, whole, ratio, airlight, options)
+    colours, chance = _colours(whole, veils), 1.0 - whole.clear
+    depth, sigma = _depths(lattice, whole, colours, options)
+    veiled = depth > 0.5 * (depth.min() + depth.max())
+    if veiled.any():  # not where the depth is the same everywhere
+        # The whole picture says little of the colour of a veil that covers a part of it; that part does.
+        part = features(replace(lattice, number=np.where(veiled, lattice.number, 0)), least=0.1)
+        if part is not None:
+            weights = weigh(part, veils, options.transfer)
+            chance = max(chance, 1.0 - weights.clear)
+            colours = _colours(weights, veils)
+            depth, sigma = _depths(lattice, whole, colours, options)
+    ratio, airlight, airlight_sigma, alpha, alpha_sigma = colours
     misfit = float(np.sqrt(np.mean(np.log(airlight / airlight.mean()) ** 2)))
-    chance = 1.0 - whole.clear
     return Veil(
         depth, sigma, ratio, airlight, airlight_sigma, alpha, alpha_sigma, chance, misfit, lattice.cell, options
     )
 
 
-def _depths(
-    lattice: Lattice, whole: Weights, ratio: Floats, airlight: Floats, options: PictureOptions
-) -> tuple[Floats, Floats]:
+def _depths(lattice: Lattice, whole: Weights, colours: Colours, options: PictureOptions) -> tuple[Floats, Floats]:
     """Optical depth and its standard deviation at all cells: the picture's own, and as far as they differ its regions'."""
     level, sigma = depth_moments(whole)
     regions = find_regions(lattice)
-    parts = relative_depths(regions.known(), ratio, airlight, options.transfer)
+    parts = relative_depths(regions.known(), colours.ratio, colours.airlight, options.transfer)
     values, errors = regions.filled(parts.depth, level), regions.filled(parts.sigma, 3.0)
     share = heterogeneity(values, errors) if options.shape == "auto" else 0.0
     if share == 0.0:
@@ -217,7 +225,17 @@ def _depths(
     return np.maximum((1.0 - share) * level + share * field, 0.0), (1.0 - share) * sigma + share * error
 
 
-def _colours(whole: Weights, veils: Candidates) -> tuple[Floats, Floats, Floats, float, float]:
+class Colours(NamedTuple):
+    """What a veil has in common everywhere."""
+
+    ratio: Floats
+    airlight: Floats
+    airlight_sigma: Floats
+    alpha: float
+    alpha_sigma: float
+
+
+def _colours(whole: Weights, veils: Candidates) -> Colours:
     """Relative depths and airlights of the bands, errors of the airlights, α and its error: means over the posterior.
 
     Weighted by what a veil adds, (1/t - 1), since veils that do nothing have no colour.
@@ -233,7 +251,8 @@ def _colours(whole: Weights, veils: Candidates) -> tuple[Floats, Floats, Floats,
     slopes = np.array([c[0] for c in veils.colours])
     share = middle.sum(axis=(1, 2)) / middle.sum()
     alpha = float(share @ slopes)
-    return ratio, np.minimum(airlight, 1.0), np.sqrt(scatter), alpha, float(np.sqrt(share @ (slopes - alpha) ** 2))
+    alpha_sigma = float(np.sqrt(share @ (slopes - alpha) ** 2))
+    return Colours(ratio, np.minimum(airlight, 1.0), np.sqrt(scatter), alpha, alpha_sigma)
 
 
 def _reference_depth(veils: Candidates) -> Floats:
