@@ -61,8 +61,8 @@ MEAN_DEPTH = 0.8  # of the others, exponential
 LOG_AIRLIGHT = 0.15  # exposure and stretch of the picture about A = 1 / (1 + √t)
 GREY_VEIL = 0.7  # share of veils without colour; the others alike
 
-DEPTHS = np.linspace(0.03, 2.4, 60)
-AIRLIGHTS = np.geomspace(0.3, 1.0, 30)
+DEPTHS = np.linspace(0.04, 2.4, 45)
+AIRLIGHTS = np.geomspace(0.3, 1.0, 20)
 SLOPES = (
     (0.0, 0.0),
     (0.5, 0.0),
@@ -95,7 +95,7 @@ class Features:
 
 
 EVERYWHERE = (slice(None), slice(None))
-BLOCKS = 6
+BLOCKS = 5
 
 
 def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE, least: float = 0.25) -> Features | None:

@@ -25,6 +25,8 @@ GENERAL = 0.5
 SURFACE_DEPTH = 0.12
 """Error of a region's depth from its surfaces, which a single region does not show: dark ends that differ by 0.05 of the scale seem
 to be veils that differ by 0.05 / A in depth."""
+NOTHING_DARK, PALE = 0.15, 0.3
+"""Share of regions without a dark object, and how far above those of others their dark ends then lie."""
 TURNS = 8
 
 
@@ -59,11 +61,19 @@ def relative_depths(regions: list[Features], ratio: Floats, airlight: Floats, tr
         means = (weight[:, None] * traits).sum(axis=-1)
         centre = np.median(means, axis=0)
         scatter = np.maximum(1.4826 * np.median(np.abs(means - centre), axis=0), LEAST_SCATTER[: traits.shape[1]])
-        alike = -0.5 * (((traits - centre[:, None]) / scatter[:, None]) ** 2).sum(axis=1)
+        alike = _alike(traits - centre[:, None], scatter)
         weight = _normalised(general + GENERAL * alone + alike)
     depth = weight @ GRID
     variance = np.maximum(weight @ GRID**2 - depth**2, 0.0)
     return RelativeDepths(depth, np.sqrt(variance + SURFACE_DEPTH**2))
+
+
+def _alike(difference: Floats, scatter: Floats) -> Floats:
+    """Log-density of differences (regions, traits, depths) from the common values; a region may hold nothing dark at all."""
+    common = np.log(1.0 - NOTHING_DARK) - 0.5 * (difference[:, 0] / scatter[0]) ** 2
+    pale = np.log(NOTHING_DARK * scatter[0] / PALE) - 0.5 * (difference[:, 0] / PALE) ** 2
+    rest = -0.5 * ((difference[:, 1:] / scatter[1:, None]) ** 2).sum(axis=1)
+    return np.where(difference[:, 0] > 0.0, np.logaddexp(common, pale), common) + rest
 
 
 def _traits(found: Features, t: Floats, a: Floats, transfer: Transfer) -> Floats:

@@ -195,7 +195,7 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
     whole = weigh(found, veils, options.transfer)
     colours, chance = _colours(whole, veils), 1.0 - whole.clear
     depth, sigma = _depths(lattice, whole, colours, options)
-    veiled = depth > 0.5 * (depth.min() + depth.max())
+    veiled = depth > np.quantile(depth, (0.1, 0.9)).mean()
     if veiled.any():  # not where the depth is the same everywhere
         # The whole picture says little of the colour of a veil that covers a part of it; that part does.
         part = features(replace(lattice, number=np.where(veiled, lattice.number, 0)), least=0.1)
