@@ -1,6 +1,6 @@
 """Made-up views of the ground from above, and veils on them, for the tests and benchmarks of dehazing pictures.
 
-Surfaces are spectra of reflectance in red, green and blue as field guides give them, textured by fractal noise and shown as viewers of
+Surfaces are plausible reflectances in red, green and blue, textured by fractal noise and shown as viewers of
 satellite images show them: a straight stretch.  The veils follow I = J t + A (1 - t) with A and t chosen here.
 """
 
@@ -11,9 +11,9 @@ import numpy as np
 WAVELENGTHS = np.array([600.0, 545.0, 465.0])
 
 SURFACES = {
-    "forest": (0.035, 0.055, 0.03), "meadow": (0.07, 0.10, 0.05), "soil": (0.20, 0.15, 0.10), "sand": (0.42, 0.34, 0.25),
-    "water": (0.02, 0.035, 0.045), "shoal": (0.06, 0.13, 0.14), "concrete": (0.28, 0.27, 0.26), "asphalt": (0.08, 0.08, 0.08),
-    "roof": (0.30, 0.17, 0.13), "white": (0.6, 0.6, 0.6), "shadow": (0.015, 0.017, 0.02),
+    "forest": (0.035, 0.055, 0.03), "meadow": (0.07, 0.10, 0.05), "soil": (0.20, 0.15, 0.10),
+    "sand": (0.42, 0.34, 0.25), "water": (0.02, 0.035, 0.045), "shoal": (0.06, 0.13, 0.14),
+    "concrete": (0.28, 0.27, 0.26), "asphalt": (0.08, 0.08, 0.08), "roof": (0.30, 0.17, 0.13), "white": (0.6, 0.6, 0.6), "shadow": (0.015, 0.017, 0.02),
 }  # fmt: skip
 
 
@@ -72,8 +72,12 @@ def fields(size: int = 192, seed: int = 21) -> np.ndarray:
 def sea(size: int = 192, seed: int = 31) -> np.ndarray:
     """A coast: sea, shoals, a beach and what is behind it."""
     depth = noise(seed, size, 2.2)
-    shares = {"water": _soft(depth - 0.1), "shoal": np.exp(-(((depth + 0.1) / 0.15) ** 2)), "sand": np.exp(-(((depth + 0.5) / 0.12) ** 2)),
-              "forest": _soft(-depth - 0.8)}  # fmt: skip
+    shares = {
+        "water": _soft(depth - 0.1),
+        "shoal": np.exp(-(((depth + 0.1) / 0.15) ** 2)),
+        "sand": np.exp(-(((depth + 0.5) / 0.12) ** 2)),
+        "forest": _soft(-depth - 0.8),
+    }
     return _mixed(shares) * np.exp(0.08 * noise(seed + 1, size, 0.8))
 
 

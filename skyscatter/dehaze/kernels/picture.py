@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from skyscatter.solvers.kernels.jit import entry, inlined
 
-# Fields of the statistics of a cell after the low ends, high ends, means and variances of the bands.
+# Bins over the scale from which the low and the high end of a cell are read.
 BINS = 1024
 
 
@@ -45,8 +45,8 @@ def cell_statistics(
     pixels that are ``white`` in all bands (clouds: they stand above the veil), are left out.
 
     ``window`` is (bands, h, w) float32, ``counts`` scratch of (bands, BINS) integers; the outputs are (bands, rows,
-    columns) or (rows, columns): values at the ranks ``tail`` and 1 - ``tail``, means and variances of the light, means of the
-    brightest and of the darkest band of a pixel, and how many pixels were used.
+    columns) or (rows, columns): values at the ranks ``tail`` and 1 - ``tail``, means and variances of the light, means
+    of the brightest and of the darkest band of a pixel, and how many pixels were used.
     """
     bands, height, width = window.shape
     rows, columns = number.shape
@@ -117,8 +117,9 @@ def take_off(
 ):
     """Clean pixels of a window of (bands, h, w) float32 whose corner is at an absolute row and column.
 
-    ``gains`` is (bands, rows, columns), ``scratch`` (bands, columns); ``marks`` are the bits for no data, saturated, cloud,
-    water and clipped.  What would exceed 1 is compressed from ``knee`` upwards, all bands of a pixel by one factor.
+    ``gains`` is (bands, rows, columns), ``scratch`` (bands, columns); ``marks`` are the bits for no data,
+    saturated, cloud, water and clipped.  What would exceed 1 is compressed from ``knee`` upwards, all bands of a pixel
+    by one factor.
     """
     bands, height, width = window.shape
     columns = gains.shape[2]

@@ -1,22 +1,23 @@
 r"""What a picture says about a veil on it, weighed against what pictures look like.
 
-Nothing in a single picture tells a veil from a pale scene for certain: (J - A) t + A with a larger t and a paler J shows the same.
-So the answer is a distribution: over the veil's transmittance t, its own colour A and the slope of its optical depth over
-wavelength, each judged by whether what would lie beneath is a plausible picture.  Evidence is
+Nothing in a single picture tells a veil from a pale scene for certain: (J - A) t + A with a larger t and a paler J
+shows the same.  So the answer is a distribution: over the veil's transmittance t, its own colour A and the slope of its
+optical depth over wavelength, each judged by whether what would lie beneath is a plausible picture.  Evidence is
 
 - the dark end: most scenes hold something nearly black (shadows, water, forest) in every band, and nothing negative;
 - contrast: the spread of the light in scenes of many surfaces, and in scenes of a single one (sand, sea);
 - colour: a grey veil dilutes the saturation of everything alike, also where nothing is dark;
 - the bright end, which must stay within the scale;
 
-and what is known of veils: layers that scatter without absorbing.  If such a layer reflects R, it lets 1 - R through each way
-(energy is conserved), and by the adding method light from the ground is dimmed to t = (1 - R)², so that
+and what is known of veils: layers that scatter without absorbing.  If such a layer reflects R, it lets 1 - R through
+each way (energy is conserved), and by the adding method light from the ground is dimmed to t = (1 - R)², so that
 
     A = R / (1 - t) = 1 / (1 + √t),
 
-0.5 of a white surface for a thin veil and 1 for an opaque one (van de Hulst, Multiple Light Scattering, 1980, section 4.1; the light that
-goes back and forth between the ground and the layer is left out).  The widths below are wide on purpose: they are what one would say of
-pictures at large without having seen the one in question.
+0.5 of a white surface for a thin veil and 1 for an opaque one (the adding method: van de Hulst, Multiple Light
+Scattering, 1980, chapter 4; the light that goes back and forth between the ground and the layer is left out).  The
+widths below are wide on purpose: they are what one would say of pictures at large without having seen the one in
+question.
 """
 
 from __future__ import annotations
@@ -75,12 +76,14 @@ SLOPES = (
     (0.0, 2.0),
     (0.0, 3.0),
 )
-"""Colours of veils: the exponent α of τ ~ λ^-α, and β of A ~ λ^β for smoke and dust that absorb blue light, which no α ≥ 0 says."""
+"""Colours of veils: the exponent α of τ ~ λ^-α, and β of A ~ λ^β for smoke and dust, which absorb blue light: no α ≥ 0
+says so."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """A picture, or a region of it, in a few numbers: light, (bands,) each, and means of a pixel's brightest and darkest band.
+    """A picture, or a region of it, in a few numbers: light, (bands,) each, and means of its pixels' brightest and
+    darkest band.
 
     ``floors`` are the dark ends of blocks, (bands, blocks), for a whole picture.
     """
@@ -108,8 +111,8 @@ def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE, least: f
     mean = lattice.mean[:, *where][:, some].astype(np.float64)
     centre = mean @ weight
     variance = (lattice.variance[:, *where][:, some] + (mean - centre[:, None]) ** 2) @ weight
-    dark = np.quantile(lattice.low[:, *where][:, some], 0.02, axis=1)
-    bright = np.quantile(lattice.high[:, *where][:, some], 0.98, axis=1)
+    dark = np.quantile(lattice.low[:, *where][:, some].astype(np.float64), 0.02, axis=1)
+    bright = np.quantile(lattice.high[:, *where][:, some].astype(np.float64), 0.98, axis=1)
     tops, bottoms = lattice.brightest[where][some] @ weight, lattice.darkest[where][some] @ weight
     floors = _floors(lattice) if where == EVERYWHERE else None
     return Features(dark, bright, centre, np.sqrt(variance) + 1e-4, float(tops), float(bottoms), floors)
@@ -127,7 +130,7 @@ def _floors(lattice: Lattice) -> Floats | None:
             some = lattice.number[block] > 0
             if some.sum() >= 4:
                 found.append(np.quantile(lattice.low[:, *block][:, some], 0.02, axis=1))
-    return np.array(found).T if len(found) >= 8 else None
+    return np.array(found, dtype=np.float64).T if len(found) >= 8 else None
 
 
 def _normal(x: Floats, prior: tuple[float, float]) -> Floats:
@@ -135,7 +138,7 @@ def _normal(x: Floats, prior: tuple[float, float]) -> Floats:
 
 
 def _greenness(mean: Floats) -> Floats:
-    """How likely a scene is vegetated: nothing else on land or sea reflects green best (sand and soil are redder, water bluer)."""
+    """How likely a scene is vegetated: nothing else reflects green best (sand and soil are redder, water is bluer)."""
     if len(mean) != 3:
         return np.full(mean.shape[1:], 1e-6)
     excess = (mean[1] - np.maximum(mean[0], mean[2])) / np.maximum(mean[1], 0.01)
@@ -162,7 +165,9 @@ def plausibility(
     many = held + _normal(contrast, LOG_SPREAD_MANY) + _normal(level, MEAN_MANY) + np.log(1.0 - ONE_SURFACE)
     green = _greenness(mean)
     single = np.logaddexp(np.log(green) + _normal(lowest, LEAF_END), np.log(1.0 - green) + _normal(lowest, PALE_END))
-    one = single + _normal(contrast, LOG_SPREAD_ONE) + _normal(level, MEAN_ONE) + np.log(ONE_SURFACE)
+    # Sea or snow may be as smooth as they like: little contrast says less than much.
+    smoothness = np.where(contrast < LOG_SPREAD_ONE[0], 0.5, 1.0) * (contrast - LOG_SPREAD_ONE[0])
+    one = single + _normal(smoothness, (0.0, LOG_SPREAD_ONE[1])) + _normal(level, MEAN_ONE) + np.log(ONE_SURFACE)
     if chroma is not None:
         # One kind of surface has one colour and little contrast; many kinds differ by more than their common colour.
         log_colour = np.log(np.maximum(chroma, 1e-3)) - contrast
@@ -183,7 +188,7 @@ def plausibility(
 
 @dataclass(frozen=True)
 class Candidates:
-    """Veils that are weighed: transmittance and airlight of (bands, colours, depths, airlights), and their prior density."""
+    """Veils that are weighed: transmittance and airlight, (bands, colours, depths, airlights), and prior density."""
 
     transmittance: Floats
     airlight: Floats

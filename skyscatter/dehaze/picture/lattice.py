@@ -1,4 +1,4 @@
-"""Statistics of a picture on a lattice of cells at absolute positions; all that is kept of a raster larger than memory."""
+"""Statistics of a picture on a lattice of cells at absolute positions: all that is kept of a raster beyond memory."""
 
 from __future__ import annotations
 
@@ -108,6 +108,7 @@ def new_lattice(height: int, width: int, bands: int, options: PictureOptions) ->
         raise DomainError("bands", bands, f"{len(options.wavelengths)}, as many as there are wavelengths")
     cell = max(1, -(-max(height, width) // options.cells))
     shape = (-(-height // cell), -(-width // cell))
-    full = [np.zeros((bands, *shape), np.float32) for _ in range(4)]
-    flat = [np.zeros(shape, np.float32) for _ in range(2)]
-    return Lattice(height, width, cell, *full, *flat, np.zeros(shape, np.int32))
+    low, high, mean, variance = (np.zeros((bands, *shape), np.float32) for _ in range(4))
+    brightest, darkest = (np.zeros(shape, np.float32) for _ in range(2))
+    number = np.zeros(shape, np.int32)
+    return Lattice(height, width, cell, low, high, mean, variance, brightest, darkest, number)

@@ -1,8 +1,8 @@
-"""The veil of each region relative to the others: one scene's regions resemble each other more than pictures at large do.
+"""The veil of each region relative to the others: the regions of a scene are more alike than pictures at large.
 
-What a veil does to a region is a certain change of several numbers together: the dark end rises, contrast and saturation fall.  Under the
-right depths all regions of a scene have dark ends, contrasts and saturations that scatter about common values; which values, and how
-far they scatter, is found with the depths themselves, in turns.
+What a veil does to a region is a certain change of several numbers together: the dark end rises, contrast and
+saturation fall.  Under the right depths all regions of a scene have dark ends, contrasts and saturations that scatter
+about common values; which values, and how far they scatter, is found with the depths themselves, in turns.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ LEAST_SCATTER = np.array([0.05, 0.35, 0.35])
 GENERAL = 0.5
 """Weight of what pictures at large look like, of which the scene's own values repeat a part."""
 SURFACE_DEPTH = 0.12
-"""Error of a region's depth from its surfaces, which a single region does not show: dark ends that differ by 0.05 of the scale seem
-to be veils that differ by 0.05 / A in depth."""
+"""Error of a region's depth from its surfaces, which a single region does not show: dark ends that differ by 0.05 of
+the scale seem to be veils that differ by 0.05 / A in depth."""
 NOTHING_DARK, PALE = 0.15, 0.3
 """Share of regions without a dark object, and how far above those of others their dark ends then lie."""
 TURNS = 8
@@ -69,7 +69,7 @@ def relative_depths(regions: list[Features], ratio: Floats, airlight: Floats, tr
 
 
 def _alike(difference: Floats, scatter: Floats) -> Floats:
-    """Log-density of differences (regions, traits, depths) from the common values; a region may hold nothing dark at all."""
+    """Log-density of differences (regions, traits, depths) from the common values; a region may hold nothing dark."""
     common = np.log(1.0 - NOTHING_DARK) - 0.5 * (difference[:, 0] / scatter[0]) ** 2
     pale = np.log(NOTHING_DARK * scatter[0] / PALE) - 0.5 * (difference[:, 0] / PALE) ** 2
     rest = -0.5 * ((difference[:, 1:] / scatter[1:, None]) ** 2).sum(axis=1)

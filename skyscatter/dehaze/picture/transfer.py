@@ -42,7 +42,7 @@ def decode(values: NDArray[np.float64], transfer: Transfer) -> NDArray[np.float6
 
 
 def encode(values: NDArray[np.float64], transfer: Transfer) -> NDArray[np.float64]:
-    """The inverse of `decode`; values below zero follow a straight line, so that they are still seen to be below zero."""
+    """The inverse of `decode`; values below zero stay as they are, so that they are still seen to be below zero."""
     values = np.asarray(values, dtype=np.float64)
     if transfer == "linear":
         return values

@@ -1,7 +1,7 @@
 """A veil that was fitted to a picture, and the picture without it.
 
-Fitted once for the whole image, on a lattice of cells at absolute positions; taken off pixel by pixel, so that any window of the image
-gives the same numbers.
+Fitted once for the whole image, on a lattice of cells at absolute positions; taken off pixel by pixel, so that any
+window of the image gives the same numbers.
 """
 
 from __future__ import annotations
@@ -212,7 +212,7 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
 
 
 def _depths(lattice: Lattice, whole: Weights, colours: Colours, options: PictureOptions) -> tuple[Floats, Floats]:
-    """Optical depth and its standard deviation at all cells: the picture's own, and as far as they differ its regions'."""
+    """Optical depth and its standard deviation at all cells: the picture's own; as far as they differ its regions'."""
     level, sigma = depth_moments(whole)
     regions = find_regions(lattice)
     parts = relative_depths(regions.known(), colours.ratio, colours.airlight, options.transfer)

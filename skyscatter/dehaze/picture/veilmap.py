@@ -1,7 +1,8 @@
 """The veil from place to place: the evidence of overlapping regions, joined under a total-variation prior.
 
-What one region seems to show may come from its surfaces, so a map is only drawn as far as regions differ by more than their own
-uncertainty says they would (the method of moments of DerSimonian & Laird, Controlled Clinical Trials 7, 1986, eq. 8).
+What one region seems to show may come from its surfaces, so a map is only drawn as far as regions differ by more than
+their own uncertainty says they would (the method of moments of DerSimonian & Laird, Controlled Clinical Trials 7,
+1986, eq. 8).
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ Floats = NDArray[np.float64]
 
 REGIONS = 12
 """Regions along the longer edge of an image; each overlaps the next by half."""
+FLAT = 0.02
+"""Steps of the depth below which the prior is that of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -64,27 +67,29 @@ def depth_moments(weights: Weights) -> tuple[float, float]:
 def smooth(values: Floats, sigma: Floats, scale: float = 0.1) -> Floats:
     """Most probable map given values with errors and steps between neighbours with a Laplace distribution.
 
-    That prior keeps fronts sharp and lets flat stay flat.  Solved by reweighted least squares; ``scale`` is that of a step.
+    That prior keeps fronts sharp and lets flat stay flat.  Solved by reweighted least squares; ``scale`` is that of a
+    step.
     """
+    from scipy.linalg import solveh_banded
+
     rows, columns = values.shape
-    number = np.arange(rows * columns).reshape(rows, columns)
-    pairs = np.concatenate(
-        [
-            np.stack([number[:, 1:].ravel(), number[:, :-1].ravel()], 1),
-            np.stack([number[1:].ravel(), number[:-1].ravel()], 1),
-        ]
-    )
-    weight = (1.0 / sigma**2).ravel()
-    field = np.full(rows * columns, float((weight @ values.ravel()) / weight.sum()))
+    weight = 1.0 / sigma**2
+    field = np.full(values.shape, float((weight * values).sum() / weight.sum()))
+    # The matrix of a grid, row by row: neighbours in a row are next to each other, those in a column a row apart.
     for _ in range(30):
-        pull = 1.0 / (scale * np.maximum(np.abs(field[pairs[:, 0]] - field[pairs[:, 1]]), 0.02))
-        matrix = np.diag(weight)
-        np.add.at(matrix, (pairs[:, 0], pairs[:, 0]), pull)
-        np.add.at(matrix, (pairs[:, 1], pairs[:, 1]), pull)
-        np.add.at(matrix, (pairs[:, 0], pairs[:, 1]), -pull)
-        np.add.at(matrix, (pairs[:, 1], pairs[:, 0]), -pull)
-        field = np.linalg.solve(matrix, weight * values.ravel())
-    return field.reshape(rows, columns)
+        across = 1.0 / (scale * np.maximum(np.abs(np.diff(field, axis=1)), FLAT))
+        down = 1.0 / (scale * np.maximum(np.abs(np.diff(field, axis=0)), FLAT))
+        diagonal = weight.copy()
+        diagonal[:, 1:] += across
+        diagonal[:, :-1] += across
+        diagonal[1:] += down
+        diagonal[:-1] += down
+        bands = np.zeros((columns + 1, rows, columns))
+        bands[columns] = diagonal
+        bands[0, 1:] -= down
+        bands[columns - 1, :, 1:] -= across
+        field = solveh_banded(bands.reshape(columns + 1, -1), (weight * values).ravel()).reshape(rows, columns)
+    return field
 
 
 def heterogeneity(values: Floats, sigma: Floats) -> float:
@@ -106,5 +111,6 @@ def spread_map(values: Floats, regions: Regions, shape: tuple[int, int]) -> Floa
     for axis, number in enumerate(shape):
         centres = np.minimum(regions.step * np.arange(values.shape[axis]) + 0.5 * regions.size, number)
         place = np.arange(number) + 0.5
-        out = np.apply_along_axis(lambda line, at=place, of=centres: np.interp(at, of, line), axis, out)
+        lines = [np.interp(place, centres, line) for line in np.moveaxis(out, axis, -1)]
+        out = np.moveaxis(np.array(lines), -1, axis)
     return out
