@@ -65,7 +65,7 @@ def cell_statistics(
                     good = True
                     dimmest = 2.0
                     for b in range(bands):
-                        if not window[b, y, x] < saturation:
+                        if not -1.0 < window[b, y, x] < saturation:
                             good = False
                         dimmest = min(dimmest, window[b, y, x])
                     if dimmest > white:
