@@ -1,1 +1,1 @@
-"""Compiled loops of dehazing; how they are compiled is told in `skyscatter.solvers.kernels.jit`."""
+"""Compiled inner loops of dehazing: floats and arrays, no files, no units; outputs are passed in."""

@@ -1,0 +1,1 @@
+"""Plain pictures without metadata: a veil is fitted to the whole picture and taken off; relative, not reflectance."""
