@@ -31,8 +31,9 @@ Role = Literal[
 ]  # fmt: skip
 
 #: Exponent of the shape that stands for a band of which only centre and width are known.  Against the response curves
-#: of Sentinel-2A and 2B an exponent of 8 gives the effective wavelength within 0.1 nm and the standard deviation over
-#: wavelength within 8 % in all bands but B08, whose response falls towards the infrared (0.6 nm, 7 %).
+#: of Sentinel-2A and 2B an exponent of 8 gives the effective wavelength within 0.1 nm, the standard deviation over
+#: wavelength within 8 % and Rayleigh's optical depth within 0.1 % in all bands but B08, whose response falls towards
+#: the infrared (0.3 nm, 7 %, 0.25 %).
 SHAPE_EXPONENT = 8.0
 
 #: Centres [nm] for which a role is presumed where none is given.

@@ -71,11 +71,19 @@ def solve_once(
     threads: int,
     progress: Callable[[float], None] | None = None,
     ground_radiance: float = 0.0,
+    degree: int | None = None,
+    orders_tolerance: float | None = None,
 ) -> Solution:
-    """One solution on one grid."""
-    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, cut_peaks=max_order != 1)
+    """One solution on one grid.
+
+    Phase functions are kept to a given degree, or to one that suits the tolerance; the sum over the orders stops by a
+    tolerance of its own where one is given.
+    """
+    problem = make_problem(
+        scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, cut_peaks=max_order != 1
+    )
     sweeper = Sweeper(problem, threads)
-    return Solution(problem, sum_orders(sweeper, tolerance, max_order, progress))
+    return Solution(problem, sum_orders(sweeper, orders_tolerance or tolerance, max_order, progress))
 
 
 def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[float, float]:

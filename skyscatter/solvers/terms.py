@@ -28,6 +28,10 @@ from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import view
 
 
+#: Share of the tolerance for the solution in which the ground shines.
+SHINING_SHARE = 0.4
+
+
 class Terms(NamedTuple):
     """Dimensionless, each (..., wavelength)."""
 
@@ -55,6 +59,10 @@ class CorrectionTerms:
         Vacuum wavelengths [nm].
     sun_elevations_deg, tolerance, stokes, threads
         As for `skyscatter.solve`.
+    degree : int, optional
+        Degree to which phase functions are kept.  Where many atmospheres are to be compared, the same for all.
+    orders_tolerance : float, optional
+        Relative accuracy of the sums over the orders of scattering, where it is to be finer than that of the grid.
     """
 
     def __init__(
@@ -65,6 +73,8 @@ class CorrectionTerms:
         sun_elevations_deg: tuple[float, float] = (0.0, 90.0),
         tolerance: float = DEFAULT_TOLERANCE,
         stokes: bool = False,
+        degree: int | None = None,
+        orders_tolerance: float | None = None,
         threads: int | None = None,
     ) -> None:
         self.wavelengths = check_wavelengths(wavelengths)
@@ -73,10 +83,17 @@ class CorrectionTerms:
         dark = self.scene.model_copy(
             update={"star": scene.star.model_copy(update={"spectrum": 0.0}), "background": 0.0}
         )
-        common = (min(tolerance, LOOSEST), stokes, None, worker_count(threads))
-        #: Sunlight over a black ground, and the light of a ground that shines by itself.
-        self.black: Solution = solve_once(self.scene, self.wavelengths, self.zenith, *common)
-        self.shining: Solution = solve_once(dark, self.wavelengths, (0.5, 0.5), *common, ground_radiance=1.0)
+        tolerance, workers = min(tolerance, LOOSEST), worker_count(threads)
+        #: Sunlight over a black ground.
+        self.black: Solution = solve_once(
+            self.scene, self.wavelengths, self.zenith, tolerance, stokes, None, workers,
+            degree=degree, orders_tolerance=orders_tolerance,
+        )  # fmt: skip
+        #: The light of a ground that shines by itself: one Sun position stands for all, so a finer grid costs little.
+        self.shining: Solution = solve_once(
+            dark, self.wavelengths, (0.5, 0.5), SHINING_SHARE * tolerance, stokes, None, workers, ground_radiance=1.0,
+            degree=self.black.problem.diffuse.greek.shape[2] - 1, orders_tolerance=orders_tolerance or tolerance,
+        )  # fmt: skip
 
     def at(
         self,

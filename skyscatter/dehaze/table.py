@@ -1,0 +1,329 @@
+"""The terms of an image's geometry, tabulated over angles and the amount of haze, with the error that this makes.
+
+Between nodes the terms are interpolated by polynomials: over each angle through the Chebyshev-Lobatto points of its
+range, over the optical depth in the variable log(1 + aod / 0.3), in which they are smoothest.  Both grids are refined
+until points between the nodes, solved as well, are met; the difference found last is the table's stated error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.dehaze import cachefile
+from skyscatter.dehaze.forward import Atmosphere, BandAverage, SolvedAir, reflectance_above
+from skyscatter.dehaze.passband import Band
+from skyscatter.errors import DomainError
+
+Array = NDArray[np.float64]
+
+#: Reflectance that interpolation may cost (half of it over the angles, half over the haze).
+TOLERANCE = 0.0005
+#: Surfaces for which the error is judged: black, and bright soil.
+JUDGED = (0.0, 0.4)
+#: The greatest optical depth of a search for the haze, and the nodes it begins with.
+GREATEST_AOD, FIRST_NODES = 2.0, 6
+#: Optical depth that divides those to which the light answers in proportion from those in which it saturates.
+BENDS_AT = 0.3
+MOST_NODES = 17  #: of a range of angles
+MOST_SOLUTIONS = 12  #: over the optical depth
+GREATEST_ANGLE = 85.0  #: of Sun and view from the zenith [degree]
+#: Ranges of angles are widened to whole multiples of this, so that neighbouring scenes share a table [degree].
+ROUND_TO = 0.5
+FORMAT = 1  #: of the kept files; rises with every change of what they mean
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Ranges of angles that an image spans [degree], each (low, high)."""
+
+    sun_zenith: tuple[float, float]
+    view_zenith: tuple[float, float]
+    relative_azimuth: tuple[float, float] = (0.0, 180.0)
+
+    @classmethod
+    def spanned(cls, sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike) -> Angles:
+        """The rounded ranges of given angles; azimuths are folded to 0 to 180 degrees, for the light is symmetric."""
+        ranges = []
+        for name, values in (("sun_zenith", sun_zenith), ("view_zenith", view_zenith)):
+            low, high = float(np.min(values)), float(np.max(values))
+            if not (low >= 0 and high <= GREATEST_ANGLE):
+                bad = high if high > GREATEST_ANGLE else low
+                raise DomainError(name, bad, f"an angle from the zenith between 0 and {GREATEST_ANGLE:g} degrees")
+            ranges.append(rounded(low, high, GREATEST_ANGLE))
+        folded = fold_azimuth(relative_azimuth)
+        ranges.append(rounded(float(folded.min()), float(folded.max()), 180.0))
+        if ranges[1][1] == 0:  # straight down there is no azimuth
+            ranges[2] = (0.0, 0.0)
+        return cls(*ranges)
+
+
+def rounded(low: float, high: float, most: float) -> tuple[float, float]:
+    """A range widened to multiples of `ROUND_TO`; a single angle stays what it is."""
+    if high - low < 1e-9:
+        return low, low
+    return max(np.floor(low / ROUND_TO) * ROUND_TO, 0.0), min(np.ceil(high / ROUND_TO) * ROUND_TO, most)
+
+
+def fold_azimuth(relative_azimuth: ArrayLike) -> Array:
+    """Relative azimuths as angles between 0 and 180 degrees."""
+    folded: Array = np.abs((np.asarray(relative_azimuth, float) + 180.0) % 360.0 - 180.0)
+    return folded
+
+
+def lobatto(low: float, high: float, n: int) -> Array:
+    """Chebyshev-Lobatto points of a range, rising; its middle for n = 1."""
+    if n == 1:
+        return np.array([0.5 * (low + high)])
+    points: Array = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(n) / (n - 1))
+    return points
+
+
+def polynomial_weights(nodes: Array, x: ArrayLike) -> Array:
+    """Weights (..., node) of the polynomial through the nodes, at points clipped to their range."""
+    at = np.clip(np.asarray(x, float), nodes[0], nodes[-1])[..., None]
+    if nodes.size == 1:
+        return np.ones((*at.shape[:-1], 1))
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    barycentric = 1.0 / gaps.prod(axis=1)
+    apart = at - nodes
+    hit = np.isclose(apart, 0.0, rtol=0.0, atol=1e-12 * max(1.0, abs(nodes[-1])))
+    share = barycentric / np.where(hit, 1.0, apart)
+    exact = hit.any(axis=-1, keepdims=True)
+    share = np.where(exact, hit.astype(float), share)
+    weights: Array = share / share.sum(axis=-1, keepdims=True)
+    return weights
+
+
+def depth_weights(nodes: Array, aod: ArrayLike) -> Array:
+    """Weights (..., node) of optical depths, clipped to the range of the nodes."""
+    return polynomial_weights(np.log1p(nodes / BENDS_AT), np.log1p(np.asarray(aod, float) / BENDS_AT))
+
+
+def depth_slopes(nodes: Array, aod: ArrayLike) -> Array:
+    """Derivatives (..., node) of `depth_weights`; at the ends of the range those just inside."""
+    if nodes.size == 1:
+        return np.zeros((*np.shape(aod), 1))
+    step = 1e-4 * (nodes[-1] - nodes[0])
+    at = np.clip(np.asarray(aod, float), nodes[0] + step, nodes[-1] - step)
+    slopes: Array = (depth_weights(nodes, at + step) - depth_weights(nodes, at - step)) / (2 * step)
+    return slopes
+
+
+@dataclass(frozen=True)
+class TermsTable:
+    """Terms of an atmosphere for an image: over haze, Sun, view and azimuth.
+
+    Attributes
+    ----------
+    bands : tuple of Band
+    atmosphere : Atmosphere
+    aod, sun_zenith, view_zenith, relative_azimuth : ndarray
+        Nodes; angles in degrees.
+    values : ndarray, shape (aod, sun, view, azimuth, band, term)
+        See `skyscatter.dehaze.forward` for the terms.
+    error : float
+        Greatest error of interpolation found, in reflectance above the air.
+    """
+
+    bands: tuple[Band, ...]
+    atmosphere: Atmosphere
+    aod: Array
+    sun_zenith: Array
+    view_zenith: Array
+    relative_azimuth: Array
+    values: Array
+    error: float
+
+    def angle_weights(self, sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike) -> Array:
+        """Weights (place, angle node) for angles (place,) [degree]."""
+        sun = polynomial_weights(self.sun_zenith, sun_zenith)
+        view = polynomial_weights(self.view_zenith, view_zenith)
+        azimuth = polynomial_weights(self.relative_azimuth, fold_azimuth(relative_azimuth))
+        joint: Array = np.einsum("ps,pv,pa->psva", sun, view, azimuth)
+        return joint.reshape(len(joint), -1)
+
+    def at(
+        self, aod: ArrayLike, sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike = 0.0
+    ) -> tuple[Array, Array]:
+        """Terms, and their slopes over the optical depth: (..., band, term) each, for arguments that broadcast."""
+        given = np.broadcast_arrays(*(np.asarray(a, float) for a in (aod, sun_zenith, view_zenith, relative_azimuth)))
+        shape = given[0].shape
+        depth, *angles = (a.ravel() for a in given)
+        flat = self.values.reshape(self.aod.size, -1, *self.values.shape[-2:])
+        by_angle = self.angle_weights(*angles)
+        out = []
+        for weights in (depth_weights(self.aod, depth), depth_slopes(self.aod, depth)):
+            terms = np.einsum("pn,pk,nkbt->pbt", weights, by_angle, flat, optimize=True)
+            out.append(terms.reshape(*shape, *terms.shape[1:]))
+        return out[0], out[1]
+
+
+def build_table(
+    atmosphere: Atmosphere,
+    bands: Sequence[Band],
+    angles: Angles,
+    *,
+    aod: float | None = None,
+    tolerance: float = TOLERANCE,
+    stokes: bool = True,
+    keep: bool = True,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> TermsTable:
+    """Solve and tabulate, or take what an earlier run has kept.
+
+    Parameters
+    ----------
+    atmosphere, bands, angles
+    aod : float, optional
+        The optical depth at 550 nm where it is known: the table covers 0.8 to 1.2 of it; 0 to `GREATEST_AOD` when not
+        given.
+    tolerance : float
+        Wanted error of interpolation, in reflectance.
+    stokes : bool
+        Polarised, as it should be.
+    keep : bool
+        Read from and write to the folder of `skyscatter.dehaze.cachefile.cache_folder`.
+    threads, progress
+        As for `skyscatter.solve`.
+    """
+    known = None if aod is None else float(aod)
+    if known is not None and not 0 <= known <= 5:
+        raise DomainError("aod", known, "an optical depth at 550 nm between 0 and 5")
+    path = cachefile.file_of("terms", description(atmosphere, bands, angles, known, tolerance, stokes))
+    kept = cachefile.load(path) if keep else None
+    if kept is None:
+        kept = _Builder(atmosphere, bands, angles, tolerance, stokes, threads, progress).build(known)
+        if keep:
+            cachefile.save(path, kept)
+    return TermsTable(
+        tuple(bands), atmosphere, kept["aod"], kept["sun_zenith"], kept["view_zenith"], kept["relative_azimuth"],
+        kept["values"], float(kept["error"]),
+    )  # fmt: skip
+
+
+def description(
+    atmosphere: Atmosphere, bands: Sequence[Band], angles: Angles, aod: float | None, tolerance: float, stokes: bool
+) -> str:
+    """Everything that a table depends on, in words."""
+    medium = atmosphere.medium(1.0).model_dump_json()
+    parts = [str(FORMAT), medium, repr(angles), repr(aod), repr(tolerance), repr(stokes)]
+    return "\n".join([*parts, *(band.model_dump_json(exclude={"note", "name"}) for band in bands)])
+
+
+class _Builder:
+    """Solves atmospheres and refines both grids."""
+
+    def __init__(
+        self,
+        atmosphere: Atmosphere,
+        bands: Sequence[Band],
+        angles: Angles,
+        tolerance: float,
+        stokes: bool,
+        threads: int | None,
+        progress: Callable[[float], None] | None,
+    ) -> None:
+        self.atmosphere, self.angles, self.tolerance = atmosphere, angles, tolerance
+        self.average = BandAverage(bands)
+        self.stokes, self.threads = stokes, threads
+        self.progress = progress or (lambda share: None)
+        self.nodes: tuple[Array, Array, Array] = (np.zeros(1),) * 3
+        self.solved: dict[float, SolvedAir] = {}
+        self.error = 0.0
+
+    def build(self, aod: float | None) -> dict[str, Array]:
+        """Arrays of the finished table."""
+        if self.atmosphere.aerosol == "none" or aod == 0:
+            wanted = [0.0]
+        else:
+            first = BENDS_AT * np.expm1(lobatto(0.0, float(np.log1p(GREATEST_AOD / BENDS_AT)), FIRST_NODES))
+            wanted = [float(d) for d in first] if aod is None else [0.8 * aod, aod, 1.2 * aod]
+        # The thickest haze has the sharpest angles, clear air the brightest limb in the blue.
+        for depth in {wanted[-1], wanted[0]}:
+            self.refine_angles(depth)
+        table = {depth: self.terms(depth) for depth in wanted}
+        if aod is None and len(wanted) > 1:
+            self.refine_depths(table)
+        depths = np.array(sorted(table))
+        names = ("sun_zenith", "view_zenith", "relative_azimuth")
+        self.progress(1.0)
+        return {
+            "aod": depths,
+            **dict(zip(names, self.nodes, strict=True)),
+            "values": np.stack([table[d] for d in depths]),
+            "error": np.array(self.error),
+        }
+
+    def air(self, aod: float) -> SolvedAir:
+        """The solution for an amount of haze."""
+        if aod not in self.solved:
+            self.solved[aod] = SolvedAir(
+                self.atmosphere, aod, self.average, self.angles.sun_zenith, stokes=self.stokes, threads=self.threads
+            )
+            self.progress(min(len(self.solved) / (FIRST_NODES + 2), 0.95))
+        return self.solved[aod]
+
+    def terms(self, aod: float, nodes: Sequence[Array] | None = None) -> Array:
+        """Terms on a grid of angles: (sun, view, azimuth, band, term)."""
+        sun, view, azimuth = np.meshgrid(*(nodes or self.nodes), indexing="ij")
+        return self.air(aod).terms(sun, view, azimuth)
+
+    def refine_angles(self, aod: float) -> None:
+        """More nodes over each angle until those between them are met, for one amount of haze."""
+        ranges = (self.angles.sun_zenith, self.angles.view_zenith, self.angles.relative_azimuth)
+        count = [max(n.size, 2 if high > low else 1) for n, (low, high) in zip(self.nodes, ranges, strict=True)]
+        worst = [0.0, 0.0, 0.0]
+        for axis, (low, high) in enumerate(ranges):
+            while high > low:
+                nodes = [lobatto(*r, n) for r, n in zip(ranges, count, strict=True)]
+                # Other angles at their ends and middle; this one half-way between its nodes.
+                probe = [n if n.size < 3 else n[[0, n.size // 2, -1]] for n in nodes]
+                coarse, fine = list(probe), list(probe)
+                coarse[axis], fine[axis] = nodes[axis], 0.5 * (nodes[axis][1:] + nodes[axis][:-1])
+                weights = polynomial_weights(nodes[axis], fine[axis])
+                guess = np.moveaxis(np.tensordot(weights, self.terms(aod, coarse), (1, axis)), 0, axis)
+                worst[axis] = difference(guess, self.terms(aod, fine))
+                if worst[axis] < self.tolerance / 6 or count[axis] >= MOST_NODES:
+                    break
+                count[axis] = count[axis] + 1 if count[axis] < 3 else 2 * count[axis] - 1
+        self.nodes = tuple(lobatto(*r, n) for r, n in zip(ranges, count, strict=True))  # type: ignore[assignment]
+        self.error = max(self.error, sum(worst))
+
+    def refine_depths(self, table: dict[float, Array]) -> None:
+        """More optical depths, where polynomials of all and of fewer nodes differ most, until one is met."""
+        found, last = np.inf, False
+        while not last and len(table) < MOST_SOLUTIONS:
+            depths = np.array(sorted(table))
+            values = np.stack([table[d] for d in depths])
+            # The last look is at thick haze, where the solutions themselves are least smooth.
+            last = found < self.tolerance / 2
+            probe = 0.5 * float(depths[-1] + depths[-2]) if last else self.doubtful(depths, values)
+            guess = np.tensordot(depth_weights(depths, probe), values, (0, 0))
+            table[probe] = self.terms(probe)
+            found = max(difference(guess, table[probe]), found if last else 0.0)
+        self.error += found
+
+    @staticmethod
+    def doubtful(depths: Array, values: Array) -> float:
+        """The middle of a gap at which leaving out one of the inner nodes changes the polynomial most."""
+        middle = BENDS_AT * np.expm1(0.5 * (np.log1p(depths / BENDS_AT)[1:] + np.log1p(depths / BENDS_AT)[:-1]))
+        whole = np.tensordot(depth_weights(depths, middle), values, (1, 0))
+        doubt = np.zeros(middle.size)
+        for left_out in range(1, depths.size - 1):
+            keep = np.arange(depths.size) != left_out
+            fewer = np.tensordot(depth_weights(depths[keep], middle), values[keep], (1, 0))
+            # Only the gaps beside a node learn something from its absence.
+            for gap in (left_out - 1, left_out):
+                doubt[gap] = max(doubt[gap], difference(whole[gap], fewer[gap]))
+        return float(middle[doubt.argmax()])
+
+
+def difference(one: Array, other: Array) -> float:
+    """Greatest difference of the reflectances above the air that two sets of terms give."""
+    return max(float(np.abs(reflectance_above(one, r) - reflectance_above(other, r)).max()) for r in JUDGED)
