@@ -96,6 +96,7 @@ def simulate(
     from skyscatter.geometry.meridian import meridian_frame
     from skyscatter.ground import Ground
     from skyscatter.solvers.compile import compile_scene, matrix_tables
+    from skyscatter.solvers.kernels.optics import GroundTable
     from skyscatter.solvers.kernels.polar import make_polar
     from skyscatter.solvers.run import check_wavelengths
     from skyscatter.solvers.single import single_parts
@@ -109,8 +110,9 @@ def simulate(
     if table.optics.glows:
         raise DomainError("background", "emission", "simulated images hold sunlight only; leave out other light")
     land, albedo = _landscape(scene, picture, size, wl)
-    table = table._replace(optics=table.optics._replace(albedo=albedo[None]))
-    scattered, reflected, _ = single_parts(table, _ray(origin, direction), 1e-5)
+    table = table._replace(optics=table.optics._replace(albedo=albedo))
+    plain = GroundTable(albedo[None], np.zeros((0, 0), np.uint8), 1.0)
+    scattered, reflected, _ = single_parts(table, plain, _ray(origin, direction), 1e-5)
     polar = None
     if stokes:
         frame = meridian_frame(origin[None], direction[None])[0]
@@ -121,7 +123,7 @@ def simulate(
     for b in range(BATCHES):
         sums = _empty_sums(picture, size, wl.size)
         simulate_batch(
-            table, land, target, origin, direction, np.int64(seed), np.int64(b), np.int64(per_batch),
+            table, plain, land, target, origin, direction, np.int64(seed), np.int64(b), np.int64(per_batch),
             np.int64(MOST_ORDERS), scratch, polar, sums,
         )  # fmt: skip
         batches[b] = _gather(sums, land, size) / per_batch

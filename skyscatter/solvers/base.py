@@ -13,7 +13,7 @@ from skyscatter.errors import DomainError
 
 if TYPE_CHECKING:
     from skyscatter.scene import Scene
-    from skyscatter.solvers.kernels.optics import SceneTable
+    from skyscatter.solvers.kernels.optics import GroundTable, SceneTable
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,7 @@ class Tables(NamedTuple):
     """What the solvers `single` and `path` prepare once for all rays."""
 
     scene: SceneTable
+    ground: GroundTable
     matrix: Array | None  #: scattering matrices, with ``stokes``
 
 
@@ -56,10 +57,10 @@ def prepare_tables(
     progress: Callable[[float], None] | None,
 ) -> Tables:
     """The tables of a scene; the rest of the arguments is for solvers that do more before the first ray."""
-    from skyscatter.solvers.compile import compile_scene, matrix_tables
+    from skyscatter.solvers.compile import compile_ground, compile_scene, matrix_tables
 
     matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if options.stokes else None
-    return Tables(compile_scene(scene, wavelengths), matrix)
+    return Tables(compile_scene(scene, wavelengths), compile_ground(scene.ground, wavelengths), matrix)
 
 
 @dataclass(frozen=True)

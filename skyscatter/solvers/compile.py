@@ -14,7 +14,7 @@ from skyscatter.optics.phase import normalise
 from skyscatter.scene import Scene
 from skyscatter.solvers.kernels.columns import FieldTable
 from skyscatter.solvers.kernels.lookup import ColumnTable, build_column_table
-from skyscatter.solvers.kernels.optics import OpticsTable, SceneTable
+from skyscatter.solvers.kernels.optics import GroundTable, OpticsTable, SceneTable
 from skyscatter.spectra.solar import disk_mean, limb_darkening
 from skyscatter.spectra.table import evaluate
 
@@ -112,7 +112,6 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     rings = np.linspace(0.0, 1.0, DISK_RINGS)
     solid_angle = np.pi * np.sin(radius) ** 2
     mean_radiance: Array = irradiance / solid_angle if radius > 0 else np.zeros(wavelengths.size)
-    albedo, cells, side = _ground_table(scene.ground, wavelengths)
     optics = OpticsTable(
         sigma_s=sigma_s,
         sigma_t=sigma_t,
@@ -126,9 +125,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         disk_axis=axis,
         disk_radius=radius,
         disk_radiance=mean_radiance * _limb(scene, np.sqrt(1 - rings), wavelengths),
-        albedo=albedo,
-        ground=cells,
-        ground_cell=side,
+        albedo=mean_albedo(compile_ground(scene.ground, wavelengths)),
         emits=bool(np.any(emission)),
         glows=bool(np.any(emission) or np.any(background)),
         background=background,
@@ -136,12 +133,22 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     return SceneTable(columns, optics, fields.breaks)
 
 
-def _ground_table(ground: Ground, wavelengths: Array) -> tuple[Array, NDArray[np.uint8], float]:
-    """Albedo outside the map and of its classes (row, wavelength), the rows of its cells (y, x), a cell's side [m]."""
+def compile_ground(ground: Ground, wavelengths: Array) -> GroundTable:
+    """The albedos of a ground at wavelengths [nm], and its map."""
     albedo = ground.reflectance(wavelengths)[None]
     if ground.map is None:
-        return albedo, np.zeros((0, 0), np.uint8), 1.0
-    return np.concatenate([albedo, ground.map.reflectance(wavelengths)]), ground.map.rows, ground.map.cell_size
+        return GroundTable(albedo, np.zeros((0, 0), np.uint8), 1.0)
+    return GroundTable(
+        np.concatenate([albedo, ground.map.reflectance(wavelengths)]), ground.map.rows, ground.map.cell_size
+    )
+
+
+def mean_albedo(ground: GroundTable) -> Array:
+    """Albedo of the mean cell of the map, or of ground without a map, shape (wavelength,)."""
+    if ground.cells.size == 0:
+        return ground.albedo[0]
+    share = np.bincount(ground.cells.ravel(), minlength=len(ground.albedo)) / ground.cells.size
+    return np.asarray(share @ ground.albedo)
 
 
 def _mean_cosines(phase: Array) -> Array:

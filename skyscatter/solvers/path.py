@@ -50,7 +50,7 @@ def walks_for(options: Options) -> int:
 
 def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
-    scene, matrix = tables
+    scene, land, matrix = tables
     n, (components, wavelengths) = len(rays.origins), scene.optics.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
@@ -64,15 +64,15 @@ def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
         polar = make_polar(matrix, meridian_frame(rays.origins, rays.directions)[0], sums)
     if options.sampling == "free-flight":
         flight_rays(
-            scene, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
+            scene, land, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
             make_flight_scratch(components, wavelengths), polar, mean, error, by_order, used,
         )  # fmt: skip
         scattered = ground = np.zeros_like(mean)
-        direct = single_parts(scene, rays, DEFAULT_TOLERANCE)[2]
+        direct = single_parts(scene, land, rays, DEFAULT_TOLERANCE)[2]
     else:
-        scattered, ground, direct = single_parts(scene, rays, tolerance)
+        scattered, ground, direct = single_parts(scene, land, rays, tolerance)
         path_rays(
-            scene, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
+            scene, land, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
             options.noise or 0.0, max_order, make_scratch(components, wavelengths, walks), polar, mean, error, by_order,
             used,
         )  # fmt: skip
@@ -80,7 +80,7 @@ def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
     if matrix is not None and polar is not None:
         layers = {name: polar.mean[:, k] for k, name in enumerate("QUV")}
         if options.sampling != "free-flight":
-            q, u = single_polarisation(scene, matrix, rays, tolerance)
+            q, u = single_polarisation(scene, land, matrix, rays, tolerance)
             layers |= {"Q": layers["Q"] + q, "U": layers["U"] + u}
         layers |= {f"{name}_error": polar.error[:, k] for k, name in enumerate("QUV")}
     if options.parts:

@@ -11,7 +11,7 @@ import numpy as np
 
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
-from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.kernels.optics import GroundTable, SceneTable, ground_rows
 from skyscatter.solvers.kernels.polar import B1
 from skyscatter.solvers.kernels.single import make_scratch, single_rays
 
@@ -27,22 +27,39 @@ def check(options: Options) -> None:
     options.refuse("single", "samples", "noise", "max_order", "sampling", "transmittance", "orders")
 
 
-def single_parts(scene: SceneTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
+def single_parts(scene: SceneTable, land: GroundTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
     """Radiance scattered once, reflected once by the ground, and direct; each (ray, wavelength)."""
-    shape = (len(rays.origins), scene.optics.background.size)
+    mapped = land.cells.size > 0
+    if mapped:
+        scene = scene._replace(optics=scene.optics._replace(albedo=np.ones_like(scene.optics.albedo)))
+    shape = (len(rays.origins), scene.optics.albedo.size)
     scattered, ground, direct = np.empty(shape), np.empty(shape), np.empty(shape)
     single_rays(scene, rays.origins, rays.directions, tolerance, make_scratch(scene), scattered, ground, direct)
-    return scattered, ground, direct
+    return scattered, ground * met_albedo(scene, land, rays) if mapped else ground, direct
 
 
-def single_polarisation(scene: SceneTable, matrix: Array, rays: Rays, tolerance: float) -> tuple[Array, Array]:
+def met_albedo(scene: SceneTable, land: GroundTable, rays: Rays) -> Array:
+    """Albedo of mapped ground where rays meet it, shape (ray, wavelength); any number where they do not."""
+    radius = scene.columns.radius
+    along = np.sum(rays.origins * rays.directions, axis=1)
+    nearest = rays.origins - along[:, None] * rays.directions
+    half = np.sqrt(np.maximum(radius**2 - np.sum(nearest**2, axis=1), 0.0))
+    # A ray that starts on the ground meets it there.
+    rows = np.zeros(len(along), np.int64)
+    ground_rows(land, rays.origins + np.maximum(-along - half, 0.0)[:, None] * rays.directions, rows)
+    return land.albedo[rows]
+
+
+def single_polarisation(
+    scene: SceneTable, land: GroundTable, matrix: Array, rays: Rays, tolerance: float
+) -> tuple[Array, Array]:
     """Q and U of light scattered once, each (ray, wavelength).
 
     Along a straight line both the plane of scattering and the meridian plane stay the same.  Referred to the former, Q
     is the radiance with b1 in place of the phase function; one rotation refers it to the latter.
     """
     optics = scene.optics._replace(phase=matrix[:, B1].copy(), emits=False)
-    q = single_parts(scene._replace(optics=optics), rays, tolerance)[0]
+    q = single_parts(scene._replace(optics=optics), land, rays, tolerance)[0]
     v, left = meridian_frame(rays.origins, rays.directions)
     towards_v, towards_left = v @ scene.optics.disk_axis, left @ scene.optics.disk_axis
     # Towards the Sun and away from it there is no plane of scattering, and no polarisation either.
@@ -52,13 +69,13 @@ def single_polarisation(scene: SceneTable, matrix: Array, rays: Rays, tolerance:
 
 def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
     """Radiance of single scattering, see `skyscatter.radiance`."""
-    scene, matrix = tables
+    scene, land, matrix = tables
     tolerance = options.tolerance or DEFAULT_TOLERANCE
-    scattered, ground, direct = single_parts(scene, rays, tolerance)
+    scattered, ground, direct = single_parts(scene, land, rays, tolerance)
     layers = {"direct": direct, "scattered": scattered, "ground": ground} if options.parts else {}
     radiance = scattered + ground + direct
     zero = np.zeros_like(radiance)
     if matrix is not None:
-        q, u = single_polarisation(scene, matrix, rays, tolerance)
+        q, u = single_polarisation(scene, land, matrix, rays, tolerance)
         layers |= {"Q": q, "U": u, "V": zero} | {f"{name}_error": zero for name in "QUV"}
     return Answer(radiance, zero, layers, np.zeros(len(radiance), np.int64))

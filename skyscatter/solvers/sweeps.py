@@ -166,7 +166,7 @@ def make_problem(
     sigma_t = optics.sigma_t - peak * optics.sigma_s
     whole, cut = _first_tables(matrix, greek, optics.sigma_s)
     grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
-    light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo[0]])
+    light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
     diffuse = Diffuse(

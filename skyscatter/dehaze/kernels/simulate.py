@@ -153,7 +153,9 @@ def part_light(scene, line, node, leg, work, walk, polar, air, ground):
 
 
 @merged
-def wander(scene, land, target, line, camera, max_order, leg, work, camera_work, walk, polar, parts, cells, sums):
+def wander(
+    scene, plain, land, target, line, camera, max_order, leg, work, camera_work, walk, polar, parts, cells, sums
+):  # fmt: skip
     """Follow a walk from the camera to its end; as in `path.wander`, with the light counted for every pixel."""
     air, ground, met = parts[0], parts[1], cells[2:]
     reference, bounces = 0.0, 0
@@ -191,7 +193,7 @@ def wander(scene, land, target, line, camera, max_order, leg, work, camera_work,
         elif order >= FIRST_ROULETTE and not survives(walk, reference):
             return
         line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
-        prepare_leg(scene, line, walk, leg, work)
+        prepare_leg(scene, plain, line, walk, leg, work)
         guided = order <= GUIDED_LEGS
         node = pick_sun(scene.optics, draw(walk, order, 2))
         march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk, polar)
@@ -202,13 +204,14 @@ def wander(scene, land, target, line, camera, max_order, leg, work, camera_work,
 
 
 @entry
-def simulate_batch(scene, land, target, origin, direction, seed, batch, walks, max_order, scratch, polar, sums):
+def simulate_batch(scene, plain, land, target, origin, direction, seed, batch, walks, max_order, scratch, polar, sums):
     """Light of the second and higher orders in all pixels of a picture, by one batch of walks.
 
     Parameters
     ----------
     scene : SceneTable
-        With a uniform ground; its albedo is above nought wherever one of the map is.
+    plain : GroundTable
+        The uniform ground of the walks; its albedo is above nought wherever one of the map is.
     land : Landscape
     target : (3,)
         Point on the ground that stands for the middle of every pixel [m].
@@ -225,7 +228,7 @@ def simulate_batch(scene, land, target, origin, direction, seed, batch, walks, m
     work, camera_work, camera, leg, walk, parts, cells, shift = scratch
     line = trace_line(scene.columns, origin[0], origin[1], origin[2], direction[0], direction[1], direction[2])
     depart(walk, origin, direction)
-    prepare_leg(scene, line, walk, camera, camera_work)
+    prepare_leg(scene, plain, line, walk, camera, camera_work)
     begin(polar, 0, 0)
     march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk, polar)
     start_stream(walk.state, seed, batch, -1)
@@ -237,7 +240,7 @@ def simulate_batch(scene, land, target, origin, direction, seed, batch, walks, m
         depart(walk, origin, direction)
         begin(polar, 0, 0)
         wander(
-            scene, land, target, line, camera, max_order, leg, work, camera_work, walk, polar, parts, cells, sums
+            scene, plain, land, target, line, camera, max_order, leg, work, camera_work, walk, polar, parts, cells, sums
         )  # fmt: skip
 
 

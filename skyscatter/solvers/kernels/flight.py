@@ -44,7 +44,7 @@ ROULETTE_BELOW = 0.1
 
 
 @kernel
-def add_sunlight(scene, r, at_ground, order, work, walk, polar, total, by_order):
+def add_sunlight(scene, ground, r, at_ground, order, work, walk, polar, total, by_order):
     """One next-event estimate at the walk's position: a point of the solar disk, seen from there."""
     optics = scene.optics
     node = pick_sun(optics, uniform(walk.state))
@@ -62,9 +62,9 @@ def add_sunlight(scene, r, at_ground, order, work, walk, polar, total, by_order)
         gather(polar, work.density, 1.0, work.source, work.sun)
         light_up(polar, optics.sun_irradiance, node, optics.sun_chance[node])
     polarising = 0.0 if at_ground else 1.0
-    row = ground_row(optics, x[0], x[1], x[2])
+    row = ground_row(ground, x[0], x[1], x[2]) if at_ground else 0
     for i in range(total.size):
-        towards = optics.albedo[row, i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
+        towards = ground.albedo[row, i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
         light = towards * work.sun[i] * optics.sun_irradiance[node, i] / optics.sun_chance[node]
         note(polar, walk.value[i], i, light, polarising)
         light = walk.value[i] * arriving(polar, 0, i, light, polarising)
@@ -115,7 +115,7 @@ def add_background(scene, order, walk, polar, total, by_order):
 
 
 @kernel
-def fly_leg(scene, order, max_order, hero, work, walk, polar, total, by_order):
+def fly_leg(scene, ground, order, max_order, hero, work, walk, polar, total, by_order):
     """One free flight and the event at its end; False when the walk leaves the atmosphere."""
     optics, x, d = scene.optics, walk.position, walk.direction
     line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
@@ -154,16 +154,16 @@ def fly_leg(scene, order, max_order, hero, work, walk, polar, total, by_order):
     move(walk, t - line.start)
     if at_end:
         lift_to_ground(scene, walk)
-        add_sunlight(scene, scene.columns.radius, True, order, work, walk, polar, total, by_order)
-        row = ground_row(optics, x[0], x[1], x[2])
+        add_sunlight(scene, ground, scene.columns.radius, True, order, work, walk, polar, total, by_order)
+        row = ground_row(ground, x[0], x[1], x[2])
         for i in range(total.size):
-            walk.value[i] *= optics.albedo[row, i]
+            walk.value[i] *= ground.albedo[row, i]
         reflect(walk, uniform(walk.state), uniform(walk.state))
         depolarise(polar, d)
         return True
     if optics.emits:
         add_emission(scene, order, work, walk, polar, total, by_order)
-    add_sunlight(scene, r, False, order, work, walk, polar, total, by_order)
+    add_sunlight(scene, ground, r, False, order, work, walk, polar, total, by_order)
     turn_by_phase(scene, hero, work, walk, polar)
     return rebalance(walk)
 
@@ -183,7 +183,7 @@ def add_emission(scene, order, work, walk, polar, total, by_order):
 
 
 @kernel
-def walk_freely(scene, max_order, work, walk, polar, total, by_order):
+def walk_freely(scene, ground, max_order, work, walk, polar, total, by_order):
     """One walk from the camera to its end."""
     hero = min(int(uniform(walk.state) * total.size), total.size - 1)
     for i in range(total.size):
@@ -191,7 +191,7 @@ def walk_freely(scene, max_order, work, walk, polar, total, by_order):
         walk.chance[i] = 1.0
     # The leg after the last scattering only looks for light from outside.
     for order in range(1, max_order + 2):
-        if not fly_leg(scene, order, max_order, hero, work, walk, polar, total, by_order):
+        if not fly_leg(scene, ground, order, max_order, hero, work, walk, polar, total, by_order):
             return
         largest = 0.0
         for i in range(total.size):
@@ -205,7 +205,7 @@ def walk_freely(scene, max_order, work, walk, polar, total, by_order):
 
 @entry
 def flight_rays(
-    scene, origins, directions, ids, seed, samples, max_order, scratch, polar, mean, error, by_order, used
+    scene, ground, origins, directions, ids, seed, samples, max_order, scratch, polar, mean, error, by_order, used
 ):  # fmt: skip
     """Light of all orders along many rays, with plain statistics over walks; arguments as for `path_rays`.
 
@@ -226,7 +226,7 @@ def flight_rays(
             depart(walk, origins[ray], directions[ray])
             for i in range(wavelengths):
                 total[i] = 0.0
-            walk_freely(scene, max_order, work, walk, polar, total, by_order[ray])
+            walk_freely(scene, ground, max_order, work, walk, polar, total, by_order[ray])
             if polar is not None:
                 for k in range(3):
                     for i in range(wavelengths):

@@ -27,12 +27,22 @@ class OpticsTable(NamedTuple):
     disk_axis: np.ndarray  #: (3,) direction to the middle of the disk
     disk_radius: float  #: angular radius [rad]
     disk_radiance: np.ndarray  #: (ring, wavelength) radiance over the squared fractional radius [W m-2 sr-1 nm-1]
-    albedo: np.ndarray  #: (row, wavelength) of the Lambertian ground: outside the map, then of the map's classes
-    ground: np.ndarray  #: (y, x) uint8 row of every cell of the map, north first; no cells where there is no map
-    ground_cell: float  #: side of a cell [m]
+    albedo: np.ndarray  #: (wavelength,) of the Lambertian ground; its mean where there is a map
     emits: bool  #: whether any component shines by itself
     glows: bool  #: whether there is light that is not the Sun's: emission or background
     background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
+
+
+class GroundTable(NamedTuple):
+    """The ground where it matters which one is met.
+
+    It goes beside the `SceneTable`, not in it: its arrays, copied at every call to which a scene is passed, made walks
+    slower by half.
+    """
+
+    albedo: np.ndarray  #: (row, wavelength) outside the map, then of the map's classes
+    cells: np.ndarray  #: (y, x) uint8 row of every cell of the map, north first; none where there is no map
+    side: float  #: of a cell [m]
 
 
 class SceneTable(NamedTuple):
@@ -81,17 +91,24 @@ def sample_cosine(optics, c, i, u):
 
 
 @inlined
-def ground_row(optics, x, y, z):
-    """Row of ``optics.albedo`` for the ground at (or straight below) a point of the scene's frame [m]."""
-    rows, columns = optics.ground.shape
+def ground_row(ground, x, y, z):
+    """Row of ``ground.albedo`` at a point of the scene's frame [m]."""
+    rows, columns = ground.cells.shape
     # The other side of the planet has the same x and y.
     if rows == 0 or z <= 0.0:
         return 0
-    row = math.floor(0.5 * rows - y / optics.ground_cell)
-    column = math.floor(0.5 * columns + x / optics.ground_cell)
+    row = math.floor(0.5 * rows - y / ground.side)
+    column = math.floor(0.5 * columns + x / ground.side)
     if row < 0 or row >= rows or column < 0 or column >= columns:
         return 0
-    return int(optics.ground[row, column])
+    return int(ground.cells[row, column])
+
+
+@entry
+def ground_rows(ground, points, out):
+    """`ground_row` of many points (point, 3), into `out` (point,)."""
+    for i in range(out.size):
+        out[i] = ground_row(ground, points[i, 0], points[i, 1], points[i, 2])
 
 
 @entry

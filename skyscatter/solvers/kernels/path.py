@@ -155,19 +155,22 @@ def fly(scene, line, i, tau, work):
 
 
 @kernel
-def find_albedo(optics, line, walk, out):
-    """Albedo of the ground where a walk's line meets it, into `out` (wavelength,); nought if it does not."""
-    x, d, t = walk.position, walk.direction, line.leave - line.start
-    row = ground_row(optics, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2])
+def find_albedo(ground, x, y, z, out):
+    """Albedo of mapped ground at a point, into `out` (wavelength,)."""
+    row = ground_row(ground, x, y, z)
     for i in range(out.size):
-        out[i] = optics.albedo[row, i] if line.hits_ground else 0.0
+        out[i] = ground.albedo[row, i]
 
 
 @merged
-def prepare_leg(scene, line, walk, leg, work):
+def prepare_leg(scene, ground, line, walk, leg, work):
     """Transmittance of the leg on which a walk sets out, the chances of a free flight along it, and its strata."""
-    optics, middle = scene.optics, leg.lost.size // 2
-    find_albedo(optics, line, walk, leg.albedo)
+    optics, middle = scene.optics, scene.optics.albedo.size // 2
+    for i in range(leg.albedo.size):
+        leg.albedo[i] = optics.albedo[i] if line.hits_ground else 0.0
+    if ground.cells.size > 0 and line.hits_ground:
+        x, d, t = walk.position, walk.direction, line.leave - line.start
+        find_albedo(ground, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], leg.albedo)
     start_columns(scene.columns, line, work.from_start, work.across)
     columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
     transmittance(work.along, optics.sigma_t, leg.through)
@@ -244,7 +247,7 @@ def march(scene, line, node, u, guided, leg, work, walk, polar):
     disk, drawn by its share and so standing for the whole.
     """
     optics = scene.optics
-    wavelengths = walk.gain.size
+    wavelengths = optics.albedo.size
     s = optics.sun_direction[node]
     x, d = walk.position, walk.direction
     a = d[0] * s[0] + d[1] * s[1] + d[2] * s[2]
@@ -289,12 +292,12 @@ def _march_end(scene, line, node, x_sun, guided, leg, work, walk):
     last = leg.edge.size - 1
     mu_s = x_sun / scene.columns.radius
     if not line.hits_ground:
-        for i in range(walk.gain.size):
+        for i in range(optics.albedo.size):
             walk.escape[i] += leg.through[i] * optics.background[i]
     elif mu_s <= 0.0 or not light_at(scene, scene.columns.radius, x_sun, work):
-        for i in range(walk.gain.size):
+        for i in range(optics.albedo.size):
             work.sun[i] = 0.0
-    for i in range(walk.gain.size):
+    for i in range(optics.albedo.size):
         reach = leg.through[i] * leg.albedo[i]
         irradiance = work.sun[i] * mu_s * optics.sun_irradiance[node, i] / optics.sun_chance[node]
         walk.gain[i] += reach * irradiance / math.pi
@@ -356,18 +359,17 @@ def turn(direction, cosine, azimuth):
 
 
 @inlined
-def guide_weights(scene, x, h, work):
-    """Rough brightness above and below a point x at altitude h: 1 - exp(-2 tau) of the air there, and the ground's."""
+def guide_weights(scene, h, work):
+    """Rough brightness above and below altitude h: 1 - exp(-2 tau) of the air on either side, and the ground's."""
     optics = scene.optics
-    middle = work.sun.size // 2
+    middle = optics.albedo.size // 2
     outward_columns(scene.columns, h, 1.0, work.spare)
     above, all_of_it = 0.0, 0.0
     for c in range(work.spare.size):
         above += work.spare[c] * optics.sigma_t[c, middle]
         all_of_it += scene.columns.cell[0, 6 + 8 * c] * optics.sigma_t[c, middle]
     up = 1.0 - math.exp(-2.0 * above)
-    down = 1.0 - math.exp(-2.0 * max(all_of_it - above, 0.0))
-    down += optics.albedo[ground_row(optics, x[0], x[1], x[2]), middle]
+    down = 1.0 - math.exp(-2.0 * max(all_of_it - above, 0.0)) + optics.albedo[middle]
     total = up + down
     above_share = 0.05 + 0.9 * up / total if total > 0.0 else 0.5
     return above_share, 1.0 - above_share
@@ -376,7 +378,7 @@ def guide_weights(scene, x, h, work):
 @inlined
 def mixture_cosine(optics, work):
     """Mean cosine of the mixture at a point, at the middle wavelength, between 0 and 0.9."""
-    middle = work.sun.size // 2
+    middle = optics.albedo.size // 2
     forward, total = 0.0, 0.0
     for c in range(work.density.size):
         scattering = work.density[c] * optics.sigma_s[c, middle]
@@ -454,7 +456,7 @@ def scatter(scene, hero, u, v, guided, work, walk, polar):
     h = r - scene.columns.radius
     densities(scene.columns, h, work.density)
     mix_components(work.density, optics.sigma_s, work.scattering)
-    up, down = guide_weights(scene, x, h, work)
+    up, down = guide_weights(scene, h, work)
     g = mixture_cosine(optics, work)
     by_phase = LEAST_PHASE_SHARE + 0.8 * g if guided else 1.0
     by_sun = 0.15 * g if guided and x[0] * s[0] + x[1] * s[1] + x[2] * s[2] > LOWEST_SUN * r else 0.0
@@ -597,7 +599,7 @@ def draw(walk, order, k):
 
 
 @merged
-def wander(scene, line, camera, max_order, leg, work, camera_work, walk, polar, total, by_order):
+def wander(scene, ground, line, camera, max_order, leg, work, camera_work, walk, polar, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
     reference = 0.0
     last = max_order if scene.optics.glows else max_order - 1
@@ -629,7 +631,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, polar, 
 
         # March to the next.
         line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
-        prepare_leg(scene, line, walk, leg, work)
+        prepare_leg(scene, ground, line, walk, leg, work)
         guided = order <= GUIDED_LEGS
         node = pick_sun(scene.optics, draw(walk, order, 2))
         march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk, polar)
@@ -664,13 +666,15 @@ def relative_noise(error, mean, base):
 
 @entry
 def path_rays(
-    scene, origins, directions, ids, base, seed, samples, noise, max_order, scratch, polar, mean, error, by_order, used
+    scene, ground, origins, directions, ids, base, seed, samples, noise, max_order, scratch, polar, mean, error,
+    by_order, used,
 ):  # fmt: skip
     """Light of the second and higher orders along many rays (and of the first, of emission and light from outside).
 
     Parameters
     ----------
     scene : SceneTable
+    ground : GroundTable
     origins, directions : (ray, 3)
     ids : (ray,) int64
         Numbers of the rays, by which their random streams are chosen.
@@ -710,7 +714,7 @@ def path_rays(
 
         # The camera's ray is marched once for all its walks, through the middles of its strata.
         depart(walk, o, d)
-        prepare_leg(scene, line, walk, camera, camera_work)
+        prepare_leg(scene, ground, line, walk, camera, camera_work)
         begin(polar, ray, 0)
         march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk, polar)
         if polar is not None:
@@ -732,7 +736,8 @@ def path_rays(
                     depart(walk, o, d)
                     begin(polar, ray, b)
                     wander(
-                        scene, line, camera, max_order, leg, work, camera_work, walk, polar, sums[b], by_order[ray]
+                        scene, ground, line, camera, max_order, leg, work, camera_work, walk, polar, sums[b],
+                        by_order[ray],
                     )  # fmt: skip
             done = goal
             statistics(sums, batches, done, mean[ray], error[ray])
