@@ -114,7 +114,7 @@ def dehaze(
         str | None, typer.Option(metavar="X", help="Plain pictures: colour of the veil, 0 grey to 4 blue, else auto.")
     ] = None,
     transfer: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Plain pictures: srgb (the default), linear or gamma.")
+        str | None, typer.Option(metavar="NAME", help="Plain pictures: linear (the default), srgb (cameras) or gamma.")
     ] = None,
     no_adjacency: Annotated[
         bool, typer.Option("--no-adjacency", help="Leave light from the surroundings of a pixel in it.")

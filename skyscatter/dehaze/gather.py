@@ -58,12 +58,16 @@ class Gathered:
 
     def put(self, row0: int, col0: int, found: tuple[Values, Values, NDArray[np.int64]]) -> None:
         """Enter what `look` found in a window that starts at that pixel."""
-        for target, size, part in zip(
-            (self.mean, self.dark, self.pixels), (self.lattice.small, self.lattice.large, self.lattice.large), found,
-            strict=True,
-        ):  # fmt: skip
-            y, x = row0 // size, col0 // size
-            target[..., y : y + part.shape[-2], x : x + part.shape[-1]] = part
+        small, large = self.lattice.small, self.lattice.large
+        mean, dark, pixels = found
+        enter(self.mean, row0 // small, col0 // small, mean)
+        enter(self.dark, row0 // large, col0 // large, dark)
+        enter(self.pixels, row0 // large, col0 // large, pixels)
+
+
+def enter(whole: NDArray[Any], row: int, col: int, part: NDArray[Any]) -> None:
+    """Put cells in their place among all, (..., row, column)."""
+    whole[..., row : row + part.shape[-2], col : col + part.shape[-1]] = part
 
 
 def look(

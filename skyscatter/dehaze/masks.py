@@ -31,7 +31,7 @@ class BandRoles:
     """Places of the bands by what they are good for."""
 
     def __init__(self, bands: Sequence[Band]) -> None:
-        self.place = {}
+        self.place: dict[str, int] = {}
         for k, band in enumerate(bands):
             self.place.setdefault(band.role, k)
         if "nir" not in self.place and "nir-narrow" in self.place:

@@ -134,7 +134,8 @@ class DehazeOptions(Record):
     alpha : float or 'auto'
         Of plain pictures: exponent of the veil's colour, wavelength**-alpha, from 0 (grey) to 4 (blue).
     transfer : {'srgb', 'linear', 'gamma'}
-        Of plain pictures: from light to numbers.
+        Of plain pictures: from light to numbers; satellite products shown as pictures are straight stretches as a
+        rule, pictures of cameras follow sRGB.
     window : int, optional
         Pixels on a side of the windows that an image is worked through in; no influence on the result.
     threads : int, optional
@@ -151,7 +152,7 @@ class DehazeOptions(Record):
     adjacency: bool = True
     strength: Annotated[float, _bounded("strength", 0.0, 1.0, "")] = 1.0
     alpha: _automatic("alpha", 0.0, 4.0) = "auto"  # type: ignore[valid-type]
-    transfer: Literal["srgb", "linear", "gamma"] = "srgb"
+    transfer: Literal["srgb", "linear", "gamma"] = "linear"
     window: int | None = Field(None, ge=16, le=65536)
     threads: int | None = Field(None, ge=1, le=1024)
 

@@ -176,7 +176,7 @@ def gases(
             gas_transmittance(band, *middle, ozone_du=o, water_vapour=w, pressure_hpa=pressure_hpa).total
             for o, w in ((ozone + doubts[0], water), (ozone, water + doubts[1]))
         ]
-        relative[k] = np.hypot(*(float(m / usual - 1) for m in more))
+        relative[k] = np.sqrt(sum(float(m / usual - 1) ** 2 for m in more))
     return Gases(above, through, half, relative)
 
 

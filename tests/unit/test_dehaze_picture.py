@@ -7,7 +7,7 @@ import pictures
 import pytest
 from pydantic import ValidationError
 
-from skyscatter.dehaze import flags as flag
+from skyscatter.dehaze.flags import Flag as flag
 from skyscatter.dehaze.picture.lattice import new_lattice
 from skyscatter.dehaze.picture.options import PictureOptions
 from skyscatter.dehaze.picture.transfer import decode, encode, tables

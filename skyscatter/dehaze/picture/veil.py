@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.dehaze.flags import Flag as flag
+from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.picture.evidence import DEPTHS, Candidates, Weights, candidates, features, weigh
 from skyscatter.dehaze.picture.lattice import Lattice, new_lattice, saturation_of
 from skyscatter.dehaze.picture.options import PictureOptions
@@ -105,7 +105,7 @@ class Veil:
         gains = self.gains(strength)
         decoding, encoding = tables(self.options.transfer)
         out, flags = np.empty_like(window), np.empty(window.shape[1:], np.uint8)
-        marks = np.array([flag.NODATA, flag.SATURATED, flag.CLOUD, flag.WATER, flag.CLIPPED], np.uint8)
+        marks = np.array([Flag.NODATA, Flag.SATURATED, Flag.CLOUD, Flag.WATER, Flag.CLIPPED], np.uint8)
         take_off(
             window, row0, col0, self.cell, gains, self.airlight.astype(np.float32), decoding, encoding,
             self.options.transfer != "linear", np.float32(KNEE), np.float32(saturation_of(self.options)),
@@ -114,9 +114,9 @@ class Veil:
         if strength == 0.0 or not self.depth.any():
             # Decoding and encoding again would cost a rounding.
             out = window.copy()
-            flags &= np.uint8(255 - flag.CLIPPED)
+            flags &= np.uint8(255 - Flag.CLIPPED)
         doubtful = self._at(self.depth_sigma > UNCERTAIN_DEPTH, row0, col0, flags.shape)
-        flags[doubtful & (flags & flag.NODATA == 0)] |= flag.UNCERTAIN
+        mark(flags, doubtful & (flags & np.uint8(Flag.NODATA) == 0), Flag.UNCERTAIN)
         return out, flags
 
     def _at(self, field: NDArray, row0: int, col0: int, shape: tuple[int, ...]) -> NDArray:
@@ -124,6 +124,16 @@ class Veil:
         r = (row0 + np.arange(shape[0])) // self.cell
         c = (col0 + np.arange(shape[1])) // self.cell
         return field[r[:, None], c]
+
+    def depth_at(self, row0: int, col0: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """Optical depth at 550 nm at the pixels of a window, bilinear between the cells."""
+        from skyscatter.dehaze.lattice import linear_weights
+
+        along = [
+            linear_weights(start + 0.5 + np.arange(n), (np.arange(cells) + 0.5) * self.cell)
+            for start, n, cells in zip((row0, col0), shape, self.depth.shape, strict=True)
+        ]
+        return (along[0] @ self.depth @ along[1].T).astype(np.float32)
 
     def uncertainty(self, window: NDArray[np.floating], row0: int = 0, col0: int = 0) -> NDArray[np.float32]:
         """Standard deviation of what `apply` returns at full strength, (bands, h, w).
