@@ -24,6 +24,11 @@ Single = NDArray[np.float32]
 
 #: Relative error of the path reflectance: of the solver, of optics and profile of a model that is otherwise right.
 PATH_ERROR = 0.01
+#: Relative error of the way down and up: of the same.
+WAY_ERROR = 0.005
+#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the edge of the image,
+#: under clouds, and in the spread function.
+AROUND_ERROR = 0.2
 
 
 @dataclass
@@ -114,11 +119,26 @@ class Corrector:
             share = np.sqrt(other[1])
             by_model = np.stack([share * (c - was) for c, was in zip(changed, (gain, offset), strict=True)])
         through = terms[..., DIRECT] + terms[..., DIFFUSE]
-        floor = np.hypot(table.error, PATH_ERROR * terms[..., PATH]) / through
+        contrast = np.nanstd(self.mean / self.above, axis=(1, 2))[:, None, None] / through
+        scattered_in = AROUND_ERROR * terms[..., DIFFUSE] / terms[..., DIRECT] * contrast
+        floor = np.hypot(np.hypot(table.error, PATH_ERROR * terms[..., PATH]) / through, scattered_in)
         bend = terms[..., BACK] if self.surroundings is None else np.zeros((len(gain), 0, 0))
         aod = self.lattice.to_small(haze.aod)
         return Coefficients(
-            *(single(a) for a in (gain, offset, bend, by_haze, by_model, floor, self.gases.relative, aod, sigma))
+            *(
+                single(a)
+                for a in (
+                    gain,
+                    offset,
+                    bend,
+                    by_haze,
+                    by_model,
+                    floor,
+                    np.hypot(self.gases.relative, WAY_ERROR),
+                    aod,
+                    sigma,
+                )
+            )
         )
 
     def _fine(self, values: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
-from skyscatter.dehaze.forward import BACK, DIFFUSE, DIRECT, PATH
+from skyscatter.dehaze.forward import BACK, DIFFUSE, DIRECT, PATH, surface_reflectance
 from skyscatter.dehaze.passband import Band
 
 Array = NDArray[np.float64]
@@ -64,6 +64,8 @@ COVERS = (
 )  # fmt: skip
 #: Noise of a mean of dark pixels in reflectance, and the part of the path's that the model may be wrong by.
 NOISE, MODEL_ERROR = 0.0015, 0.01
+#: Part of the light from the surroundings that is not known: they are taken from large cells.
+AROUND_ERROR = 0.2
 
 
 class Spectra(NamedTuple):
@@ -85,13 +87,15 @@ def cover_spectra(bands: Sequence[Band]) -> Spectra:
     return Spectra(np.log([cover.weight for cover in COVERS]), mean, common, own)
 
 
-def log_likelihood(observed: Array, terms: Array, covers: Spectra) -> tuple[Array, Array]:
+def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra) -> tuple[Array, Array]:
     """Logarithm of the probability density of dark spectra for trial amounts of haze.
 
     Parameters
     ----------
     observed : array, shape (cell, band)
         Mean reflectances of dark pixels, gases divided out.
+    around : array, shape (cell, band)
+        The same of their surroundings, from where light is scattered into them: dark pixels need it most.
     terms : array, shape (cell, trial, band, term)
         See `skyscatter.dehaze.forward`.
     covers : Spectra
@@ -102,11 +106,11 @@ def log_likelihood(observed: Array, terms: Array, covers: Spectra) -> tuple[Arra
     unknown : array, shape (cell, trial)
         Probability that the ground is none of the covers that say anything.
     """
-    net = observed[:, None] - terms[..., PATH]
-    through = terms[..., DIRECT] + terms[..., DIFFUSE]
-    rho = net / (through + terms[..., BACK] * net)
-    slope = (1 - terms[..., BACK] * rho) ** 2 / through  # of the surface over what is observed
-    error = slope * np.hypot(NOISE, MODEL_ERROR * terms[..., PATH])
+    environment = np.maximum(surface_reflectance(terms, around[:, None]), 0.0)
+    rho = surface_reflectance(terms, observed[:, None], environment)
+    slope = (1 - terms[..., BACK] * environment) / terms[..., DIRECT]  # of the surface over what is observed
+    scattered_in = terms[..., DIFFUSE] / terms[..., DIRECT] * environment
+    error = np.hypot(slope * np.hypot(NOISE, MODEL_ERROR * terms[..., PATH]), AROUND_ERROR * scattered_in)
     each = np.stack([_gaussian(rho, error, covers, k) for k in range(len(covers.log_weight))])
     positive = log_ndtr(rho / error).sum(axis=-1)
     whole = logsumexp(each, axis=0)

@@ -85,11 +85,11 @@ def moments(aod: Array, log_density: Array) -> tuple[Array, Array, Array]:
 class _Judged:
     """What one aerosol model makes of the dark cells."""
 
-    def __init__(self, table: TermsTable, observed: Array, angles: Array, gas: Gases) -> None:
+    def __init__(self, table: TermsTable, observed: Array, around: Array, angles: Array, gas: Gases) -> None:
         self.table = table
         self.depths = trial_depths(float(table.aod[-1]))
         (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles))[:1], gas)
-        self.likelihood, unknown = log_likelihood(observed, terms, cover_spectra(table.bands))
+        self.likelihood, unknown = log_likelihood(observed, around, terms, cover_spectra(table.bands))
         local = self.likelihood + log_prior(self.depths)
         weight = np.exp(local - logsumexp(local, axis=-1, keepdims=True))
         self.unknown = (weight * unknown).sum(axis=-1)
@@ -116,7 +116,7 @@ class _Judged:
 
 
 def estimate(
-    tables: Sequence[TermsTable], observed: Array, angles: Array, gas: Gases, vary: bool = True
+    tables: Sequence[TermsTable], observed: Array, around: Array, angles: Array, gas: Gases, vary: bool = True
 ) -> HazeEstimate:
     """Haze by the darkest pixels of all cells, under any of some aerosol models.
 
@@ -126,6 +126,8 @@ def estimate(
         One for each aerosol model, of the same bands and angles.
     observed : array, shape (band, large row, large column)
         Dark spectra above the scattering air (ozone and mixed gases divided out); NaN where there is nothing to judge.
+    around : array, shape (band, large row, large column)
+        The same of what lies around.
     angles : array, shape (3, large row, large column)
         Zenith angles of Sun and view, relative azimuth [degree].
     gas : Gases
@@ -134,7 +136,7 @@ def estimate(
         Whether the haze may vary over the image.
     """
     shape = observed.shape[1:]
-    seen = np.isfinite(observed).all(axis=0)
+    seen = np.isfinite(observed).all(axis=0) & np.isfinite(around).all(axis=0)
     names = [table.atmosphere.aerosol for table in tables]
     if not seen.any():
         mean = float(PRIOR_MEDIAN * np.exp(0.5 * PRIOR_SPREAD**2))
@@ -145,7 +147,7 @@ def estimate(
         return HazeEstimate(np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,))
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
-    judged = [_Judged(table, observed[:, seen].T, angles[:, seen], here) for table in tables]
+    judged = [_Judged(table, observed[:, seen].T, around[:, seen].T, angles[:, seen], here) for table in tables]
     evidence = np.array([j.evidence for j in judged])
     shares = np.exp(evidence - logsumexp(evidence))
     best = judged[int(shares.argmax())]

@@ -1,6 +1,6 @@
 """The first look at an image: what its cells hold, gathered window by window.
 
-Of every small cell the mean reflectance of each band over clear pixels; of every large cell the mean spectrum of its
+Of every small cell the mean reflectance of each band; of every large cell the mean spectrum of its
 darkest clear pixels, which the haze cannot be thicker than.
 """
 
@@ -34,7 +34,8 @@ class Gathered:
     ----------
     lattice : Lattice
     mean : ndarray of float32, shape (band, small row, small column)
-        Mean reflectance above the atmosphere; NaN where nothing is clear.
+        Mean reflectance above the atmosphere, clouds among it, for they light their surroundings too; NaN where there
+        are no data.
     dark : ndarray of float32, shape (band, large row, large column)
         Mean of the darkest clear pixels; NaN where too few are clear.
     pixels : ndarray of int64, shape (large row, large column)
@@ -65,6 +66,24 @@ class Gathered:
         enter(self.pixels, row0 // large, col0 // large, pixels)
 
 
+def surroundings(gathered: Gathered, cells: float) -> Array:
+    """Mean reflectances around large cells (band, row, column), blurred by a normal law of that width in cells."""
+    from scipy.ndimage import gaussian_filter
+
+    group, (rows, cols) = gathered.lattice.group, gathered.lattice.large_shape
+    out = np.empty((len(gathered.mean), rows, cols))
+    for band, mean in zip(out, gathered.mean, strict=True):
+        padded = np.full((rows * group, cols * group), np.nan)
+        padded[: mean.shape[0], : mean.shape[1]] = mean
+        known = np.isfinite(padded)
+        blocks = np.where(known, padded, 0.0).reshape(rows, group, cols, group).sum(axis=(1, 3))
+        number = known.reshape(rows, group, cols, group).sum(axis=(1, 3)).astype(float)
+        weight = gaussian_filter(number, cells, mode="nearest", truncate=4)
+        total = gaussian_filter(blocks, cells, mode="nearest", truncate=4)
+        band[:] = np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)
+    return out
+
+
 def enter(whole: NDArray[Any], row: int, col: int, part: NDArray[Any]) -> None:
     """Put cells in their place among all, (..., row, column)."""
     whole[..., row : row + part.shape[-2], col : col + part.shape[-1]] = part
@@ -86,7 +105,8 @@ def look(
     lattice : Lattice
     """
     masked = np.where(clear, values, np.float32(np.nan))
-    mean = cell_means(masked, lattice.small)
+    known = np.isfinite(values).all(axis=0)
+    mean = cell_means(np.where(known, values, np.float32(np.nan)), lattice.small)
     step = max(1, int(np.ceil(lattice.large / np.sqrt(MOST_LOOKED_AT))))
     # Of each large cell the same pixels, wherever the window begins.
     rows, cols = (

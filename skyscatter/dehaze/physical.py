@@ -15,7 +15,7 @@ from skyscatter.dehaze.coefficients import Coefficients, Corrector
 from skyscatter.dehaze.estimate import HazeEstimate, estimate
 from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
-from skyscatter.dehaze.gather import Gathered, look
+from skyscatter.dehaze.gather import Gathered, look, surroundings
 from skyscatter.dehaze.lattice import Lattice
 from skyscatter.dehaze.options import DehazeOptions
 from skyscatter.dehaze.pixelsize import pixel_size
@@ -36,6 +36,8 @@ USUAL = "continental"
 CIRRUS_SEEN = 0.85
 #: Reflectance in the cirrus band that is no cloud, and that above which the ground is lost.
 CIRRUS_NONE, CIRRUS_THICK = 0.002, 0.04
+#: Distance from which half of the light that haze scatters into a line of sight comes [m], for dark pixels.
+REACH = 1000.0
 #: Shares of the work, for the progress shown: tables, first look, estimate.
 AFTER_TABLES, AFTER_LOOK, AFTER_ESTIMATE = 0.45, 0.65, 0.7
 #: Walks of the spread function: its shares are then known to a percent.
@@ -176,12 +178,13 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
     )  # fmt: skip
     if not np.isfinite(seen.mean).any():
         nothing_clear(source)
-    haze = find_haze(tables, seen, sensing, gas, angles, options)
+    pixel = options.pixel_size_m or pixel_size(source)
+    haze = find_haze(tables, seen, sensing, gas, angles, pixel, options)
     order = sorted(tables, key=lambda t: -haze.probabilities[t.atmosphere.aerosol])
     best = order[0]
     other = (order[1], haze.probabilities[order[1].atmosphere.aerosol]) if len(order) > 1 else None
-    surroundings, note = neighbourhood(source, sensing, lattice, best, haze, angles, options)
-    corrector = Corrector(lattice, angles, gas, seen.mean, surroundings)
+    around, note = neighbourhood(sensing, lattice, best, haze, angles, pixel, options)
+    corrector = Corrector(lattice, angles, gas, seen.mean, around)
     correction = Correction(
         sensing, lattice, corrector.coefficients(best, other, haze), roles, air, secant, haze
     )  # fmt: skip
@@ -258,7 +261,13 @@ def nothing_clear(source: RasterSource) -> None:
 
 
 def find_haze(
-    tables: list[TermsTable], seen: Gathered, sensing: Sensing, gas: Gases, angles: Array, options: DehazeOptions
+    tables: list[TermsTable],
+    seen: Gathered,
+    sensing: Sensing,
+    gas: Gases,
+    angles: Array,
+    pixel: float | None,
+    options: DehazeOptions,
 ) -> HazeEstimate:
     """The haze as given, or as the dark pixels have it."""
     shape = seen.lattice.large_shape
@@ -269,8 +278,10 @@ def find_haze(
         )
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]
-    observed = seen.dark[use] / np.moveaxis(above, -1, 0)
-    return estimate([only(t, use) for t in tables], observed, angles, gas_of(gas, use), vary=True)
+    above = np.moveaxis(above, -1, 0)
+    cells = 1.0 if pixel is None else REACH / (pixel * seen.lattice.large)
+    around = surroundings(seen, float(np.clip(cells, 0.3, max(shape))))[use] / above
+    return estimate([only(t, use) for t in tables], seen.dark[use] / above, around, angles, gas_of(gas, use))
 
 
 def only(table: TermsTable, bands: list[int]) -> TermsTable:
@@ -286,18 +297,17 @@ def gas_of(gas: Gases, bands: list[int]) -> Gases:
 
 
 def neighbourhood(
-    source: RasterSource,
     sensing: Sensing,
     lattice: Lattice,
     table: TermsTable,
     haze: HazeEstimate,
     angles: Array,
+    pixel: float | None,
     options: DehazeOptions,
 ) -> tuple[Callable[[Array], Array] | None, list[str]]:
     """How light from around a pixel is gathered; None, and why, where it cannot be known."""
     if not options.adjacency:
         return None, []
-    pixel = options.pixel_size_m or pixel_size(source)
     if pixel is None:
         return None, ["the size of a pixel is unknown: light from the surroundings of a pixel is left in it"]
     from skyscatter.dehaze.adjacency import environment, spread_function
