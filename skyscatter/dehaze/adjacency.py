@@ -62,6 +62,14 @@ class SpreadFunction:
     diffuse: Array
     diffuse_error: Array
 
+    def band(self, number: int) -> SpreadFunction:
+        """The function at one of its wavelengths."""
+        k = slice(number, number + 1)
+        return SpreadFunction(
+            self.wavelengths[k], self.view_zenith_deg, self.distance, self.share[:, k], self.share_error[:, k],
+            self.direct[k], self.diffuse[k], self.diffuse_error[k],
+        )  # fmt: skip
+
     def within(self, distance: ArrayLike) -> Array:
         """Share of the light that left the ground within a distance [m] of the target, shape (..., wavelength)."""
         r = np.asarray(distance, float)
@@ -206,9 +214,10 @@ def spread_weights(spread: SpreadFunction, cell_size_m: float, reach: tuple[int,
     ndarray, shape (wavelength, 2 reach_y + 1, 2 reach_x + 1)
         The sum is what comes from within the lattice, below 1.
     """
-    y, x = (np.arange(-n, n + 1) for n in reach)
-    r = np.hypot(y[:, None], x[None, :]) * cell_size_m
-    weights = spread.density(r) * cell_size_m**2
+    r = np.hypot(*np.ogrid[: reach[0] + 1, : reach[1] + 1]) * cell_size_m
+    quarter = spread.density(r) * cell_size_m**2
+    half = np.concatenate([quarter[:0:-1], quarter])
+    weights = np.concatenate([half[:, :0:-1], half], axis=1)
     near_y, near_x = (min(n, NEAR_CELLS) for n in reach)
     offset = (np.arange(FINE) + 0.5) / FINE - 0.5
     fine_y = (np.arange(-near_y, near_y + 1)[:, None] + offset).ravel() * cell_size_m
@@ -260,17 +269,17 @@ def environment(reflectance: NDArray[np.floating], cell_size_m: float, spread: S
     if not cell_size_m > 0:
         raise DomainError("cell_size_m", cell_size_m, "must be positive [m]")
     ny, nx = values.shape[1:]
-    weights = spread_weights(spread, cell_size_m, (ny - 1, nx - 1))
     inside = np.ones((ny, nx))
     out = np.full(values.shape, np.nan)
     for k, band in enumerate(values):
         known = np.isfinite(band)
         if not known.any():
             continue
+        weights = spread_weights(spread.band(k), cell_size_m, (ny - 1, nx - 1))[0]
         mean = band[known].mean()
         # Less the mean: rounding then is relative to the contrasts.
-        light = fftconvolve(np.where(known, band - mean, 0.0), weights[k], "same")
-        seen = fftconvolve(known.astype(float), weights[k], "same")
-        whole = seen if known.all() else fftconvolve(inside, weights[k], "same")
+        light = fftconvolve(np.where(known, band - mean, 0.0), weights, "same")
+        seen = fftconvolve(known.astype(float), weights, "same")
+        whole = seen if known.all() else fftconvolve(inside, weights, "same")
         out[k] = mean + light * np.minimum(whole, 1.0) / np.maximum(seen, 1e-12)
     return out
