@@ -26,8 +26,8 @@ Single = NDArray[np.float32]
 PATH_ERROR = 0.01
 #: Relative error of the way down and up: of the same.
 WAY_ERROR = 0.005
-#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the edge of the image,
-#: under clouds, and in the spread function.
+#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the image's edge, under
+#: clouds, and in the spread function.
 AROUND_ERROR = 0.2
 
 

@@ -42,7 +42,7 @@ class Cover(NamedTuple):
 # water, soil and asphalt look in spectral libraries.
 COVERS = (
     Cover(
-        "leaves", 0.40, (0.020, 0.024, 0.048, 0.028, 0.080, 0.20, 0.27, 0.30, 0.30, 0.14, 0.060),
+        "leaves", 0.35, (0.020, 0.024, 0.048, 0.028, 0.080, 0.20, 0.27, 0.30, 0.30, 0.14, 0.060),
         0.35, (0.15, 0.50, 0.30), 0.004,
     ),
     Cover(
@@ -54,8 +54,12 @@ COVERS = (
         0.45, (0.25, 0.50, 0.50), 0.006,
     ),
     Cover(
-        "bare ground", 0.25, (0.060, 0.072, 0.092, 0.115, 0.125, 0.135, 0.145, 0.15, 0.155, 0.19, 0.17),
-        0.45, (0.15, 0.25, 0.30), 0.008,
+        "sparse leaves", 0.15, (0.042, 0.050, 0.078, 0.080, 0.13, 0.22, 0.27, 0.285, 0.29, 0.27, 0.19),
+        0.40, (0.25, 0.35, 0.35), 0.008,
+    ),
+    Cover(
+        "bare ground", 0.15, (0.060, 0.072, 0.092, 0.115, 0.125, 0.135, 0.145, 0.15, 0.155, 0.19, 0.17),
+        0.45, (0.20, 0.35, 0.40), 0.008,
     ),
     Cover(
         "anything", 0.10, (0.12, 0.13, 0.15, 0.17, 0.18, 0.20, 0.22, 0.22, 0.22, 0.22, 0.20),
@@ -64,8 +68,8 @@ COVERS = (
 )  # fmt: skip
 #: Noise of a mean of dark pixels in reflectance, and the part of the path's that the model may be wrong by.
 NOISE, MODEL_ERROR = 0.0015, 0.01
-#: Part of the light from the surroundings that is not known: they are taken from large cells.
-AROUND_ERROR = 0.2
+#: Part of the light from the surroundings that is not known.
+AROUND_ERROR = 0.15
 
 
 class Spectra(NamedTuple):
@@ -111,10 +115,11 @@ def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra
     slope = (1 - terms[..., BACK] * environment) / terms[..., DIRECT]  # of the surface over what is observed
     scattered_in = terms[..., DIFFUSE] / terms[..., DIRECT] * environment
     error = np.hypot(slope * np.hypot(NOISE, MODEL_ERROR * terms[..., PATH]), AROUND_ERROR * scattered_in)
-    each = np.stack([_gaussian(rho, error, covers, k) for k in range(len(covers.log_weight))])
-    positive = log_ndtr(rho / error).sum(axis=-1)
+    each = np.stack(
+        [_gaussian(rho, error, covers, k) + _positive(rho, error, covers, k) for k in range(len(covers.log_weight))]
+    )
     whole = logsumexp(each, axis=0)
-    likelihood: Array = whole + positive + np.log(slope).sum(axis=-1)
+    likelihood: Array = whole + np.log(slope).sum(axis=-1)
     unknown: Array = np.exp(each[-1] - whole)
     return likelihood, unknown
 
@@ -131,3 +136,16 @@ def _gaussian(rho: Array, error: Array, covers: Spectra, k: int) -> Array:
     log_det = np.log(joint) - np.log(precision).sum(axis=-1)
     density: Array = covers.log_weight[k] - 0.5 * (square + log_det)
     return density
+
+
+def _positive(rho: Array, error: Array, covers: Spectra, k: int) -> Array:
+    """Logarithm of the share of a cover's law, given what is observed, that is not negative in any band.
+
+    Of a band's normal law with the cover's mean and deviation times that of the observation's error, over the share of
+    the former alone; the bands are taken one by one.
+    """
+    prior = np.hypot(covers.own[k], covers.common[k])
+    precision = 1 / prior**2 + 1 / error**2
+    middle = (covers.mean[k] / prior**2 + rho / error**2) / precision
+    share: Array = (log_ndtr(middle * np.sqrt(precision)) - log_ndtr(covers.mean[k] / prior)).sum(axis=-1)
+    return share

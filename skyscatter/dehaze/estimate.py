@@ -23,6 +23,9 @@ PRIOR_MEDIAN, PRIOR_SPREAD = 0.14, 0.9
 #: Correlation of what the dark ground of two cells is mistaken by: leaves here are like leaves there.  It keeps a
 #: thousand cells from being as sure as a thousand independent witnesses.
 CORRELATION = 0.3
+#: What the optics of a named model, its profile and the covers leave open in any case: a part of the depth, and a little
+#: more.
+MODEL_SPREAD, MODEL_SPREAD_AT_LEAST = 0.07, 0.01
 #: How far the haze may vary within an image: a part of it, and a little more.
 VARIES, VARIES_AT_LEAST = 0.5, 0.03
 #: A cell whose ground is probably unknown says nothing that can be relied on.
@@ -98,7 +101,8 @@ class _Judged:
         count = known.sum()
         effective = count / (1 + (count - 1) * CORRELATION) if count > 1 else count
         pooled = (known @ self.likelihood) * (effective / count)
-        self.mean, self.sigma, self.evidence = moments(self.depths, pooled + log_prior(self.depths))
+        self.mean, sigma, self.evidence = moments(self.depths, pooled + log_prior(self.depths))
+        self.sigma = np.sqrt(sigma**2 + (MODEL_SPREAD * self.mean) ** 2 + MODEL_SPREAD_AT_LEAST**2)
 
     def local(self, varies: float) -> tuple[Array, Array]:
         """What cells say by themselves, and how surely: normal laws that turn the image's haze into theirs.

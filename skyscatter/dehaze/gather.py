@@ -7,7 +7,7 @@ darkest clear pixels, which the haze cannot be thicker than.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,15 @@ ENOUGH = 16
 MOST_LOOKED_AT = 1024
 
 
+class Found(NamedTuple):
+    """The cells of one window; see `Gathered`."""
+
+    mean: Values
+    dark: Values
+    pixels: NDArray[np.int64]
+    where: NDArray[np.int64]
+
+
 @dataclass
 class Gathered:
     """What the cells of an image hold.
@@ -40,12 +49,15 @@ class Gathered:
         Mean of the darkest clear pixels; NaN where too few are clear.
     pixels : ndarray of int64, shape (large row, large column)
         Clear pixels looked at.
+    where : ndarray of int64, shape (small row, small column)
+        How many of the darkest pixels lie in a small cell.
     """
 
     lattice: Lattice
     mean: Values
     dark: Values
     pixels: NDArray[np.int64]
+    where: NDArray[np.int64]
 
     @classmethod
     def empty(cls, lattice: Lattice, bands: int) -> Gathered:
@@ -55,33 +67,31 @@ class Gathered:
             np.full((bands, *lattice.small_shape), np.nan, np.float32),
             np.full((bands, *lattice.large_shape), np.nan, np.float32),
             np.zeros(lattice.large_shape, np.int64),
+            np.zeros(lattice.small_shape, np.int64),
         )
 
-    def put(self, row0: int, col0: int, found: tuple[Values, Values, NDArray[np.int64]]) -> None:
+    def put(self, row0: int, col0: int, found: Found) -> None:
         """Enter what `look` found in a window that starts at that pixel."""
         small, large = self.lattice.small, self.lattice.large
-        mean, dark, pixels = found
-        enter(self.mean, row0 // small, col0 // small, mean)
-        enter(self.dark, row0 // large, col0 // large, dark)
-        enter(self.pixels, row0 // large, col0 // large, pixels)
+        enter(self.mean, row0 // small, col0 // small, found.mean)
+        enter(self.where, row0 // small, col0 // small, found.where)
+        enter(self.dark, row0 // large, col0 // large, found.dark)
+        enter(self.pixels, row0 // large, col0 // large, found.pixels)
 
 
-def surroundings(gathered: Gathered, cells: float) -> Array:
-    """Mean reflectances around large cells (band, row, column), blurred by a normal law of that width in cells."""
-    from scipy.ndimage import gaussian_filter
-
+def at_dark_pixels(gathered: Gathered, values: Array) -> Array:
+    """Means over the darkest pixels of large cells of values that small cells have (band, small row, small column)."""
     group, (rows, cols) = gathered.lattice.group, gathered.lattice.large_shape
-    out = np.empty((len(gathered.mean), rows, cols))
-    for band, mean in zip(out, gathered.mean, strict=True):
-        padded = np.full((rows * group, cols * group), np.nan)
-        padded[: mean.shape[0], : mean.shape[1]] = mean
-        known = np.isfinite(padded)
-        blocks = np.where(known, padded, 0.0).reshape(rows, group, cols, group).sum(axis=(1, 3))
-        number = known.reshape(rows, group, cols, group).sum(axis=(1, 3)).astype(float)
-        weight = gaussian_filter(number, cells, mode="nearest", truncate=4)
-        total = gaussian_filter(blocks, cells, mode="nearest", truncate=4)
-        band[:] = np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)
-    return out
+
+    def summed(cells: Array) -> Array:
+        padded = np.zeros((rows * group, cols * group))
+        padded[: cells.shape[0], : cells.shape[1]] = cells
+        total: Array = padded.reshape(rows, group, cols, group).sum(axis=(1, 3))
+        return total
+
+    number = summed(gathered.where.astype(float))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.stack([summed(np.where(gathered.where > 0, band * gathered.where, 0.0)) / number for band in values])
 
 
 def enter(whole: NDArray[Any], row: int, col: int, part: NDArray[Any]) -> None:
@@ -89,9 +99,7 @@ def enter(whole: NDArray[Any], row: int, col: int, part: NDArray[Any]) -> None:
     whole[..., row : row + part.shape[-2], col : col + part.shape[-1]] = part
 
 
-def look(
-    values: Values, clear: NDArray[np.bool_], visible: list[int], lattice: Lattice
-) -> tuple[Values, Values, NDArray[np.int64]]:
+def look(values: Values, clear: NDArray[np.bool_], visible: list[int], lattice: Lattice) -> Found:
     """Cells of one window that starts on a corner of a large cell.
 
     Parameters
@@ -114,8 +122,10 @@ def look(
         for n in values.shape[1:]
     )
     sample = masked[:, rows[:, None], cols]
-    dark, pixels = darkest(sample, rows // lattice.large, cols // lattice.large, visible)
-    return mean, dark, pixels
+    dark, pixels, chosen = darkest(sample, rows // lattice.large, cols // lattice.large, visible)
+    where = np.zeros(mean.shape[1:], np.int64)
+    np.add.at(where, (rows[chosen[0]] // lattice.small, cols[chosen[1]] // lattice.small), 1)
+    return Found(mean, dark, pixels, where)
 
 
 def cell_means(values: Values, size: int) -> Values:
@@ -136,23 +146,27 @@ def cell_means(values: Values, size: int) -> Values:
 
 def darkest(
     sample: Values, row_cell: NDArray[Any], col_cell: NDArray[Any], visible: list[int]
-) -> tuple[Values, NDArray[np.int64]]:
-    """Mean spectra of the darkest pixels of large cells, and how many pixels were to choose from."""
+) -> tuple[Values, NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Mean spectra of the darkest pixels of large cells, how many there were to choose from, and which they are."""
     shape = (int(row_cell[-1]) + 1, int(col_cell[-1]) + 1)
     brightness = sample[visible].sum(axis=0)
     dark = np.full((len(sample), *shape), np.nan, np.float32)
     pixels = np.zeros(shape, np.int64)
     rows = np.searchsorted(row_cell, np.arange(shape[0] + 1))
     cols = np.searchsorted(col_cell, np.arange(shape[1] + 1))
+    places: list[NDArray[np.int64]] = [np.zeros((2, 0), np.int64)]
     for y in range(shape[0]):
         for x in range(shape[1]):
-            part = np.s_[rows[y] : rows[y + 1], cols[x] : cols[x + 1]]
-            bright = brightness[part].ravel()
+            bright = brightness[rows[y] : rows[y + 1], cols[x] : cols[x + 1]]
             good = np.flatnonzero(np.isfinite(bright))
             pixels[y, x] = good.size
             if good.size < ENOUGH:
                 continue
             count = max(FEWEST, int(DARKEST * good.size))
-            chosen = good[np.argpartition(bright[good], count - 1)[:count]]
-            dark[:, y, x] = sample[(slice(None), *part)].reshape(len(sample), -1)[:, np.sort(chosen)].mean(axis=1)
-    return dark, pixels
+            chosen = np.sort(good[np.argpartition(bright.ravel()[good], count - 1)[:count]])
+            y_in, x_in = np.unravel_index(chosen, bright.shape)
+            place = np.stack([y_in + rows[y], x_in + cols[x]])
+            dark[:, y, x] = sample[:, place[0], place[1]].mean(axis=1)
+            places.append(place)
+    every = np.concatenate(places, axis=1)
+    return dark, pixels, (every[0], every[1])

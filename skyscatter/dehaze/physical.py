@@ -15,7 +15,7 @@ from skyscatter.dehaze.coefficients import Coefficients, Corrector
 from skyscatter.dehaze.estimate import HazeEstimate, estimate
 from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
-from skyscatter.dehaze.gather import Gathered, look, surroundings
+from skyscatter.dehaze.gather import Gathered, at_dark_pixels, look
 from skyscatter.dehaze.lattice import Lattice
 from skyscatter.dehaze.options import DehazeOptions
 from skyscatter.dehaze.pixelsize import pixel_size
@@ -36,8 +36,8 @@ USUAL = "continental"
 CIRRUS_SEEN = 0.85
 #: Reflectance in the cirrus band that is no cloud, and that above which the ground is lost.
 CIRRUS_NONE, CIRRUS_THICK = 0.002, 0.04
-#: Distance from which half of the light that haze scatters into a line of sight comes [m], for dark pixels.
-REACH = 1000.0
+#: Optical depth for which the spread of light is computed before the haze is known; its shape hardly depends on it.
+FIRST_GUESS = 0.2
 #: Shares of the work, for the progress shown: tables, first look, estimate.
 AFTER_TABLES, AFTER_LOOK, AFTER_ESTIMATE = 0.45, 0.65, 0.7
 #: Walks of the spread function: its shares are then known to a percent.
@@ -279,8 +279,11 @@ def find_haze(
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]
     above = np.moveaxis(above, -1, 0)
-    cells = 1.0 if pixel is None else REACH / (pixel * seen.lattice.large)
-    around = surroundings(seen, float(np.clip(cells, 0.3, max(shape))))[use] / above
+    lit = seen.mean.astype(float)
+    if pixel is not None:
+        # Blurred before it is corrected: the air adds to all alike, and takes from all alike.
+        lit = spread_by(tables[0], sensing, FIRST_GUESS, angles, pixel * seen.lattice.small)(lit)
+    around = at_dark_pixels(seen, lit)[use] / above
     return estimate([only(t, use) for t in tables], seen.dark[use] / above, around, angles, gas_of(gas, use))
 
 
@@ -310,20 +313,26 @@ def neighbourhood(
         return None, []
     if pixel is None:
         return None, ["the size of a pixel is unknown: light from the surroundings of a pixel is left in it"]
+    return spread_by(table, sensing, float(np.clip(haze.mean, 0.0, GREATEST_AOD)), angles, pixel * lattice.small), []
+
+
+def spread_by(
+    table: TermsTable, sensing: Sensing, aod: float, angles: Array, cell_size_m: float
+) -> Callable[[Array], Array]:
+    """Means of cells (band, row, column) as light that the air scatters into lines of sight has them."""
     from skyscatter.dehaze.adjacency import environment, spread_function
 
     wavelengths = np.array([band.effective_wavelength for band in sensing.bands])
     order = np.argsort(wavelengths)
-    depth = float(np.clip(haze.mean, 0.0, GREATEST_AOD))
-    spread = spread_function(
-        table.atmosphere.medium(depth), wavelengths[order], float(np.median(angles[1])), walks=WALKS
-    )
     back = np.argsort(order)
+    spread = spread_function(
+        table.atmosphere.medium(aod), wavelengths[order], float(np.median(angles[1])), walks=WALKS
+    )  # fmt: skip
 
-    def around(own: Array) -> Array:
-        return environment(own[order], pixel * lattice.small, spread)[back]
+    def around(cells: Array) -> Array:
+        return environment(cells[order], cell_size_m, spread)[back]
 
-    return around, []
+    return around
 
 
 def summary(

@@ -133,9 +133,7 @@ def test_mass_is_the_integral_of_the_columns():
 
 def test_two_halves_make_the_whole():
     whole, first = particles(), RNG.random(NUMBER) < 0.4
-    halves = [
-        particles(positions=PLACES[k], masses=MASSES[k], smoothing_lengths=LENGTHS[k]) for k in (first, ~first)
-    ]
+    halves = [particles(positions=PLACES[k], masses=MASSES[k], smoothing_lengths=LENGTHS[k]) for k in (first, ~first)]
     points = RNG.normal(size=(500, 3))
     parts = sum(half.density(points) for half in halves)
     # Other leaves, so other roundings of places to 1e-5 of the smallest h, as above.
