@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from skyscatter.dehaze import masks
 from skyscatter.dehaze.coefficients import Coefficients, Corrector
 from skyscatter.dehaze.estimate import HazeEstimate, estimate
+from skyscatter.dehaze.flagcount import FlagCount
 from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
 from skyscatter.dehaze.gather import Gathered, at_dark_pixels, look
@@ -80,7 +81,10 @@ class Correction:
     def __call__(
         self, row0: int, col0: int, values: Values, flags: NDArray[np.uint8], wanted: frozenset[str]
     ) -> dict[str, NDArray[Any]]:
-        """Arrays (layer, y, x) of a window: result, and sigma, haze_map and mask where wanted."""
+        """Arrays (layer, y, x) of a window: result and mask, and sigma and haze_map where wanted.
+
+        The mask costs a few operations per pixel, against some hundred for its bands: it is always there to be counted.
+        """
         from skyscatter.dehaze.kernels.correct import correct, spread
 
         c, size = self.coefficients, self.lattice.small
@@ -102,9 +106,8 @@ class Correction:
             out["sigma"] = sigma
         if "haze_map" in wanted:
             out["haze_map"] = self.upsampled(c.aod, row0, col0, flags.shape)[None]
-        if "mask" in wanted:
-            self.flag(flags, surface, clipped, row0, col0)
-            out["mask"] = flags[None]
+        self.flag(flags, surface, clipped, row0, col0)
+        out["mask"] = flags[None]
         return out
 
     def flag(self, flags: NDArray[np.uint8], surface: Values, clipped: NDArray[np.bool_], row0: int, col0: int) -> None:
@@ -362,13 +365,15 @@ def dehaze_physical(
 ) -> dict[str, Any]:
     """Correct an image into sinks (result, sigma, haze_map, mask: those there are); returns the summary."""
     correction, report = prepare(source, options, progress)
-    wanted = frozenset(sinks)
+    wanted, count = frozenset(sinks), FlagCount()
 
     def work(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
-        return correction(row0, col0, values, flags, wanted)
+        found = correction(row0, col0, values, flags, wanted)
+        count.add(found["mask"])
+        return found
 
     for_each_window(
         source, sinks, work, size=options.window, flags=True, threads=options.threads,
         progress=lambda share: progress(AFTER_ESTIMATE + (1 - AFTER_ESTIMATE) * share),
     )  # fmt: skip
-    return report
+    return {**report, "flags": count.shares()}
