@@ -28,6 +28,10 @@ CORRELATION = 0.3
 MODEL_SPREAD, MODEL_SPREAD_AT_LEAST = 0.07, 0.01
 #: How far the haze may vary within an image: a part of it, and a little more.
 VARIES, VARIES_AT_LEAST = 0.5, 0.03
+#: How usual the models are: over land the single-scattering albedo is mostly near that of the continental one (0.9), and
+#: the soot of the urban one (0.65) is rare (Dubovik et al. 2002, J. Atmos. Sci. 59, 590).  Dark ground hardly tells
+#: how much an aerosol absorbs, so this matters.
+USUALNESS = {"continental": 0.65, "maritime": 0.25, "urban": 0.10}
 #: A cell whose ground is probably unknown says nothing that can be relied on.
 UNKNOWN = 0.5
 
@@ -100,8 +104,11 @@ class _Judged:
         known = np.maximum(1 - self.unknown, 0.02)
         count = known.sum()
         effective = count / (1 + (count - 1) * CORRELATION) if count > 1 else count
-        pooled = (known @ self.likelihood) * (effective / count)
-        self.mean, sigma, self.evidence = moments(self.depths, pooled + log_prior(self.depths))
+        pooled = (known @ self.likelihood) / count
+        # What leaves or water really look like is the same question in every cell: as evidence for one model of the
+        # aerosol, whose colour it competes with, all cells are one witness.
+        self.evidence = moments(self.depths, pooled + log_prior(self.depths))[2]
+        self.mean, sigma, _ = moments(self.depths, effective * pooled + log_prior(self.depths))
         self.sigma = np.sqrt(sigma**2 + (MODEL_SPREAD * self.mean) ** 2 + MODEL_SPREAD_AT_LEAST**2)
 
     def local(self, varies: float) -> tuple[Array, Array]:
@@ -152,7 +159,8 @@ def estimate(
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
     judged = [_Judged(table, observed[:, seen].T, around[:, seen].T, angles[:, seen], here) for table in tables]
-    evidence = np.array([j.evidence for j in judged])
+    usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
+    evidence = np.array([j.evidence for j in judged]) + np.log(usual)
     shares = np.exp(evidence - logsumexp(evidence))
     best = judged[int(shares.argmax())]
     notes = []
