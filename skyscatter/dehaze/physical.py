@@ -179,8 +179,6 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
         lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
     )  # fmt: skip
-    if not np.isfinite(seen.mean).any():
-        nothing_clear(source)
     pixel = options.pixel_size_m or pixel_size(source)
     haze = find_haze(tables, seen, sensing, gas, angles, pixel, options)
     order = sorted(tables, key=lambda t: -haze.probabilities[t.atmosphere.aerosol])
@@ -237,7 +235,13 @@ def gather(
     options: DehazeOptions,
     progress: Progress,
 ) -> Gathered:
-    """What the cells of the whole image hold."""
+    """What the cells of the whole image hold.
+
+    Raises
+    ------
+    DomainError
+        If no pixel is clear.
+    """
     seen = Gathered.empty(lattice, len(sensing.bands))
     visible = roles.visible or list(range(len(sensing.bands)))
 
@@ -245,14 +249,18 @@ def gather(
         toa = toa_of(row0, col0, values, flags)
         clear = (flags & np.uint8(Flag.CLOUD | Flag.NODATA | Flag.SATURATED)) == 0
         clear &= np.isfinite(toa).all(axis=0)
-        return look(toa, clear, visible, lattice)
+        return look(toa, clear, visible, lattice), bool(clear.any())
 
     found = map_windows(
         source, first_look, size=options.window, multiple=lattice.large, flags=True, threads=options.threads,
         progress=progress,
     )  # fmt: skip
-    for window, cells in found:
+    clear_somewhere = False
+    for window, (cells, clear) in found:
         seen.put(window.row0, window.col0, cells)
+        clear_somewhere |= clear
+    if not clear_somewhere:
+        nothing_clear(source)
     return seen
 
 
