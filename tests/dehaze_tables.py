@@ -16,7 +16,8 @@ KINDS = {"continental": (1.2, 0.90), "maritime": (0.3, 0.98), "urban": (1.3, 0.6
 def made_up_table(atmosphere, bands, angles, *, aod=None, progress=None, **_):
     """In place of `build_table`: closed forms with the shape of single scattering; smooth, of the right size and signs.
 
-    Terms are products of exponentials of the depth over the cosines, as in Chandrasekhar's first order.
+    Terms are exponentials of the depths over the cosines.  Haze sends back three times what its phase function
+    does in the first order, which is what many orders come to.
     """
     if atmosphere.aerosol == "none" or aod == 0:
         depths = np.zeros(1)
@@ -34,7 +35,7 @@ def made_up_table(atmosphere, bands, angles, *, aod=None, progress=None, **_):
     mu_s, mu_v = np.cos(np.radians(sun)), np.cos(np.radians(view))
     scattering = -mu_s * mu_v + np.sqrt((1 - mu_s**2) * (1 - mu_v**2)) * -np.cos(np.radians(turn))
     slant = 1 / mu_s + 1 / mu_v
-    strength = 0.75 * (1 + scattering**2) * air + albedo * 0.35 * haze
+    strength = 0.75 * (1 + scattering**2) * air + albedo * haze
     path = 0.25 * strength / (air + haze) / (mu_s + mu_v) * -np.expm1(-(air + haze) * slant)
     kept = np.exp(-(0.5 * air + (1 - 0.85 * albedo) * haze) / mu_s)
     direct = np.exp(-(air + haze) / mu_v)
