@@ -14,6 +14,12 @@ from skyscatter.errors import DomainError
 
 Progress = Callable[[float], object]
 
+#: Options that only one of the two entrances has.
+PHYSICAL = (
+    "aod", "aerosol", "pressure_hpa", "ground_height_m", "ozone_du", "water_vapour_g_cm2", "pixel_size_m", "adjacency",
+)  # fmt: skip
+PLAIN = ("strength", "alpha", "transfer")
+
 
 def dehaze_raster(
     source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress | None = None
@@ -34,7 +40,7 @@ def dehaze_raster(
     Summary
     """
     say = progress or (lambda share: None)
-    if entrance(source) == "plain":
+    if entrance(source, options) == "plain":
         from skyscatter.dehaze.plain import dehaze_plain
 
         return Summary(dehaze_plain(source, sinks, options, say))
@@ -88,15 +94,20 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
     return DehazeResult(found["result"], found["sigma"], found["haze_map"], found["mask"], summary.to_json())
 
 
-def entrance(source: RasterSource) -> str:
+def entrance(source: RasterSource, options: DehazeOptions) -> str:
     """Which of the two entrances an image takes: ``"plain"`` or ``"physical"``.
 
     Raises
     ------
     DomainError
-        If it is reflectance or radiance of a scene whose Sun is unknown.
+        If it is reflectance or radiance of a scene whose Sun is unknown, or an option of the other entrance is given.
     """
-    if source.quantity == "display":
+    plain = source.quantity == "display"
+    for name in PHYSICAL if plain else PLAIN:
+        if name in options.model_fields_set and getattr(options, name) != type(options).model_fields[name].default:
+            what = "a plain picture" if plain else f"an image of {source.quantity}"
+            raise DomainError(name, getattr(options, name), f"means nothing to {what}; leave it out")
+    if plain:
         return "plain"
     if source.geometry is None:
         rule = f"{source.name} does not say where the Sun was; give sun_zenith_deg, or quantity='display' for a picture"

@@ -63,7 +63,7 @@ def found(source: RasterSource, options: DehazeOptions, progress: Progress) -> t
     """What corrects the windows of an image, from one look at all of it, and the report."""
     from skyscatter.dehaze.engine import entrance
 
-    if entrance(source) == "physical":
+    if entrance(source, options) == "physical":
         from skyscatter.dehaze.physical import prepare
 
         return prepare(source, options, progress)

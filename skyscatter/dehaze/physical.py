@@ -201,7 +201,7 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
         pressure = pressure_at(options.ground_height_m)
     else:
         pressure = STANDARD_PRESSURE if options.pressure_hpa is None else options.pressure_hpa
-    known = None if options.aod == "auto" else float(options.aod)
+    known = given_depth(options)
     if options.aerosol != "auto":
         names: tuple[str, ...] = (options.aerosol,)
     else:
@@ -217,6 +217,13 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
             build_table(atmosphere, sensing.bands, spanned, aod=known, threads=options.threads, progress=share)
         )
     return tables
+
+
+def given_depth(options: DehazeOptions) -> float | None:
+    """The optical depth that the user knows: that of no aerosol is 0; None if it is to be found."""
+    if options.aerosol == "none":
+        return 0.0
+    return None if options.aod == "auto" else float(options.aod)
 
 
 def clear_air(table: TermsTable, angles: Array) -> NDArray[np.float32]:
@@ -282,8 +289,8 @@ def find_haze(
 ) -> HazeEstimate:
     """The haze as given, or as the dark pixels have it."""
     shape = seen.lattice.large_shape
-    if options.aod != "auto":
-        depth, name = float(options.aod), tables[0].atmosphere.aerosol
+    if given_depth(options) is not None:
+        depth, name = float(given_depth(options) or 0.0), tables[0].atmosphere.aerosol
         return HazeEstimate(
             np.full(shape, depth), np.zeros(shape), depth, 0.0, name, {name: 1.0}, np.zeros(shape, bool)
         )
@@ -353,7 +360,7 @@ def summary(
     return {
         "kind": "surface reflectance",
         "aod": {
-            "source": "given" if options.aod != "auto" else "estimated",
+            "source": "estimated" if given_depth(options) is None else "given",
             "mean": round(haze.mean, 4),
             "sigma": round(haze.mean_sigma, 4),
             "least": round(float(haze.aod.min()), 4),
