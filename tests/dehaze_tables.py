@@ -6,7 +6,7 @@ import numpy as np
 
 from skyscatter.dehaze.bands import load_sensor
 from skyscatter.dehaze.forward import STANDARD_PRESSURE, Atmosphere, reflectance_above
-from skyscatter.dehaze.sensing import gases, with_water
+from skyscatter.dehaze.sensing import Gases, gases, with_water
 from skyscatter.dehaze.table import BENDS_AT, GREATEST_AOD, TermsTable, lobatto
 
 #: Exponent of the optical depth over wavelength and single-scattering albedo, near those of the models.
@@ -62,10 +62,12 @@ def seen_from_above(table, surface, aod, sun, environment=None, **columns):
     """Reflectance above the atmosphere of ground (band, y, x) under a depth (y, x) or one, seen straight down."""
     shape = surface.shape[1:]
     depth = np.broadcast_to(np.asarray(aod, float), shape).ravel()
-    gas, terms_at = air_of(table, np.full(depth.size, sun), np.zeros(depth.size), np.zeros(depth.size), **columns)
+    gas, _ = air_of(table, sun, **columns)
+    here = Gases(*(np.broadcast_to(a, (depth.size, a.shape[1])) for a in (gas.above, gas.water, gas.half)), gas.relative)
+    (terms,) = with_water(table.at(depth, sun, 0.0, 0.0)[:1], here)
     flat = surface.reshape(len(surface), -1).T
     around = None if environment is None else environment.reshape(len(surface), -1).T
-    toa = gas.above * reflectance_above(terms_at(depth), flat, around)
+    toa = gas.above * reflectance_above(terms, flat, around)
     return toa.T.reshape(surface.shape)
 
 

@@ -92,7 +92,7 @@ def hazy(height=150, width=210, cloud=True):
     if cloud:
         toa[:, 30:50, 40:80] = np.array([0.6, 0.6, 0.6, 0.6, 0.5, 0.45], np.float32)[:, None, None]
     toa[:, 100:110, :30] = np.nan
-    toa[2, 70, 70] = np.nan
+    toa[2, 60, 60] = np.nan
     return toa
 
 
@@ -104,18 +104,19 @@ def same(one, other):
 
 @pytest.mark.parametrize("aod", ["auto", 0.25])
 def test_neither_windows_nor_threads_change_a_bit(quick, aod):
-    toa = hazy()
+    toa = hazy(115, 130)
     given = {**KNOWN, "bands": ALL, "aod": aod, "pixel_size_m": 60.0}
     whole = skyscatter.dehaze(toa, **given, window=4096, threads=1)
-    for window, threads in ((64, 1), (100, 2), (64, 2), (4096, 2)):
+    for window, threads in ((64, 2), (100, 1)):
         same(whole, skyscatter.dehaze(toa, **given, window=window, threads=threads))
 
 
 def test_the_haze_is_found_and_flags_are_set(quick):
     toa = hazy()
-    result = skyscatter.dehaze(toa, bands=ALL, **KNOWN, pixel_size_m=60.0)
+    result = skyscatter.dehaze(toa, bands=ALL, **KNOWN)  # pixels of unknown size: their own surroundings, as made
     aod, mask = result.diagnostics["aod"], result.mask[0]
     assert aod["source"] == "estimated"
+    # The darkest pixels of every cell are darker than their cover is as a rule; that is worth some 0.05.
     assert abs(aod["mean"] - 0.25) < 2 * aod["sigma"] + 0.05
     slope = result.haze_map[0, :, 150:].mean() - result.haze_map[0, :, :60].mean()
     assert slope > 0.03
@@ -124,8 +125,8 @@ def test_the_haze_is_found_and_flags_are_set(quick):
     assert np.all(mask[100:110, :30] & Flag.NODATA)
     assert np.isnan(result.reflectance[:, 100:110, :30]).all()
     assert np.isnan(result.sigma[:, 100:110, :30]).all()
-    assert np.isnan(result.reflectance[2, 70, 70])
-    assert np.isfinite(result.reflectance[[0, 1, 3, 4, 5], 70, 70]).all()
+    assert np.isnan(result.reflectance[2, 60, 60])
+    assert np.isfinite(result.reflectance[[0, 1, 3, 4, 5], 60, 60]).all()
     seen = np.isfinite(toa)
     assert np.all(np.isfinite(result.reflectance) == seen)
     assert np.all(result.reflectance[seen] >= 0)
