@@ -1,4 +1,4 @@
-"""A landscape under haze as a satellite sees it, and the landscape again: how much haze, and what it leaves unknown."""
+"""A landscape under haze as a satellite sees it, and the landscape again, with what remains unknown of it."""
 
 import os
 
