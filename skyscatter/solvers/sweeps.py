@@ -364,6 +364,7 @@ def sum_orders(
         total, total_flux = moments.copy(), flux.copy()
         change_before, shrinks_before = 1.0, 1.0
         previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
+        previous_flux = flux.copy()
         # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
         last = MOST_ORDERS if max_order is None else max_order - 1
         left, order = 1.0, 1
@@ -379,7 +380,11 @@ def sum_orders(
                 new_sum = total[:, :, 0] + moments[:, :, 0] * ratio / (1 - ratio)
                 visible = new_sum > FAINTEST * new_sum.max()
                 change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
-                previous_sum = new_sum
+                # Where the ground shines, what comes down on it is a small part of the light there: fluxes count too.
+                new_flux = total_flux + flux * (ratio / (1 - ratio))[:, None]
+                most = np.maximum(new_flux.max(axis=0), FLOOR)
+                change = max(change, float(np.max(np.abs(new_flux - previous_flux) / most)))
+                previous_sum, previous_flux = new_sum, new_flux
                 # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
                 # The worse of two: after one step that was huge, because an order outshone the one before, the next
                 # is small beside it and means nothing.
