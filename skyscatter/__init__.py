@@ -36,7 +36,8 @@ _HOME = {
     "StarField": "skyscatter.starfield",
     "View": "skyscatter.space",
     "Medium": "skyscatter.media.medium",
-    "Ground": "skyscatter.scene",
+    "Ground": "skyscatter.ground",
+    "GroundMap": "skyscatter.ground",
     "Observer": "skyscatter.scene",
     "Scene": "skyscatter.scene",
     "Star": "skyscatter.scene",
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
     from skyscatter.geometry.telescope import Telescope
+    from skyscatter.ground import Ground, GroundMap
     from skyscatter.image.filterimage import FilterImage
     from skyscatter.image.filters import FilterCurve
     from skyscatter.image.instrument import observe
@@ -86,7 +88,7 @@ if TYPE_CHECKING:
     from skyscatter.optics.dust import Dust
     from skyscatter.optics.lines import GasLines
     from skyscatter.optics.particles import Particles
-    from skyscatter.scene import Ground, Observer, Scene, Star, Sun
+    from skyscatter.scene import Observer, Scene, Star, Sun
     from skyscatter.solvers.field import RadianceField, solve
     from skyscatter.solvers.render import render
     from skyscatter.solvers.run import radiance

@@ -12,9 +12,10 @@ from pydantic import ValidationError, model_validator
 from skyscatter.atomic import atomic_path
 from skyscatter.datafiles import models_dir
 from skyscatter.errors import DomainError, ModelFileError
+from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.record import UNKNOWN, Record
-from skyscatter.scene import Ground, Scene, Star, Sun
+from skyscatter.scene import Scene, Star, Sun
 from skyscatter.units import Metres
 
 

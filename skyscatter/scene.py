@@ -10,10 +10,10 @@ from pydantic import model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.ground import Ground
 from skyscatter.media.medium import Medium
 from skyscatter.record import Record
 from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, solar_irradiance
-from skyscatter.spectra.surfaces import surface_albedo
 from skyscatter.spectra.table import Spectral, bounds, evaluate
 from skyscatter.units import Metres
 
@@ -61,34 +61,6 @@ class Star(Record):
         if self.spectrum == "astm-g173":
             return solar_irradiance(wavelengths_nm) * (AU / distance) ** 2
         return evaluate(self.spectrum, wavelengths_nm) * (self.distance / distance) ** 2
-
-
-class Ground(Record):
-    """The planet's surface, a Lambertian reflector.
-
-    Parameters
-    ----------
-    albedo : float or SpectralTable or str
-        Reflected share of the light, 0 to 1, or the name of a surface (``"vegetation"``, ``"snow"``, ...).
-    """
-
-    albedo: Spectral | str = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Ground:
-        if isinstance(self.albedo, str):
-            surface_albedo(self.albedo, [550.0])
-        else:
-            low, high = bounds(self.albedo)
-            if low < 0 or high > 1:
-                raise DomainError("albedo", low if low < 0 else high, "lies between 0 and 1")
-        return self
-
-    def reflectance(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
-        """Albedo per wavelength, shape (wavelength,)."""
-        if isinstance(self.albedo, str):
-            return surface_albedo(self.albedo, wavelengths_nm)
-        return evaluate(self.albedo, wavelengths_nm)
 
 
 class Sun(Record):

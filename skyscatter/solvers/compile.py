@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.ground import Ground
 from skyscatter.media.medium import Medium
 from skyscatter.media.tables import pack_fields
 from skyscatter.optics.phase import normalise
@@ -111,6 +112,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     rings = np.linspace(0.0, 1.0, DISK_RINGS)
     solid_angle = np.pi * np.sin(radius) ** 2
     mean_radiance: Array = irradiance / solid_angle if radius > 0 else np.zeros(wavelengths.size)
+    albedo, cells, side = _ground_table(scene.ground, wavelengths)
     optics = OpticsTable(
         sigma_s=sigma_s,
         sigma_t=sigma_t,
@@ -124,12 +126,22 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         disk_axis=axis,
         disk_radius=radius,
         disk_radiance=mean_radiance * _limb(scene, np.sqrt(1 - rings), wavelengths),
-        albedo=scene.ground.reflectance(wavelengths),
+        albedo=albedo,
+        ground=cells,
+        ground_cell=side,
         emits=bool(np.any(emission)),
         glows=bool(np.any(emission) or np.any(background)),
         background=background,
     )
     return SceneTable(columns, optics, fields.breaks)
+
+
+def _ground_table(ground: Ground, wavelengths: Array) -> tuple[Array, NDArray[np.uint8], float]:
+    """Albedo outside the map and of its classes (row, wavelength), the rows of its cells (y, x), a cell's side [m]."""
+    albedo = ground.reflectance(wavelengths)[None]
+    if ground.map is None:
+        return albedo, np.zeros((0, 0), np.uint8), 1.0
+    return np.concatenate([albedo, ground.map.reflectance(wavelengths)]), ground.map.rows, ground.map.cell_size
 
 
 def _mean_cosines(phase: Array) -> Array:

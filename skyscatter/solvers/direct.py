@@ -50,7 +50,7 @@ def disk_light(table: SceneTable, position: Array, directions: Array) -> Array:
         [W m-2 sr-1 nm-1].
     """
     optics, columns = table.optics, table.columns
-    light = np.zeros((len(directions), optics.albedo.size))
+    light = np.zeros((len(directions), optics.background.size))
     if optics.disk_radius <= 0:
         return light
     sine = np.linalg.norm(np.cross(directions, optics.disk_axis), axis=1)
@@ -62,7 +62,7 @@ def disk_light(table: SceneTable, position: Array, directions: Array) -> Array:
     mu = directions[inside] @ (position / radius)
     hidden = -np.sqrt(max(1 - (columns.radius / radius) ** 2, 0.0))
     steps = np.linspace(max(mu.min(), hidden + 1e-9), max(mu.max(), hidden + 2e-9), DISK_STEPS)
-    through = np.zeros((DISK_STEPS, optics.albedo.size))
+    through = np.zeros((DISK_STEPS, optics.background.size))
     for k, cosine in enumerate(steps):
         column = slant_columns(columns, radius - columns.radius, float(cosine))
         if column is not None:

@@ -29,7 +29,7 @@ def check(options: Options) -> None:
 
 def single_parts(scene: SceneTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
     """Radiance scattered once, reflected once by the ground, and direct; each (ray, wavelength)."""
-    shape = (len(rays.origins), scene.optics.albedo.size)
+    shape = (len(rays.origins), scene.optics.background.size)
     scattered, ground, direct = np.empty(shape), np.empty(shape), np.empty(shape)
     single_rays(scene, rays.origins, rays.directions, tolerance, make_scratch(scene), scattered, ground, direct)
     return scattered, ground, direct

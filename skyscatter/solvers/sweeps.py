@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.errors import ConvergenceError
+from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
@@ -144,6 +144,8 @@ def make_problem(
 
     Without `cut_peaks` forward peaks stay where they are: right for the first order alone.
     """
+    if scene.ground.map is not None:
+        raise DomainError("ground.map", "a map", "the solver orders knows a uniform ground only; use solver path")
     table = compile_scene(scene, wavelengths)
     optics = table.optics
     matrix = matrices(scene, table, wavelengths, stokes)
@@ -164,7 +166,7 @@ def make_problem(
     sigma_t = optics.sigma_t - peak * optics.sigma_s
     whole, cut = _first_tables(matrix, greek, optics.sigma_s)
     grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
-    light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
+    light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo[0]])
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
     diffuse = Diffuse(

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
-from skyscatter.scene import Ground, Scene, Sun
+from skyscatter.ground import Ground
+from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import slant_columns

@@ -14,7 +14,14 @@ import numpy as np
 
 from skyscatter.solvers.kernels.jit import entry, kernel
 from skyscatter.solvers.kernels.lookup import columns_along, densities, start_columns, trace_line
-from skyscatter.solvers.kernels.optics import mix_components, phase_at, sample_cosine, transmittance, weigh_phase
+from skyscatter.solvers.kernels.optics import (
+    ground_row,
+    mix_components,
+    phase_at,
+    sample_cosine,
+    transmittance,
+    weigh_phase,
+)
 from skyscatter.solvers.kernels.path import (
     depart,
     depth_at,
@@ -55,8 +62,9 @@ def add_sunlight(scene, r, at_ground, order, work, walk, polar, total, by_order)
         gather(polar, work.density, 1.0, work.source, work.sun)
         light_up(polar, optics.sun_irradiance, node, optics.sun_chance[node])
     polarising = 0.0 if at_ground else 1.0
+    row = ground_row(optics, x[0], x[1], x[2])
     for i in range(total.size):
-        towards = optics.albedo[i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
+        towards = optics.albedo[row, i] * (x_sun / r) / math.pi if at_ground else work.towards[i]
         light = towards * work.sun[i] * optics.sun_irradiance[node, i] / optics.sun_chance[node]
         note(polar, walk.value[i], i, light, polarising)
         light = walk.value[i] * arriving(polar, 0, i, light, polarising)
@@ -147,8 +155,9 @@ def fly_leg(scene, order, max_order, hero, work, walk, polar, total, by_order):
     if at_end:
         lift_to_ground(scene, walk)
         add_sunlight(scene, scene.columns.radius, True, order, work, walk, polar, total, by_order)
+        row = ground_row(optics, x[0], x[1], x[2])
         for i in range(total.size):
-            walk.value[i] *= optics.albedo[i]
+            walk.value[i] *= optics.albedo[row, i]
         reflect(walk, uniform(walk.state), uniform(walk.state))
         depolarise(polar, d)
         return True

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.jit import entry, kernel
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel
 from skyscatter.solvers.kernels.lookup import ColumnTable
 
 
@@ -27,7 +27,9 @@ class OpticsTable(NamedTuple):
     disk_axis: np.ndarray  #: (3,) direction to the middle of the disk
     disk_radius: float  #: angular radius [rad]
     disk_radiance: np.ndarray  #: (ring, wavelength) radiance over the squared fractional radius [W m-2 sr-1 nm-1]
-    albedo: np.ndarray  #: (wavelength,) of the Lambertian ground
+    albedo: np.ndarray  #: (row, wavelength) of the Lambertian ground: outside the map, then of the map's classes
+    ground: np.ndarray  #: (y, x) uint8 row of every cell of the map, north first; no cells where there is no map
+    ground_cell: float  #: side of a cell [m]
     emits: bool  #: whether any component shines by itself
     glows: bool  #: whether there is light that is not the Sun's: emission or background
     background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
@@ -76,6 +78,20 @@ def sample_cosine(optics, c, i, u):
     root = math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0))
     x = 2.0 * share / max(p0 + root, 1e-300)
     return max(mu - width * min(x, 1.0), -1.0)
+
+
+@inlined
+def ground_row(optics, x, y, z):
+    """Row of ``optics.albedo`` for the ground at (or straight below) a point of the scene's frame [m]."""
+    rows, columns = optics.ground.shape
+    # The other side of the planet has the same x and y.
+    if rows == 0 or z <= 0.0:
+        return 0
+    row = math.floor(0.5 * rows - y / optics.ground_cell)
+    column = math.floor(0.5 * columns + x / optics.ground_cell)
+    if row < 0 or row >= rows or column < 0 or column >= columns:
+        return 0
+    return int(optics.ground[row, column])
 
 
 @entry

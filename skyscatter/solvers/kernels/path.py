@@ -34,6 +34,7 @@ from skyscatter.solvers.kernels.lookup import (
     trace_line,
 )
 from skyscatter.solvers.kernels.optics import (
+    ground_row,
     mix_components,
     phase_at,
     sample_cosine,
@@ -88,6 +89,7 @@ class Leg(NamedTuple):
     through: np.ndarray  #: (wavelength,) transmittance of the whole leg
     lost: np.ndarray  #: (wavelength,) what is scattered or absorbed on it, 1 - through without loss of digits
     ground: np.ndarray  #: (wavelength,) chance that a free flight goes on to the ground
+    albedo: np.ndarray  #: (wavelength,) of the ground where the leg meets it; nought if it does not
 
 
 class Walk(NamedTuple):
@@ -107,7 +109,7 @@ def make_leg(strata: int, wavelengths: int) -> Leg:
     """An empty leg."""
     return Leg(
         np.zeros(strata + 1), np.zeros((strata + 1, wavelengths)), np.zeros(wavelengths), np.zeros(wavelengths),
-        np.zeros(wavelengths), np.zeros(wavelengths),
+        np.zeros(wavelengths), np.zeros(wavelengths), np.zeros(wavelengths),
     )  # fmt: skip
 
 
@@ -152,10 +154,20 @@ def fly(scene, line, i, tau, work):
     return t
 
 
+@kernel
+def find_albedo(optics, line, walk, out):
+    """Albedo of the ground where a walk's line meets it, into `out` (wavelength,); nought if it does not."""
+    x, d, t = walk.position, walk.direction, line.leave - line.start
+    row = ground_row(optics, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2])
+    for i in range(out.size):
+        out[i] = optics.albedo[row, i] if line.hits_ground else 0.0
+
+
 @merged
-def prepare_leg(scene, line, leg, work):
-    """Transmittance of a leg, the chances of a free flight along it, and its strata."""
-    optics, middle = scene.optics, scene.optics.albedo.size // 2
+def prepare_leg(scene, line, walk, leg, work):
+    """Transmittance of the leg on which a walk sets out, the chances of a free flight along it, and its strata."""
+    optics, middle = scene.optics, leg.lost.size // 2
+    find_albedo(optics, line, walk, leg.albedo)
     start_columns(scene.columns, line, work.from_start, work.across)
     columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
     transmittance(work.along, optics.sigma_t, leg.through)
@@ -164,7 +176,7 @@ def prepare_leg(scene, line, leg, work):
     for i in range(leg.lost.size):
         tau = leg.lost[i]
         leg.lost[i] = 1.0 - leg.through[i] if tau > 1e-4 else tau * (1.0 - 0.5 * tau)
-        onward = leg.through[i] * optics.albedo[i] if line.hits_ground else 0.0
+        onward = leg.through[i] * leg.albedo[i]
         leg.ground[i] = onward / max(onward + leg.lost[i], 1e-300)
     cut_strata(scene, line, depth, middle, leg.edge, work)
 
@@ -232,7 +244,7 @@ def march(scene, line, node, u, guided, leg, work, walk, polar):
     disk, drawn by its share and so standing for the whole.
     """
     optics = scene.optics
-    wavelengths = optics.albedo.size
+    wavelengths = walk.gain.size
     s = optics.sun_direction[node]
     x, d = walk.position, walk.direction
     a = d[0] * s[0] + d[1] * s[1] + d[2] * s[2]
@@ -277,13 +289,13 @@ def _march_end(scene, line, node, x_sun, guided, leg, work, walk):
     last = leg.edge.size - 1
     mu_s = x_sun / scene.columns.radius
     if not line.hits_ground:
-        for i in range(optics.albedo.size):
+        for i in range(walk.gain.size):
             walk.escape[i] += leg.through[i] * optics.background[i]
     elif mu_s <= 0.0 or not light_at(scene, scene.columns.radius, x_sun, work):
-        for i in range(optics.albedo.size):
+        for i in range(walk.gain.size):
             work.sun[i] = 0.0
-    for i in range(optics.albedo.size):
-        reach = leg.through[i] * optics.albedo[i] if line.hits_ground else 0.0
+    for i in range(walk.gain.size):
+        reach = leg.through[i] * leg.albedo[i]
         irradiance = work.sun[i] * mu_s * optics.sun_irradiance[node, i] / optics.sun_chance[node]
         walk.gain[i] += reach * irradiance / math.pi
         leg.chance[last, i] = reach * (DARK_SHARE + work.sun[i])
@@ -344,17 +356,18 @@ def turn(direction, cosine, azimuth):
 
 
 @inlined
-def guide_weights(scene, h, work):
-    """Rough brightness above and below altitude h: 1 - exp(-2 tau) of the air on either side, and the ground's."""
+def guide_weights(scene, x, h, work):
+    """Rough brightness above and below a point x at altitude h: 1 - exp(-2 tau) of the air there, and the ground's."""
     optics = scene.optics
-    middle = optics.albedo.size // 2
+    middle = work.sun.size // 2
     outward_columns(scene.columns, h, 1.0, work.spare)
     above, all_of_it = 0.0, 0.0
     for c in range(work.spare.size):
         above += work.spare[c] * optics.sigma_t[c, middle]
         all_of_it += scene.columns.cell[0, 6 + 8 * c] * optics.sigma_t[c, middle]
     up = 1.0 - math.exp(-2.0 * above)
-    down = 1.0 - math.exp(-2.0 * max(all_of_it - above, 0.0)) + optics.albedo[middle]
+    down = 1.0 - math.exp(-2.0 * max(all_of_it - above, 0.0))
+    down += optics.albedo[ground_row(optics, x[0], x[1], x[2]), middle]
     total = up + down
     above_share = 0.05 + 0.9 * up / total if total > 0.0 else 0.5
     return above_share, 1.0 - above_share
@@ -363,7 +376,7 @@ def guide_weights(scene, h, work):
 @inlined
 def mixture_cosine(optics, work):
     """Mean cosine of the mixture at a point, at the middle wavelength, between 0 and 0.9."""
-    middle = optics.albedo.size // 2
+    middle = work.sun.size // 2
     forward, total = 0.0, 0.0
     for c in range(work.density.size):
         scattering = work.density[c] * optics.sigma_s[c, middle]
@@ -441,7 +454,7 @@ def scatter(scene, hero, u, v, guided, work, walk, polar):
     h = r - scene.columns.radius
     densities(scene.columns, h, work.density)
     mix_components(work.density, optics.sigma_s, work.scattering)
-    up, down = guide_weights(scene, h, work)
+    up, down = guide_weights(scene, x, h, work)
     g = mixture_cosine(optics, work)
     by_phase = LEAST_PHASE_SHARE + 0.8 * g if guided else 1.0
     by_sun = 0.15 * g if guided and x[0] * s[0] + x[1] * s[1] + x[2] * s[2] > LOWEST_SUN * r else 0.0
@@ -521,7 +534,7 @@ def choose(scene, line, leg, hero, u, guided, work, walk):
         for i in range(walk.value.size):
             from_march = MARCHED_SHARE * leg.chance[last, i] if guided and leg.total[i] > 0.0 else 0.0
             flown = 1.0 - MARCHED_SHARE if guided and leg.total[i] > 0.0 else 1.0
-            walk.value[i] *= leg.through[i] * scene.optics.albedo[i]
+            walk.value[i] *= leg.through[i] * leg.albedo[i]
             walk.chance[i] *= from_march + flown * leg.ground[i]
         move(walk, line.leave - line.start)
         return GROUND
@@ -616,7 +629,7 @@ def wander(scene, line, camera, max_order, leg, work, camera_work, walk, polar, 
 
         # March to the next.
         line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
-        prepare_leg(scene, line, leg, work)
+        prepare_leg(scene, line, walk, leg, work)
         guided = order <= GUIDED_LEGS
         node = pick_sun(scene.optics, draw(walk, order, 2))
         march(scene, line, node, draw(walk, order, 3), guided, leg, work, walk, polar)
@@ -696,8 +709,8 @@ def path_rays(
             continue
 
         # The camera's ray is marched once for all its walks, through the middles of its strata.
-        prepare_leg(scene, line, camera, camera_work)
         depart(walk, o, d)
+        prepare_leg(scene, line, walk, camera, camera_work)
         begin(polar, ray, 0)
         march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk, polar)
         if polar is not None:

@@ -25,6 +25,7 @@ from skyscatter.solvers.kernels.lookup import (
 from skyscatter.solvers.kernels.optics import (
     SceneTable,
     disk_radiance,
+    ground_row,
     mix_components,
     phase_at,
     transmittance,
@@ -210,8 +211,11 @@ def _judge_first(pieces, first, limit, cuts, stack, out):
 
 
 @kernel
-def ground_light(scene, x_sun, work, out):
-    """Radiance [W m-2 sr-1 nm-1] that the sunlit ground reflects, into `out`; `x_sun` as for `sunlight`."""
+def ground_light(scene, row, x_sun, work, out):
+    """Radiance [W m-2 sr-1 nm-1] that the sunlit ground reflects, into `out`.
+
+    `row` is that of the albedo, `x_sun` as for `sunlight`.
+    """
     radius = scene.columns.radius
     optics = scene.optics
     out[:] = 0.0
@@ -222,7 +226,7 @@ def ground_light(scene, x_sun, work, out):
         columns_to_light(scene.columns, radius, mu_s, work.spare, work.to_sun)
         transmittance(work.to_sun, optics.sigma_t, work.sun)
         for i in range(out.size):
-            out[i] += work.sun[i] * mu_s * optics.sun_irradiance[m, i] * optics.albedo[i] / math.pi
+            out[i] += work.sun[i] * mu_s * optics.sun_irradiance[m, i] * optics.albedo[row, i] / math.pi
 
 
 @entry
@@ -266,9 +270,11 @@ def single_rays(scene, origins, directions, tolerance, scratch, scattered, groun
             columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
         transmittance(work.along, optics.sigma_t, work.through)
         if line.hits_ground:
+            t = line.leave - line.start
             for m in range(x_sun.size):
-                x_sun[m] = origin_sun[m] + (line.leave - line.start) * along_sun[m]
-            ground_light(scene, x_sun, work, ground[ray])
+                x_sun[m] = origin_sun[m] + t * along_sun[m]
+            row = ground_row(optics, o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2])
+            ground_light(scene, row, x_sun, work, ground[ray])
             for i in range(scattered.shape[1]):
                 ground[ray, i] *= work.through[i]
             continue

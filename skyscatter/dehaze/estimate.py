@@ -1,0 +1,162 @@
+"""How much haze there is over an image, of which kind, where, and how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from skyscatter.dehaze.dark import cover_spectra, log_likelihood
+from skyscatter.dehaze.hazemap import regularised
+from skyscatter.dehaze.table import TermsTable
+
+Array = NDArray[np.float64]
+
+TRIALS = 48  #: amounts of haze tried, denser where there is little
+#: Prior of the optical depth: median and spread of its logarithm, after the distribution over land of satellite and
+#: ground network records (medians of 0.1 to 0.2, factors of 2 to 3 between quartiles and extremes).
+PRIOR_MEDIAN, PRIOR_SPREAD = 0.14, 0.9
+#: Correlation of what the dark ground of two cells is mistaken by: leaves here are like leaves there.  It keeps a
+#: thousand cells from being as sure as a thousand independent witnesses.
+CORRELATION = 0.3
+#: How far the haze may vary within an image: a part of it, and a little more.
+VARIES, VARIES_AT_LEAST = 0.5, 0.03
+#: A cell whose ground is probably unknown says nothing that can be relied on.
+UNKNOWN = 0.5
+
+
+@dataclass(frozen=True)
+class HazeEstimate:
+    """What was found.
+
+    Attributes
+    ----------
+    aod, sigma : ndarray, shape (large row, large column)
+        Optical depth at 550 nm and its standard deviation.
+    mean, mean_sigma : float
+        Of the whole image.
+    aerosol : str
+        The most probable model.
+    probabilities : dict of str to float
+        Of the models that were tried.
+    uncertain : ndarray of bool, shape (large row, large column)
+        Where nothing dark was found and neighbours or the prior stand in.
+    notes : tuple of str
+    """
+
+    aod: Array
+    sigma: Array
+    mean: float
+    mean_sigma: float
+    aerosol: str
+    probabilities: dict[str, float]
+    uncertain: NDArray[np.bool_]
+    notes: tuple[str, ...] = ()
+
+
+def trial_depths(greatest: float) -> Array:
+    """Optical depths to try, from nearly nought up, evenly spaced in log(1 + aod / 0.1)."""
+    depths: Array = 0.1 * np.expm1(np.linspace(0.0, np.log1p(greatest / 0.1), TRIALS))
+    return depths
+
+
+def log_prior(aod: Array) -> Array:
+    """Logarithm of the prior density of optical depths."""
+    x = np.log(np.maximum(aod, 1e-3) / PRIOR_MEDIAN) / PRIOR_SPREAD
+    density: Array = -0.5 * x**2 - np.log(np.maximum(aod, 1e-3))
+    return density
+
+
+def moments(aod: Array, log_density: Array) -> tuple[Array, Array, Array]:
+    """Mean and standard deviation of densities (..., trial), and the logarithm of their integral."""
+    width = np.gradient(aod)
+    weight = log_density + np.log(width)
+    total = logsumexp(weight, axis=-1, keepdims=True)
+    share = np.exp(weight - total)
+    mean = share @ aod
+    spread = np.sqrt(np.maximum(share @ aod**2 - mean**2, (0.3 * width.min()) ** 2))
+    return mean, spread, total[..., 0]
+
+
+class _Judged:
+    """What one aerosol model makes of the dark cells."""
+
+    def __init__(self, table: TermsTable, observed: Array, angles: Array) -> None:
+        self.table = table
+        self.depths = trial_depths(float(table.aod[-1]))
+        terms, _ = table.at(self.depths, *(a[:, None] for a in angles))
+        self.likelihood, unknown = log_likelihood(observed, terms, cover_spectra(table.bands))
+        local = self.likelihood + log_prior(self.depths)
+        weight = np.exp(local - logsumexp(local, axis=-1, keepdims=True))
+        self.unknown = (weight * unknown).sum(axis=-1)
+        # Cells of unknown ground bound the haze from above and vote no further.
+        known = np.maximum(1 - self.unknown, 0.02)
+        count = known.sum()
+        effective = count / (1 + (count - 1) * CORRELATION) if count > 1 else count
+        pooled = (known @ self.likelihood) * (effective / count)
+        self.mean, self.sigma, self.evidence = moments(self.depths, pooled + log_prior(self.depths))
+
+    def local(self, varies: float) -> tuple[Array, Array]:
+        """What cells say by themselves, and how surely: normal laws that turn the image's haze into theirs.
+
+        A cell's density times that of the image's haze, which varies by `varies`, has a mean and a variance; divided by
+        the latter's normal law they are the cell's own.  Infinite variance where a cell only says what was known.
+        """
+        image = -0.5 * ((self.depths - self.mean) / varies) ** 2
+        mean, spread, _ = moments(self.depths, self.likelihood + image)
+        precision = 1 / spread**2 - 1 / varies**2
+        tells = (precision > 0.05 / varies**2) & (self.unknown < UNKNOWN)
+        safe = np.where(tells, precision, 1.0)
+        said = np.where(tells, (mean / spread**2 - self.mean / varies**2) / safe, self.mean)
+        return said, np.where(tells, 1 / np.sqrt(safe), np.inf)
+
+
+def estimate(tables: Sequence[TermsTable], observed: Array, angles: Array, vary: bool = True) -> HazeEstimate:
+    """Haze by the darkest pixels of all cells, under any of some aerosol models.
+
+    Parameters
+    ----------
+    tables : sequence of TermsTable
+        One for each aerosol model, of the same bands and angles.
+    observed : array, shape (band, large row, large column)
+        Dark spectra above the scattering air (gases divided out); NaN where there is nothing to judge.
+    angles : array, shape (3, large row, large column)
+        Zenith angles of Sun and view, relative azimuth [degree].
+    vary : bool
+        Whether the haze may vary over the image.
+    """
+    shape = observed.shape[1:]
+    seen = np.isfinite(observed).all(axis=0)
+    names = [table.atmosphere.aerosol for table in tables]
+    if not seen.any():
+        mean = float(PRIOR_MEDIAN * np.exp(0.5 * PRIOR_SPREAD**2))
+        sigma = float(mean * np.sqrt(np.expm1(PRIOR_SPREAD**2)))
+        even = {name: 1 / len(names) for name in names}
+        nothing = np.ones(shape, bool)
+        note = "no cell has enough clear pixels: the haze is the prior's"
+        return HazeEstimate(np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,))
+    judged = [_Judged(table, observed[:, seen].T, angles[:, seen]) for table in tables]
+    evidence = np.array([j.evidence for j in judged])
+    shares = np.exp(evidence - logsumexp(evidence))
+    best = judged[int(shares.argmax())]
+    notes = []
+    dark = best.unknown < UNKNOWN
+    mean, mean_sigma = float(best.mean), float(best.sigma)
+    uncertain = np.ones(shape, bool)
+    uncertain[seen] = ~dark
+    if not dark.any():
+        notes.append("nothing dark was recognised: the haze is little more than the prior's")
+    if vary:
+        varies = VARIES * mean + VARIES_AT_LEAST
+        said, spread = np.full(shape, mean), np.full(shape, np.inf)
+        said[seen], spread[seen] = best.local(varies)
+        aod, local = regularised(said, spread, mean, varies)
+    else:
+        aod, local = np.full(shape, mean), np.zeros(shape)
+    return HazeEstimate(
+        aod, np.hypot(local, mean_sigma), mean, mean_sigma, names[int(shares.argmax())],
+        dict(zip(names, (float(s) for s in shares), strict=True)), uncertain, tuple(notes),
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Compiled loops of dehazing; how they are compiled is told in `skyscatter.solvers.kernels.jit`."""

@@ -1,0 +1,177 @@
+"""What a user may ask for: how to read an image, and how to take the haze off it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, MAX_VIEW_ZENITH, SceneGeometry
+from skyscatter.errors import DomainError
+from skyscatter.record import Record, nearest
+
+#: Above this the ground has left no trace in the light: exp(-5) of it arrives directly.
+MAX_AOD = 5.0
+
+
+def _bounded(name: str, low: float, high: float, unit: str) -> BeforeValidator:
+    """Refuse what is not a number from low to high, with one line that says what would do."""
+
+    def check(value: Any) -> Any:
+        if value is None or value == "auto":
+            return value
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if isinstance(value, bool) or not low <= number <= high:
+            raise DomainError(name, value, f"give a number from {low:g} to {high:g}{unit}")
+        return number
+
+    return BeforeValidator(check)
+
+
+def _number(name: str, low: float, high: float, unit: str = "") -> Any:
+    return Annotated[float | None, _bounded(name, low, high, unit)]
+
+
+def _automatic(name: str, low: float, high: float) -> Any:
+    return Annotated[float | Literal["auto"], _bounded(name, low, high, ", or auto")]
+
+
+class SourceOptions(Record):
+    """How to read an image; None leaves a matter to its files.
+
+    Parameters
+    ----------
+    sensor : str, optional
+        ``sentinel-2a``, ``landsat-8``, ...: what a plain raster does not say itself.
+    bands : tuple of str, optional
+        Names, roles or numbers from 1 of the bands to take; ``red=3`` names a band.
+    quantity : {'reflectance', 'radiance', 'display'}, optional
+        What the numbers are once scale and offset are applied.
+    scale, offset : float, optional
+        value = scale * number + offset, in place of what the file says.
+    sun_zenith_deg, view_zenith_deg, sun_azimuth_deg, view_azimuth_deg, relative_azimuth_deg : float, optional
+        In place of the angles in the metadata.  A Sun without a view means nadir.
+    resolution : float, optional
+        Pixel [m] of the common grid of a Sentinel-2 product: 10, 20 or 60.
+    """
+
+    sensor: str | None = None
+    bands: tuple[str, ...] | None = None
+    quantity: Literal["reflectance", "radiance", "display"] | None = None
+    scale: float | None = None
+    offset: float | None = None
+    sun_zenith_deg: float | None = None
+    view_zenith_deg: float | None = None
+    sun_azimuth_deg: float | None = None
+    view_azimuth_deg: float | None = None
+    relative_azimuth_deg: float | None = None
+    resolution: float | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SourceOptions:
+        if self.scale is not None and not self.scale > 0.0:
+            raise DomainError("scale", self.scale, "give a number above 0, such as 1e-4")
+        for name in ("sun_azimuth_deg", "view_azimuth_deg", "relative_azimuth_deg"):
+            value = getattr(self, name)
+            if value is not None and not -360.0 <= value <= 360.0:
+                raise DomainError(name, value, "give an angle between -360 and 360 degrees")
+        if self.relative_azimuth_deg is not None and self.view_azimuth_deg is not None:
+            raise DomainError("relative_azimuth_deg", self.relative_azimuth_deg, "give it or the azimuths, not both")
+        self.geometry()
+        return self
+
+    def geometry(self) -> SceneGeometry | None:
+        """The geometry that the angles say; None if there are none.
+
+        Raises
+        ------
+        DomainError
+            If some of the angles are missing, or out of the model's range.
+        """
+        if self.sun_zenith_deg is None:
+            for name in ("view_zenith_deg", "sun_azimuth_deg", "view_azimuth_deg", "relative_azimuth_deg"):
+                if getattr(self, name) is not None:
+                    rule = f"needs the Sun as well: give sun_zenith_deg, from 0 to {MAX_SUN_ZENITH:g}"
+                    raise DomainError(name, getattr(self, name), rule)
+            return None
+        view = self.view_zenith_deg or 0.0
+        sun_azimuth, view_azimuth, relative = self.sun_azimuth_deg, self.view_azimuth_deg, self.relative_azimuth_deg
+        if view > 0.0 and relative is None and (sun_azimuth is None or view_azimuth is None):
+            rule = f"a view off nadir (up to {MAX_VIEW_ZENITH:g}) needs relative_azimuth_deg, or both azimuths"
+            raise DomainError("view_zenith_deg", view, rule)
+        return SceneGeometry.constant(
+            self.sun_zenith_deg,
+            view,
+            relative or 0.0,
+            sun_azimuth_deg=sun_azimuth,
+            view_azimuth_deg=view_azimuth,
+        )
+
+
+class DehazeOptions(Record):
+    """How to take the haze off.
+
+    Parameters
+    ----------
+    aod : float or 'auto'
+        Aerosol optical depth at 550 nm, vertical, from 0 to 5; auto estimates it.
+    aerosol : str
+        Name of an aerosol model, or auto.
+    pressure_hpa, ground_height_m : float, optional
+        Pressure on the ground, or its height above the sea; one of them.
+    ozone_du, water_vapour_g_cm2 : float, optional
+        Columns of the gases [DU, g cm-2].
+    adjacency : bool
+        Whether light from the surroundings of a pixel is taken off.
+    strength : float
+        Of plain pictures: 0 leaves them, 1 takes all of the veil.
+    alpha : float or 'auto'
+        Of plain pictures: exponent of the veil's colour, wavelength**-alpha, from 0 (grey) to 4 (blue).
+    transfer : {'srgb', 'linear', 'gamma'}
+        Of plain pictures: from light to numbers.
+    window : int, optional
+        Pixels on a side of the windows that an image is worked through in; no influence on the result.
+    threads : int, optional
+        One per processor if not given.
+    """
+
+    aod: _automatic("aod", 0.0, MAX_AOD) = "auto"  # type: ignore[valid-type]
+    aerosol: str = "auto"
+    pressure_hpa: _number("pressure_hpa", 300.0, 1100.0, " hPa") = None  # type: ignore[valid-type]
+    ground_height_m: _number("ground_height_m", -500.0, 9000.0, " m") = None  # type: ignore[valid-type]
+    ozone_du: _number("ozone_du", 0.0, 1000.0, " DU") = None  # type: ignore[valid-type]
+    water_vapour_g_cm2: _number("water_vapour_g_cm2", 0.0, 10.0, " g cm-2") = None  # type: ignore[valid-type]
+    adjacency: bool = True
+    strength: Annotated[float, _bounded("strength", 0.0, 1.0, "")] = 1.0
+    alpha: _automatic("alpha", 0.0, 4.0) = "auto"  # type: ignore[valid-type]
+    transfer: Literal["srgb", "linear", "gamma"] = "srgb"
+    window: int | None = Field(None, ge=16, le=65536)
+    threads: int | None = Field(None, ge=1, le=1024)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> DehazeOptions:
+        if self.pressure_hpa is not None and self.ground_height_m is not None:
+            raise DomainError("pressure_hpa", self.pressure_hpa, "give the pressure or the ground's height, not both")
+        return self
+
+
+def split_options(values: Mapping[str, Any]) -> tuple[SourceOptions, DehazeOptions]:
+    """Options given by name in one go, as those of reading and those of dehazing.
+
+    Raises
+    ------
+    DomainError
+        If there is no such option, naming the most similar one.
+    """
+    known = (*SourceOptions.model_fields, *DehazeOptions.model_fields)
+    for name, value in values.items():
+        if name not in known:
+            raise DomainError(name, value, f"no such option; {nearest(name, known)}")
+    source, rest = (
+        {key: values[key] for key in values if key in one.model_fields} for one in (SourceOptions, DehazeOptions)
+    )
+    return SourceOptions(**source), DehazeOptions(**rest)

@@ -1,0 +1,356 @@
+"""An image with a sensor and a geometry: from reflectance above the atmosphere to that of the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.dehaze import masks
+from skyscatter.dehaze.coefficients import Coefficients, Corrector
+from skyscatter.dehaze.estimate import HazeEstimate, estimate
+from skyscatter.dehaze.flags import Flag
+from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
+from skyscatter.dehaze.gather import Gathered, look
+from skyscatter.dehaze.lattice import Lattice
+from skyscatter.dehaze.options import DehazeOptions
+from skyscatter.dehaze.rasters.base import RasterSource
+from skyscatter.dehaze.rasters.windows import for_each_window, map_windows
+from skyscatter.dehaze.sensing import Gases, Sensing, gases, sense
+from skyscatter.dehaze.table import GREATEST_AOD, Angles, TermsTable, build_table
+
+Array = NDArray[np.float64]
+Values = NDArray[np.float32]
+
+#: Aerosol models that are tried where none is named: each answers for a colour and a darkness of haze of its own.
+TRIED = ("continental", "maritime", "urban")
+#: Model that is taken where the amount is given and its kind is not.
+USUAL = "continental"
+#: The cirrus band holds this part of what thin cirrus adds at other wavelengths (vapour above it takes the rest), and
+#: how surely: Gao et al. 1998 (J. Geophys. Res. 103, 32169) find 0.7 to 1 over scenes.
+CIRRUS_SEEN = 0.85
+#: Reflectance in the cirrus band that is no cloud, and that above which the ground is lost.
+CIRRUS_NONE, CIRRUS_THICK = 0.002, 0.04
+#: Shares of the work, for the progress shown: tables, first look, estimate.
+AFTER_TABLES, AFTER_LOOK, AFTER_ESTIMATE = 0.45, 0.65, 0.7
+#: Walks of the spread function: its shares are then known to a percent.
+WALKS = 20000
+
+Progress = Callable[[float], object]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """All that a window needs to be corrected; the same for every window.
+
+    Attributes
+    ----------
+    sensing : Sensing
+    lattice : Lattice
+    coefficients : Coefficients
+    roles : BandRoles
+        Among the corrected bands.
+    air : ndarray of float32, shape (band,)
+        Path reflectance without haze.
+    secant : callable
+        1 / cos(Sun's zenith angle) for rows and columns of pixels; used where the image holds radiance.
+    haze : HazeEstimate
+    uncertain : ndarray of bool, shape (large row, large column)
+    """
+
+    sensing: Sensing
+    lattice: Lattice
+    coefficients: Coefficients
+    roles: masks.BandRoles
+    air: NDArray[np.float32]
+    secant: Callable[[Array, Array], Array]
+    haze: HazeEstimate
+
+    def toa(self, row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> Values:
+        """Reflectance above the atmosphere (band, y, x) without cirrus; clouds and cirrus are flagged."""
+        return above_atmosphere(self.sensing, self.secant, self.roles, self.air, row0, col0, values, flags)
+
+    def __call__(
+        self, row0: int, col0: int, values: Values, flags: NDArray[np.uint8], wanted: frozenset[str]
+    ) -> dict[str, NDArray[Any]]:
+        """Arrays (layer, y, x) of a window: result, and sigma, haze_map and mask where wanted."""
+        from skyscatter.dehaze.kernels.correct import correct, spread
+
+        c, size = self.coefficients, self.lattice.small
+        flags = flags.copy()
+        toa = self.toa(row0, col0, values, flags)
+        surface, clipped = np.empty_like(toa), np.zeros(flags.shape, bool)
+        correct(toa, row0, col0, size, c.gain, c.offset, c.bend, surface, clipped)
+        result = values.copy()
+        places = list(self.sensing.places)
+        result[places] = surface
+        out: dict[str, NDArray[Any]] = {"result": result}
+        if "sigma" in wanted:
+            sigma = np.full_like(values, np.nan)
+            part = np.empty_like(toa)
+            spread(
+                toa, row0, col0, size, c.gain, c.offset, c.bend, c.haze, c.model, c.floor, c.relative, part
+            )  # fmt: skip
+            sigma[places] = part
+            out["sigma"] = sigma
+        if "haze_map" in wanted:
+            out["haze_map"] = self.upsampled(c.aod, row0, col0, flags.shape)[None]
+        if "mask" in wanted:
+            self.flag(flags, surface, clipped, row0, col0)
+            out["mask"] = flags[None]
+        return out
+
+    def flag(self, flags: NDArray[np.uint8], surface: Values, clipped: NDArray[np.bool_], row0: int, col0: int) -> None:
+        """Enter what is known of pixels after the correction."""
+        free = (flags & (Flag.CLOUD | Flag.NODATA)) == 0
+        with np.errstate(invalid="ignore"):
+            wet = masks.water(surface, self.roles) & free
+            flags[wet] |= Flag.WATER
+            flags[masks.shadow(surface, self.roles, wet) & free] |= Flag.SHADOW
+        flags[clipped & free] |= Flag.CLIPPED
+        rows, cols = (
+            (start + np.arange(n)) // self.lattice.large for start, n in zip((row0, col0), flags.shape, strict=True)
+        )
+        flags[self.haze.uncertain[rows[:, None], cols] & free] |= Flag.UNCERTAIN
+
+    def upsampled(self, cells: NDArray[np.float32], row0: int, col0: int, shape: tuple[int, ...]) -> Values:
+        """Values of small cells at the pixels of a window, bilinear."""
+        from skyscatter.dehaze.lattice import linear_weights
+
+        nodes = self.lattice.small_centres()
+        along = [
+            linear_weights(start + 0.5 + np.arange(n), node).astype(np.float32)
+            for start, n, node in zip((row0, col0), shape, nodes, strict=True)
+        ]
+        return np.asarray(along[0] @ cells @ along[1].T, np.float32)
+
+
+def above_atmosphere(
+    sensing: Sensing, secant: Callable[[Array, Array], Array], roles: masks.BandRoles, air: NDArray[np.float32],
+    row0: int, col0: int, values: Values, flags: NDArray[np.uint8],
+) -> Values:  # fmt: skip
+    """Reflectance of the bands that see the ground, less cirrus; flags of clouds are entered."""
+    toa = values[list(sensing.places)]
+    if sensing.factors is not None:
+        rows, cols = (start + 0.5 + np.arange(n) for start, n in zip((row0, col0), flags.shape, strict=True))
+        toa *= sensing.factors[list(sensing.places), None, None].astype(np.float32)
+        toa *= secant(rows, cols).astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        flags[masks.clouds(toa, air, roles)] |= Flag.CLOUD
+        if sensing.cirrus is not None:
+            high = values[sensing.cirrus]
+            if sensing.factors is not None:
+                high = high * np.float32(sensing.factors[sensing.cirrus])
+            thin = np.nan_to_num(np.maximum(high - np.float32(CIRRUS_NONE), np.float32(0)), nan=0.0)
+            flags[thin > 0] |= Flag.CIRRUS
+            flags[thin > CIRRUS_THICK] |= Flag.CLOUD
+            toa -= thin / np.float32(CIRRUS_SEEN)
+    return toa
+
+
+def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) -> tuple[Correction, dict[str, Any]]:
+    """Look at the whole image once, estimate its haze, and make what corrects it; also a summary for reports."""
+    sensing = sense(source)
+    lattice = Lattice.of(source.height, source.width)
+    assert source.geometry is not None
+    places = source.geometry.at(*lattice.large_centres())
+    angles = np.stack([np.asarray(a, float) for a in places])
+    tables = make_tables(sensing, angles, options, lambda share: progress(AFTER_TABLES * share))
+    pressure = tables[0].atmosphere.pressure_hpa
+    flat = angles.reshape(3, -1)
+    gas = gases(
+        sensing.bands, flat[0], flat[1], pressure,
+        options.ozone_du, options.water_vapour_g_cm2,
+    )  # fmt: skip
+    roles = masks.BandRoles(sensing.bands)
+    air = clear_air(tables[0], angles)
+    secant = source.geometry.secant_of_sun
+    seen = gather(
+        source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
+        lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
+    )  # fmt: skip
+    if not np.isfinite(seen.mean).any():
+        nothing_clear(source)
+    haze = find_haze(tables, seen, sensing, gas, angles, options)
+    order = sorted(tables, key=lambda t: -haze.probabilities[t.atmosphere.aerosol])
+    best = order[0]
+    other = (order[1], haze.probabilities[order[1].atmosphere.aerosol]) if len(order) > 1 else None
+    surroundings, note = neighbourhood(source, sensing, lattice, best, haze, angles, options)
+    corrector = Corrector(lattice, angles, gas, seen.mean, surroundings)
+    correction = Correction(
+        sensing, lattice, corrector.coefficients(best, other, haze), roles, air, secant, haze
+    )  # fmt: skip
+    progress(AFTER_ESTIMATE)
+    notes = [*sensing.notes, *haze.notes, *note]
+    return correction, summary(haze, best, sensing, options, pressure, notes)
+
+
+def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progress: Progress) -> list[TermsTable]:
+    """The table of each aerosol model that is to be tried."""
+    spanned = Angles.spanned(*angles)
+    if options.ground_height_m is not None:
+        pressure = pressure_at(options.ground_height_m)
+    else:
+        pressure = STANDARD_PRESSURE if options.pressure_hpa is None else options.pressure_hpa
+    known = None if options.aod == "auto" else float(options.aod)
+    if options.aerosol != "auto":
+        names: tuple[str, ...] = (options.aerosol,)
+    else:
+        names = TRIED if known is None else (USUAL,)
+    tables = []
+    for k, name in enumerate(names):
+        atmosphere = Atmosphere(aerosol=name, pressure_hpa=pressure)
+
+        def share(done: float, k: int = k) -> None:
+            progress((k + done) / len(names))
+
+        tables.append(
+            build_table(atmosphere, sensing.bands, spanned, aod=known, threads=options.threads, progress=share)
+        )
+    return tables
+
+
+def clear_air(table: TermsTable, angles: Array) -> NDArray[np.float32]:
+    """Path reflectance in the middle of the image under the least haze of the table, shape (band,)."""
+    middle = [float(np.median(a)) for a in angles]
+    terms, _ = table.at(table.aod[0], *middle)
+    return np.asarray(terms[..., PATH], np.float32)
+
+
+def gather(
+    source: RasterSource,
+    sensing: Sensing,
+    lattice: Lattice,
+    toa_of: Callable[..., Values],
+    roles: masks.BandRoles,
+    options: DehazeOptions,
+    progress: Progress,
+) -> Gathered:
+    """What the cells of the whole image hold."""
+    seen = Gathered.empty(lattice, len(sensing.bands))
+    visible = roles.visible or list(range(len(sensing.bands)))
+
+    def first_look(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> Any:
+        toa = toa_of(row0, col0, values, flags)
+        clear = (flags & (Flag.CLOUD | Flag.NODATA | Flag.SATURATED)) == 0
+        clear &= np.isfinite(toa).all(axis=0)
+        return look(toa, clear, visible, lattice)
+
+    found = map_windows(
+        source, first_look, size=options.window, multiple=lattice.large, flags=True, threads=options.threads,
+        progress=progress,
+    )  # fmt: skip
+    for window, cells in found:
+        seen.put(window.row0, window.col0, cells)
+    return seen
+
+
+def nothing_clear(source: RasterSource) -> None:
+    """Say that there is nothing to correct."""
+    from skyscatter.errors import DomainError
+
+    raise DomainError("image", source.name, "has no clear pixel: all is cloud, saturated or without data")
+
+
+def find_haze(
+    tables: list[TermsTable], seen: Gathered, sensing: Sensing, gas: Gases, angles: Array, options: DehazeOptions
+) -> HazeEstimate:
+    """The haze as given, or as the dark pixels have it."""
+    shape = seen.lattice.large_shape
+    if options.aod != "auto":
+        depth, name = float(options.aod), tables[0].atmosphere.aerosol
+        return HazeEstimate(
+            np.full(shape, depth), np.zeros(shape), depth, 0.0, name, {name: 1.0}, np.zeros(shape, bool)
+        )
+    use = sensing.for_haze
+    above = gas.above.reshape(*shape, -1)[..., use]
+    observed = seen.dark[use] / np.moveaxis(above, -1, 0)
+    return estimate([only(t, use) for t in tables], observed, angles, gas_of(gas, use, shape), vary=True)
+
+
+def only(table: TermsTable, bands: list[int]) -> TermsTable:
+    """A table of some of its bands."""
+    from dataclasses import replace
+
+    return replace(table, bands=tuple(table.bands[k] for k in bands), values=table.values[..., bands, :])
+
+
+def gas_of(gas: Gases, bands: list[int], shape: tuple[int, int]) -> Gases:
+    """Gases of some bands."""
+    return Gases(gas.above[:, bands], gas.water[:, bands], gas.half[:, bands], gas.relative[bands])
+
+
+def neighbourhood(
+    source: RasterSource,
+    sensing: Sensing,
+    lattice: Lattice,
+    table: TermsTable,
+    haze: HazeEstimate,
+    angles: Array,
+    options: DehazeOptions,
+) -> tuple[Callable[[Array], Array] | None, list[str]]:
+    """How light from around a pixel is gathered; None, and why, where it cannot be known."""
+    if not options.adjacency:
+        return None, []
+    pixel = source.pixel_size_m
+    if pixel is None:
+        return None, ["the size of a pixel is unknown: light from the surroundings of a pixel is left in it"]
+    from skyscatter.dehaze.adjacency import environment, spread_function
+
+    wavelengths = np.array([band.effective_wavelength for band in sensing.bands])
+    order = np.argsort(wavelengths)
+    depth = float(np.clip(haze.mean, 0.0, GREATEST_AOD))
+    spread = spread_function(
+        table.atmosphere.medium(depth), wavelengths[order], float(np.median(angles[1])), walks=WALKS
+    )
+    back = np.argsort(order)
+
+    def around(own: Array) -> Array:
+        return environment(own[order], pixel * lattice.small, spread)[back]
+
+    return around, []
+
+
+def summary(
+    haze: HazeEstimate, table: TermsTable, sensing: Sensing, options: DehazeOptions, pressure: float, notes: list[str]
+) -> dict[str, Any]:
+    """What a report says."""
+    return {
+        "kind": "surface reflectance",
+        "aod": {
+            "source": "given" if options.aod != "auto" else "estimated",
+            "mean": round(haze.mean, 4),
+            "sigma": round(haze.mean_sigma, 4),
+            "least": round(float(haze.aod.min()), 4),
+            "greatest": round(float(haze.aod.max()), 4),
+        },
+        "aerosol": {"model": haze.aerosol, "probabilities": {k: round(v, 4) for k, v in haze.probabilities.items()}},
+        "pressure_hpa": round(pressure, 2),
+        "interpolation_error": round(table.error, 6),
+        "cells_without_dark_ground": round(float(haze.uncertain.mean()), 4),
+        "corrected_bands": [band.name for band in sensing.bands],
+        "remarks": notes,
+    }
+
+
+def dehaze_physical(
+    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress
+) -> dict[str, Any]:
+    """Correct an image into sinks (result, sigma, haze_map, mask: those there are); returns the summary."""
+    correction, report = prepare(source, options, progress)
+    wanted = frozenset(sinks)
+    counts = {flag.name: 0 for flag in Flag}
+
+    def work(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+        return correction(row0, col0, values, flags, wanted)
+
+    for_each_window(
+        source, sinks, work, size=options.window, flags=True, threads=options.threads,
+        progress=lambda share: progress(AFTER_ESTIMATE + (1 - AFTER_ESTIMATE) * share),
+    )  # fmt: skip
+    del counts
+    return report

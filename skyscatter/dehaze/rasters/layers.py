@@ -1,0 +1,142 @@
+"""Sources with one file a band, of different resolutions, on a common grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.dehaze.options import SourceOptions
+from skyscatter.dehaze.rasters.base import NODATA, SATURATED, RasterBand, RasterSource, calibrate
+from skyscatter.dehaze.rasters.handles import DatasetPool
+from skyscatter.errors import DomainError, MissingDataError
+
+#: Of Sentinel-2 and Landsat products of level 1.
+NODATA_NUMBER = 0
+
+
+@dataclass(frozen=True)
+class BandFile:
+    """File of one band: pixels `coarser` times as wide as those of the grid, or `finer` times as many."""
+
+    pool: DatasetPool
+    coarser: int = 1
+    finer: int = 1
+
+
+class LayeredSource(RasterSource):
+    """One file a band; coarser pixels are repeated, finer ones averaged.
+
+    The same pixels come out whatever window is asked for.
+    """
+
+    files: tuple[BandFile, ...]
+    _dtype: str = "uint16"
+
+    def read_with_flags(
+        self, row0: int, row1: int, col0: int, col1: int, bands: Sequence[int | str] | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Values and flags of a window; see `RasterSource`."""
+        window = self._window(row0, row1, col0, col1)
+        indexes = self._indexes(bands)
+        values = np.empty((len(indexes), *window.shape), dtype=np.float32)
+        saturated = np.zeros(window.shape, dtype=bool)
+        for place, index in enumerate(indexes):
+            saturated |= self._band(index, *window, out=values[place])
+        self._finish(values, np.arange(row0, row1) + 0.5, np.arange(col0, col1) + 0.5)
+        flags = np.where(np.isnan(values).all(axis=0), np.uint8(NODATA), np.uint8(0))
+        flags[saturated] |= SATURATED
+        return values, flags
+
+    def thumbnail(
+        self, size: int, bands: Sequence[int | str] | None = None
+    ) -> tuple[NDArray[np.float32], tuple[float, float]]:
+        """A coarse version of the image; see `RasterSource`."""
+        step = max(1.0, max(self.height, self.width) / size)
+        shape = max(1, round(self.height / step)), max(1, round(self.width / step))
+        down, across = self.height / shape[0], self.width / shape[1]
+        parts = []
+        for index in self._indexes(bands):
+            with self.files[index].pool.reading() as dataset:
+                numbers = dataset.read([1], out_shape=(1, *shape))
+            parts.append(calibrate(numbers, numbers != NODATA_NUMBER, [self.bands[index]])[0][0])
+        values = np.stack(parts)
+        self._finish(values, (np.arange(shape[0]) + 0.5) * down, (np.arange(shape[1]) + 0.5) * across)
+        return values, (down, across)
+
+    def close(self) -> None:
+        """Close all files."""
+        for file in self.files:
+            file.pool.close()
+
+    def _finish(self, values: NDArray[np.float32], rows: NDArray[Any], cols: NDArray[Any]) -> None:
+        """What is left to do with values at these pixel coordinates, in place; nothing here."""
+        return
+
+    def _band(
+        self, index: int, row0: int, row1: int, col0: int, col1: int, out: NDArray[np.float32]
+    ) -> NDArray[np.bool_]:
+        """Fill in the values of one band; returns where it is saturated."""
+        file, band = self.files[index], self.bands[index]
+        if file.finer > 1:
+            n = file.finer
+            values, saturated = self._native(file, band, row0 * n, row1 * n, col0 * n, col1 * n)
+            out[...] = _mean_of_blocks(values, n)
+            blocks = saturated.reshape(row1 - row0, n, col1 - col0, n)
+            return np.logical_or.reduce(blocks, axis=(1, 3))
+        n = file.coarser
+        first_row, first_col = row0 // n, col0 // n
+        values, saturated = self._native(file, band, first_row, -(-row1 // n), first_col, -(-col1 // n))
+        rows = np.arange(row0, row1) // n - first_row
+        cols = np.arange(col0, col1) // n - first_col
+        if n == 1:
+            out[...] = values
+            return saturated
+        out[...] = values[rows][:, cols]
+        return saturated[rows][:, cols]
+
+    def _native(
+        self, file: BandFile, band: RasterBand, row0: int, row1: int, col0: int, col1: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        with file.pool.reading() as dataset:
+            numbers = dataset.read([1], window=((row0, row1), (col0, col1)))
+        values, flags = calibrate(numbers, numbers != NODATA_NUMBER, [band])
+        return values[0], (flags & SATURATED) != 0
+
+    def _check_files(self, labels: Sequence[str]) -> None:
+        """Refuse band files of another size or type than the metadata say."""
+        for label, file in zip(labels, self.files, strict=True):
+            with file.pool.reading() as dataset:
+                found = dataset.height * file.coarser // file.finer, dataset.width * file.coarser // file.finer
+                dtype = dataset.dtypes[0]
+            if found != (self.height, self.width):
+                remedy = f"band {label} covers {found} pixels of the grid where the metadata say "
+                raise MissingDataError(file.pool.shown, f"{remedy}{(self.height, self.width)}; get the product again")
+            if dtype != self._dtype:
+                raise MissingDataError(
+                    file.pool.shown, f"holds {dtype} instead of {self._dtype}; get the product again"
+                )
+
+
+def _mean_of_blocks(values: NDArray[np.float32], n: int) -> NDArray[np.float32]:
+    """Mean over n x n pixels of those that have data; NaN where none has."""
+    height, width = values.shape[0] // n, values.shape[1] // n
+    blocks = values.reshape(height, n, width, n)
+    there = ~np.isnan(blocks)
+    count = there.sum(axis=(1, 3))
+    total = np.where(there, blocks, np.float32(0.0)).sum(axis=(1, 3), dtype=np.float64)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)
+
+
+def refuse_calibration(options: SourceOptions, sensor: str, product: str, quantities: tuple[str, ...]) -> None:
+    """Refuse options that say what the product says itself."""
+    for name in ("scale", "offset"):
+        if getattr(options, name) is not None:
+            raise DomainError(name, getattr(options, name), f"stands in the metadata of {product}; leave it out")
+    if options.quantity not in (None, *quantities):
+        raise DomainError("quantity", options.quantity, f"{product} gives {' or '.join(quantities)}")
+    if options.sensor is not None and options.sensor.lower() != sensor:
+        raise DomainError("sensor", options.sensor, f"the metadata say {sensor}; leave it out")

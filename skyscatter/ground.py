@@ -1,0 +1,110 @@
+"""The surface of a planet: a Lambertian reflector, uniform or painted with a map."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.media.arrays import ArrayField
+from skyscatter.record import Record
+from skyscatter.spectra.surfaces import surface_albedo
+from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.units import Metres
+
+#: Albedos that a map can tell apart; the kernels number them, and what lies outside, in a byte.
+MOST_CLASSES = 255
+
+Albedo = Spectral | str
+
+
+def check_albedo(value: Albedo) -> None:
+    """Refuse what is no albedo: an unknown surface, or numbers outside 0 to 1."""
+    if isinstance(value, str):
+        surface_albedo(value, [550.0])
+        return
+    low, high = bounds(value)
+    if low < 0 or high > 1:
+        raise DomainError("albedo", low if low < 0 else high, "lies between 0 and 1")
+
+
+def spectrum_of(value: Albedo, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+    """An albedo per wavelength, shape (wavelength,)."""
+    if isinstance(value, str):
+        return surface_albedo(value, wavelengths_nm)
+    return evaluate(value, wavelengths_nm)
+
+
+class GroundMap(Record):
+    """A picture of the ground below the observer, made of cells that reflect by one of a few spectra.
+
+    The middle of the map lies straight below the observer, row 0 in the north and column 0 in the west, as in every
+    picture.  A point of the ground is found by its coordinates x (east) and y (north) in the scene's frame: on a
+    sphere the map is seen from straight above, and at a distance x from its middle distances are shortened by
+    x^2 / 6 R^2, a millionth at 15 km on the Earth.
+
+    Parameters
+    ----------
+    classes : array_like of int, shape (y, x)
+        Which of `albedos` each cell has, counted from 0.
+    albedos : sequence of float, SpectralTable or str, at most 255
+        As for `Ground`.
+    cell_size : length
+        Side of a cell [m].
+    """
+
+    classes: ArrayField
+    albedos: tuple[Albedo, ...]
+    cell_size: Metres
+
+    @model_validator(mode="after")
+    def _check(self) -> GroundMap:
+        values = self.classes.array
+        if values.ndim != 2 or values.size == 0:
+            raise DomainError("classes", f"shape {values.shape}", "a picture of shape (y, x) with at least one cell")
+        if not 1 <= len(self.albedos) <= MOST_CLASSES:
+            raise DomainError("albedos", len(self.albedos), f"1 to {MOST_CLASSES} of them")
+        known = np.isfinite(values) & (values >= 0) & (values < len(self.albedos)) & (values == np.floor(values))
+        if not known.all():
+            rule = f"whole numbers from 0 to {len(self.albedos) - 1}, one for each of the albedos"
+            raise DomainError("classes", float(values[~known][0]), rule)
+        if not self.cell_size > 0:
+            raise DomainError("cell_size", self.cell_size, "must be a positive length")
+        for albedo in self.albedos:
+            check_albedo(albedo)
+        return self
+
+    @property
+    def rows(self) -> NDArray[np.uint8]:
+        """The cells as the kernels number them: from 1, for 0 is what lies outside the map; shape (y, x)."""
+        return (self.classes.array + 1).astype(np.uint8)
+
+    def reflectance(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+        """Albedo of every class, shape (class, wavelength)."""
+        return np.stack([spectrum_of(albedo, wavelengths_nm) for albedo in self.albedos])
+
+
+class Ground(Record):
+    """The planet's surface, a Lambertian reflector.
+
+    Parameters
+    ----------
+    albedo : float or SpectralTable or str
+        Reflected share of the light, 0 to 1, or the name of a surface (``"vegetation"``, ``"snow"``, ...).
+    map : GroundMap, optional
+        Cells with other albedos around the point below the observer; `albedo` then is that of everything outside
+        them.  For the solvers ``path`` and ``single``.
+    """
+
+    albedo: Albedo = 0.0
+    map: GroundMap | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Ground:
+        check_albedo(self.albedo)
+        return self
+
+    def reflectance(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+        """Albedo outside the map per wavelength, shape (wavelength,)."""
+        return spectrum_of(self.albedo, wavelengths_nm)
