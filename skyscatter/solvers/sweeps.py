@@ -139,10 +139,12 @@ def make_problem(
     ground_radiance: float = 0.0,
     degree: int | None = None,
     cut_peaks: bool = True,
+    grid: grids.Grid | None = None,
 ) -> Problem:
     """Tables and grid for a scene with the Sun between two zenith angles [rad].
 
-    Without `cut_peaks` forward peaks stay where they are: right for the first order alone.
+    Without `cut_peaks` forward peaks stay where they are: right for the first order alone.  A grid that is given must
+    have been made for the same top, Suns and degree.
     """
     if scene.ground.map is not None:
         raise DomainError("ground.map", "a map", "the solver orders knows a uniform ground only; use solver path")
@@ -165,7 +167,7 @@ def make_problem(
     greek = chi * optics.sigma_s[:, None, None, :] * ((2 * np.arange(kept + 1) + 1) / (4 * np.pi))[:, None]
     sigma_t = optics.sigma_t - peak * optics.sigma_s
     whole, cut = _first_tables(matrix, greek, optics.sigma_s)
-    grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
+    grid = grid or make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo[0]])
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
