@@ -84,8 +84,8 @@ class Compared:
         return off <= max(AEROSOL_BAR * self.row.path, AEROSOL_LEAST)
 
 
-class FlatSixs(Atmosphere):
-    """A flat Earth with the optical depth that 6S gives its air, and our phase function."""
+class SixsAir(Atmosphere):
+    """Air of the optical depth that 6S gives it, and our phase function; flat when nothing else is said."""
 
     wavelengths: tuple[float, ...]
     depths: tuple[float, ...]
@@ -132,10 +132,10 @@ def lines(rows: Sequence[Row], tolerance: float, threads: int | None) -> Iterato
     wavelengths = sorted(depth)
     span = (min(r.angles[0] for r in rows), max(r.angles[0] for r in rows))
     for aerosol, aod, mine in hazes(rows):
-        flat = FlatSixs(
-            aerosol=aerosol, wavelengths=tuple(wavelengths), depths=tuple(depth[w] for w in wavelengths)
-        )
-        settings = {"round": Atmosphere(aerosol=aerosol), "flat": flat}
+        flat = SixsAir(aerosol=aerosol, wavelengths=tuple(wavelengths), depths=tuple(depth[w] for w in wavelengths))
+        settings = {"flat": flat, "round": Atmosphere(aerosol=aerosol)}
+        if aerosol == "none":
+            settings["round, air of 6S"] = flat.model_copy(update={"planet_radius": ROUND})
         solved = {
             name: SolvedAir(air, aod, Single(wavelengths), span, tolerance=tolerance, threads=threads)
             for name, air in settings.items()
@@ -217,9 +217,10 @@ def summary(found: Sequence[Compared]) -> str:
     """Largest differences by aerosol, setting and Sun."""
     cells: list[list[Any]] = []
     for aerosol in dict.fromkeys(c.row.aerosol for c in found):
-        for setting in ("flat", "round"):
-            for sun in sorted({c.row.angles[0] for c in found}):
-                mine = [c for c in found if c.row.aerosol == aerosol and c.row.angles[0] == sun]
+        of_it = [c for c in found if c.row.aerosol == aerosol]
+        for setting in of_it[0].terms:
+            for sun in sorted({c.row.angles[0] for c in of_it}):
+                mine = [c for c in of_it if c.row.angles[0] == sun]
                 off = [c.path(setting) for c in mine]
                 share = [d / c.row.path for c, d in zip(mine, off, strict=True)]
                 cells.append([
