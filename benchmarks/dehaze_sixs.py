@@ -1,8 +1,8 @@
 """The forward model of a satellite's pixel beside 6SV 1.1: the tables of docs/validation-dehaze.md.
 
-Every row of the reference is computed twice: as dehazing does it, on a round Earth and with our own optical depth of the
-air, and as 6S does, flat and with the air of 6S.  What the first has and the second has not is the Earth's roundness and
-the depth of the air; what the second still has is the solvers and, with aerosol, the aerosols.
+Every row of the reference is computed twice: as dehazing does it, on a round Earth and with our own optical depth of
+the air, and as 6S does, flat and with the air of 6S.  What the first has and the second has not is the Earth's
+roundness and the depth of the air; what the second still has is the solvers and, with aerosol, the aerosols.
 """
 
 from __future__ import annotations
@@ -245,7 +245,9 @@ def main() -> None:
     where, rows = machine(), read(given.reference)
     found = list(lines([r for r in rows if not r.gas], given.tolerance, given.threads))
     gases = list(with_gases([r for r in rows if r.gas], given.tolerance, given.threads))
-    command = "python benchmarks/dehaze_sixs.py" + (f" --tolerance {given.tolerance:g}" if given.tolerance != 0.01 else "")
+    command = "python benchmarks/dehaze_sixs.py" + (
+        f" --tolerance {given.tolerance:g}" if given.tolerance != 0.01 else ""
+    )
     blocks = [
         f"`{command} --write`; {versions('skyscatter', 'numba', 'numpy')}; {where.split(',')[0]}.",
         "### In short", summary(found),

@@ -27,7 +27,6 @@ from skyscatter.solvers.fluxes import fluxes
 from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import view
 
-
 #: Share of the tolerance for the solution in which the ground shines.
 SHINING_SHARE = 0.4
 

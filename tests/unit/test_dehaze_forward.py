@@ -152,7 +152,7 @@ def test_heights_out_of_range() -> None:
 
 
 def test_unknown_aerosols() -> None:
-    with pytest.raises(ValueError, match="aerosol = 'urbane'.*urban"):
+    with pytest.raises(ValueError, match=r"aerosol = 'urbane'.*urban"):
         Atmosphere(aerosol="urbane")
 
 

@@ -135,7 +135,9 @@ def test_nothing_is_kept_where_nothing_can_be(tmp_path: Path, monkeypatch: pytes
 
 
 def test_a_known_depth_has_a_table_around_it() -> None:
-    known = build_table(ATMOSPHERE, BANDS[1:], Angles((40.0, 40.0), (0.0, 0.0), (0.0, 0.0)), aod=0.2, stokes=False, keep=False)
+    known = build_table(
+        ATMOSPHERE, BANDS[1:], Angles((40.0, 40.0), (0.0, 0.0), (0.0, 0.0)), aod=0.2, stokes=False, keep=False
+    )
     np.testing.assert_allclose(known.aod, [0.16, 0.2, 0.24])
     terms, slopes = known.at(0.2, 40.0, 0.0)
     np.testing.assert_array_equal(terms, known.values[1, 0, 0, 0])
