@@ -171,10 +171,10 @@ def test_the_azimuth_is_that_of_6s(rows: list[Row]) -> None:
         assert abs(wrong / row.path - 1) > 0.1
 
 
-#: Transmittance of gases, absolute: see `skyscatter.dehaze.gases` for ozone in B3 and the shape of B8.
-#: A shape of given centre and width stands for the band's response: the air's optical depth in 6S is 1.1 % above ours in
-#: B4 and 0.6 % below in B2, at single wavelengths 0.3 to 0.7 % above.  Relative, in the path and in T_down T_up.
+#: A shape of given centre and width stands for the band's response: the air's optical depth in 6S is 1.1 % above ours
+#: in B4 and 0.6 % below in B2, at single wavelengths 0.3 to 0.7 % above.  Relative, in the path and in T_down T_up.
 SHAPE_PATH, SHAPE = 0.006, 0.001
+#: Transmittance of gases, absolute: see `skyscatter.dehaze.gases` for ozone in B3 and the shape of B8.
 GASES = {"B2": 0.003, "B3": 0.009, "B4": 0.002, "B8": 0.01}
 
 
