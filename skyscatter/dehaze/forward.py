@@ -155,7 +155,7 @@ class SolvedAir:
 
         low, high = sun_zenith_deg
         self.average = average
-        self.solved = CorrectionTerms(
+        self.solved: CorrectionTerms = CorrectionTerms(
             Scene(medium=atmosphere.medium(aod)), average.wavelengths, tolerance=tolerance, stokes=stokes,
             sun_elevations_deg=(90.0 - high, 90.0 - low), degree=DEGREE, orders_tolerance=ORDERS_SHARE * tolerance,
             like=None if like is None else like.solved, threads=threads,

@@ -85,7 +85,7 @@ class CorrectionTerms:
         like: CorrectionTerms | None = None,
         threads: int | None = None,
     ) -> None:
-        self.wavelengths = check_wavelengths(wavelengths)
+        self.wavelengths, self.degree = check_wavelengths(wavelengths), degree
         self.scene = scene.model_copy(update={"ground": Ground(albedo=0.0)})
         self.zenith = zenith_range(self.scene, sun_elevations_deg, tolerance)
         dark = self.scene.model_copy(
@@ -102,7 +102,6 @@ class CorrectionTerms:
             self.scene, self.wavelengths, self.zenith, tolerance, stokes, None, workers,
             degree=degree, orders_tolerance=orders_tolerance, grid=grids[0],
         )  # fmt: skip
-        self.degree = degree
         #: The light of a ground that shines by itself: one Sun position stands for all, so a finer grid costs little.
         self.shining: Solution = solve_once(
             dark, self.wavelengths, (0.5, 0.5), SHINING_SHARE * tolerance, stokes, None, workers, ground_radiance=1.0,
