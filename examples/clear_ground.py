@@ -36,8 +36,7 @@ found = skyscatter.dehaze(
     seen, sensor="sentinel-2a", bands=names, sun_zenith_deg=sun, aerosol="urban", aod=haze, adjacency=False
 )
 error = found.reflectance - surface
-print(
-    f"above the air the ground is off by {np.abs(seen - surface).mean():.3f} in the mean, corrected {np.abs(error).mean():.1e}"
-)
-print(f"pixels of water: {np.mean(found.mask & int(Flag.WATER) > 0):.2f}")
+print(f"above the air the ground is off by {np.abs(seen - surface).mean():.3f} in the mean")
+print(f"corrected by {np.abs(error).mean():.1e}, known to {found.sigma.mean():.4f}")
+print(f"share of pixels taken for water: {np.mean(found.mask & int(Flag.WATER) > 0):.2f}")
 assert np.abs(error).max() < 1e-4

@@ -158,7 +158,7 @@ class SolvedAir:
         self.solved: CorrectionTerms = CorrectionTerms(
             Scene(medium=atmosphere.medium(aod)), average.wavelengths, tolerance=tolerance, stokes=stokes,
             sun_elevations_deg=(90.0 - high, 90.0 - low), degree=DEGREE, orders_tolerance=ORDERS_SHARE * tolerance,
-            like=None if like is None else like.solved, threads=threads,
+            like=like.solved if like is not None else None, threads=threads,
         )  # fmt: skip
 
     def terms(self, sun_zenith_deg: ArrayLike, view_zenith_deg: ArrayLike, relative_azimuth_deg: ArrayLike) -> Array:

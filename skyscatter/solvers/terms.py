@@ -85,7 +85,8 @@ class CorrectionTerms:
         like: CorrectionTerms | None = None,
         threads: int | None = None,
     ) -> None:
-        self.wavelengths, self.degree = check_wavelengths(wavelengths), degree
+        self.wavelengths = check_wavelengths(wavelengths)
+        self.degree: int | None = degree
         self.scene = scene.model_copy(update={"ground": Ground(albedo=0.0)})
         self.zenith = zenith_range(self.scene, sun_elevations_deg, tolerance)
         dark = self.scene.model_copy(
