@@ -45,11 +45,13 @@ class HazeEstimate:
     aod, sigma : ndarray, shape (large row, large column)
         Optical depth at 550 nm and its standard deviation.
     mean, mean_sigma : float
-        Of the whole image.
+        Of the whole image; the latter with what the models disagree by.
     aerosol : str
         The most probable model.
     probabilities : dict of str to float
         Of the models that were tried.
+    depths : dict of str to float
+        The image's optical depth under each of them.
     uncertain : ndarray of bool, shape (large row, large column)
         Where nothing dark was found and neighbours or the prior stand in.
     notes : tuple of str
@@ -61,6 +63,7 @@ class HazeEstimate:
     mean_sigma: float
     aerosol: str
     probabilities: dict[str, float]
+    depths: dict[str, float]
     uncertain: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
 
@@ -162,7 +165,10 @@ def estimate(
         even = {name: 1 / len(names) for name in names}
         nothing = np.ones(shape, bool)
         note = "no cell has enough clear pixels: the haze is the prior's"
-        return HazeEstimate(np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,))
+        same = dict.fromkeys(names, mean)
+        return HazeEstimate(
+            np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, same, nothing, (note,)
+        )
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
     judged = [_Judged(table, observed[:, seen].T, around[:, seen].T, angles[:, seen], here) for table in tables]
@@ -185,7 +191,14 @@ def estimate(
         aod, local = regularised(said, spread, mean, varies)
     else:
         aod, local = np.full(shape, mean), np.zeros(shape)
+    means = np.array([float(j.mean) for j in judged])
+    apart = float(np.sqrt(shares @ (means - mean) ** 2))
     return HazeEstimate(
-        aod, np.hypot(local, mean_sigma), mean, mean_sigma, names[int(shares.argmax())],
-        dict(zip(names, (float(s) for s in shares), strict=True)), uncertain, tuple(notes),
+        aod, np.hypot(local, mean_sigma), mean, float(np.hypot(mean_sigma, apart)), names[int(shares.argmax())],
+        named(names, shares), named(names, means), uncertain, tuple(notes),
     )  # fmt: skip
+
+
+def named(names: Sequence[str], values: Array) -> dict[str, float]:
+    """Numbers by name."""
+    return {name: float(value) for name, value in zip(names, values, strict=True)}

@@ -274,7 +274,14 @@ def find_haze(
     if options.aod != "auto":
         depth, name = float(options.aod), tables[0].atmosphere.aerosol
         return HazeEstimate(
-            np.full(shape, depth), np.zeros(shape), depth, 0.0, name, {name: 1.0}, np.zeros(shape, bool)
+            np.full(shape, depth),
+            np.zeros(shape),
+            depth,
+            0.0,
+            name,
+            {name: 1.0},
+            {name: depth},
+            np.zeros(shape, bool),
         )
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]

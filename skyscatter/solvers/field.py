@@ -81,9 +81,7 @@ def solve_once(
     Phase functions are kept to a given degree, or to one that suits the tolerance; the sum over the orders stops by a
     tolerance of its own where one is given, and a grid may be given as for `make_problem`.
     """
-    problem = make_problem(
-        scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid
-    )
+    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid)
     sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, orders_tolerance or tolerance, max_order, progress))
 
