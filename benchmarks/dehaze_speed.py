@@ -201,7 +201,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             found = large(Path(folder), given.large, 2)
         count = 12 * given.large**2 / 1e6
-        speed = f"{found['seconds']:.0f} s, {found['cpu']:.0f} s of the processor, {count / found['seconds']:.0f} Mpx-bands/s"
+        clock, cpu = found["seconds"], found["cpu"]
+        speed = f"{clock:.0f} s, {cpu:.0f} s of the processor, {count / clock:.0f} Mpx-bands/s"
         lines.append(
             f"A raster of {given.large}² pixels and 12 bands, GeoTIFF to COG without compression, 2 threads, the table "
             f"solved on the way: {speed}; peak memory {found['MB']:.0f} MB."

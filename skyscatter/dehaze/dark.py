@@ -66,8 +66,8 @@ COVERS = (
         0.70, (0.40, 0.40, 0.50), 0.05,
     ),
 )  # fmt: skip
-#: The darkest pixels of a patch are darker than the patch: by one or two times the tenth or so by which leaves and water
-#: vary within one.
+#: The darkest pixels of a patch are darker than the patch: by one or two times the tenth by which leaves and water
+#: vary within one or so.
 DARKER = 0.85
 #: Those whose spectra are known well enough to tell the colour of a haze by, and the last, which tells nothing.
 TELLING = np.array([cover.name in ("leaves", "clear water", "turbid water") for cover in COVERS])
