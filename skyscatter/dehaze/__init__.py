@@ -1,6 +1,8 @@
 """Taking haze off images: the atmosphere run backwards.
 
-``skyscatter.dehaze(image, ...)`` is `skyscatter.dehaze.engine.dehaze`: the package can be called.
+``skyscatter.dehaze(image, ...)`` is `skyscatter.dehaze.engine.dehaze`: the package can be called.  Labelled arrays have
+it as ``array.skyscatter.dehaze(...)`` where xarray was imported before this package, or after ``import
+skyscatter.dehaze.xarray``; xarray is never imported without being asked for.
 """
 
 from __future__ import annotations
@@ -58,3 +60,7 @@ class _CallablePackage(ModuleType):
 
 
 sys.modules[__name__].__class__ = _CallablePackage
+
+# Finished, for xarray itself may be what is being imported.
+if hasattr(sys.modules.get("xarray"), "register_dataarray_accessor"):
+    import_module("skyscatter.dehaze.xarray")

@@ -14,6 +14,12 @@ from skyscatter.errors import DomainError
 
 Progress = Callable[[float], object]
 
+#: Options that only one of the two entrances has.
+PHYSICAL = (
+    "aod", "aerosol", "pressure_hpa", "ground_height_m", "ozone_du", "water_vapour_g_cm2", "pixel_size_m", "adjacency",
+)  # fmt: skip
+PLAIN = ("strength", "alpha", "transfer")
+
 
 def dehaze_raster(
     source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress | None = None
@@ -34,13 +40,10 @@ def dehaze_raster(
     Summary
     """
     say = progress or (lambda share: None)
-    if source.quantity == "display":
+    if entrance(source, options) == "plain":
         from skyscatter.dehaze.plain import dehaze_plain
 
         return Summary(dehaze_plain(source, sinks, options, say))
-    if source.geometry is None:
-        rule = f"{source.name} does not say where the Sun was; give sun_zenith_deg, or quantity='display' for a picture"
-        raise DomainError("sun_zenith_deg", None, rule)
     from skyscatter.dehaze.physical import dehaze_physical
 
     return Summary(dehaze_physical(source, sinks, options, say))
@@ -55,7 +58,8 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
     Parameters
     ----------
     image : path-like, array_like, xarray.DataArray or RasterSource
-        Arrays are (band, y, x): reflectance above the atmosphere, radiance [W m-2 sr-1 um-1] or display values.
+        Arrays are (band, y, x): reflectance above the atmosphere, radiance [W m-2 sr-1 um-1] or display values.  Of
+        a labelled array of dask's chunks the haze is found at once, and the result stays lazy.
     progress : callable, optional
         Called with the finished share, 0 to 1.
     **options
@@ -72,8 +76,13 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
         Naming the option or the property of the image that is missing or wrong.
     """
     from skyscatter.dehaze.rasters.arrays import XarraySource
+    from skyscatter.dehaze.rasters.lazy import is_lazy
 
     reading, doing = split_options(options)
+    if hasattr(image, "dims") and is_lazy(image):
+        from skyscatter.dehaze.lazyresult import dehaze_lazy
+
+        return dehaze_lazy(image, reading, doing, progress)
     source = _source(image, reading)
     with source:
         sinks = array_sinks(source)
@@ -83,6 +92,27 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
         single = {"haze_map": ["haze"], "mask": ["flags"]}
         found = {name: source.wrap(values, single.get(name)) for name, values in found.items()}
     return DehazeResult(found["result"], found["sigma"], found["haze_map"], found["mask"], summary.to_json())
+
+
+def entrance(source: RasterSource, options: DehazeOptions) -> str:
+    """Which of the two entrances an image takes: ``"plain"`` or ``"physical"``.
+
+    Raises
+    ------
+    DomainError
+        If it is reflectance or radiance of a scene whose Sun is unknown, or an option of the other entrance is given.
+    """
+    plain = source.quantity == "display"
+    for name in PHYSICAL if plain else PLAIN:
+        if name in options.model_fields_set and getattr(options, name) != type(options).model_fields[name].default:
+            what = "a plain picture" if plain else f"an image of {source.quantity}"
+            raise DomainError(name, getattr(options, name), f"means nothing to {what}; leave it out")
+    if plain:
+        return "plain"
+    if source.geometry is None:
+        rule = f"{source.name} does not say where the Sun was; give sun_zenith_deg, or quantity='display' for a picture"
+        raise DomainError("sun_zenith_deg", None, rule)
+    return "physical"
 
 
 def _source(image: Any, reading: SourceOptions) -> RasterSource:

@@ -121,7 +121,9 @@ def look(values: Values, clear: NDArray[np.bool_], visible: list[int], lattice: 
     )
     sample = values[:, rows[:, None], cols]
     sample[:, ~clear[rows[:, None], cols]] = np.nan
-    dark, pixels, chosen = darkest(sample, rows // lattice.large, cols // lattice.large, visible)
+    # A cell cut short by the image's edge may hold none of them: it counts as not seen.
+    shape = -(-values.shape[1] // lattice.large), -(-values.shape[2] // lattice.large)
+    dark, pixels, chosen = darkest(sample, rows // lattice.large, cols // lattice.large, shape, visible)
     where = np.zeros(mean.shape[1:], np.int64)
     np.add.at(where, (rows[chosen[0]] // lattice.small, cols[chosen[1]] // lattice.small), 1)
     return Found(mean, dark, pixels, where)
@@ -146,10 +148,9 @@ def cell_means(values: Values, size: int) -> Values:
 
 
 def darkest(
-    sample: Values, row_cell: NDArray[Any], col_cell: NDArray[Any], visible: list[int]
+    sample: Values, row_cell: NDArray[Any], col_cell: NDArray[Any], shape: tuple[int, int], visible: list[int]
 ) -> tuple[Values, NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Mean spectra of the darkest pixels of large cells, how many there were to choose from, and which they are."""
-    shape = (int(row_cell[-1]) + 1, int(col_cell[-1]) + 1)
     brightness = sample[visible].sum(axis=0)
     dark = np.full((len(sample), *shape), np.nan, np.float32)
     pixels = np.zeros(shape, np.int64)

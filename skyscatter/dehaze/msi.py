@@ -40,6 +40,21 @@ def sensor_from_metadata(path: str | Path) -> Sensor:
         root = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError) as error:
         raise MissingDataError(path, f"cannot be read as XML ({error.__class__.__name__}); check the path") from error
+    sensor = sensor_from_xml(root, path)
+    if sensor is None:
+        raise MissingDataError(path, "lists no spectral responses; name the sensor, for instance sentinel-2a")
+    return sensor
+
+
+def sensor_from_xml(root: ElementTree.Element, path: str | Path) -> Sensor | None:
+    """As `sensor_from_metadata`, of a file that has been read; None if it lists no responses.
+
+    Parameters
+    ----------
+    root : Element
+    path : path
+        Of the file, for messages.
+    """
     roles = {band.name: band.role for band in load_sensor("sentinel-2a").bands}
     bands = []
     for entry in (element for element in root.iter() if _tag(element) == "Spectral_Information"):
@@ -55,9 +70,7 @@ def sensor_from_metadata(path: str | Path) -> Sensor:
             bands.append(Band.from_table(name, wavelengths, response, roles[name], note))
         except (ValueError, DomainError) as error:
             raise MissingDataError(path, f"no response can be read for band {name} ({error})") from error
-    if not bands:
-        raise MissingDataError(path, "lists no spectral responses; name the sensor, for instance sentinel-2a")
-    return Sensor(name=_unit(root), bands=tuple(bands))
+    return Sensor(name=_unit(root), bands=tuple(bands)) if bands else None
 
 
 def _tag(element: ElementTree.Element) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, MAX_VIEW_ZENITH, SceneGeometry
 from skyscatter.errors import DomainError
@@ -160,7 +160,17 @@ class DehazeOptions(Record):
     def _consistent(self) -> DehazeOptions:
         if self.pressure_hpa is not None and self.ground_height_m is not None:
             raise DomainError("pressure_hpa", self.pressure_hpa, "give the pressure or the ground's height, not both")
+        if self.aerosol not in ("auto", "none"):
+            from skyscatter.dehaze.aerosols import aerosol_names
+
+            if self.aerosol not in aerosol_names():
+                raise DomainError("aerosol", self.aerosol, nearest(self.aerosol, ("auto", "none", *aerosol_names())))
+        if self.aerosol == "none" and self.aod not in ("auto", 0.0):
+            raise DomainError("aod", self.aod, "there is no haze where aerosol is none; leave one of them out")
         return self
+
+
+OptionsT = TypeVar("OptionsT", bound=Record)
 
 
 def split_options(values: Mapping[str, Any]) -> tuple[SourceOptions, DehazeOptions]:
@@ -175,7 +185,16 @@ def split_options(values: Mapping[str, Any]) -> tuple[SourceOptions, DehazeOptio
     for name, value in values.items():
         if name not in known:
             raise DomainError(name, value, f"no such option; {nearest(name, known)}")
-    source, rest = (
-        {key: values[key] for key in values if key in one.model_fields} for one in (SourceOptions, DehazeOptions)
-    )
-    return SourceOptions(**source), DehazeOptions(**rest)
+    return _made(SourceOptions, values), _made(DehazeOptions, values)
+
+
+def _made(kind: type[OptionsT], values: Mapping[str, Any]) -> OptionsT:
+    """Options of a kind, out of those of all kinds; what is wrong with one is said in one line."""
+    try:
+        return kind(**{key: value for key, value in values.items() if key in kind.model_fields})
+    except ValidationError as error:
+        problem = error.errors()[0]
+        said = problem.get("ctx", {}).get("error")
+        if isinstance(said, DomainError):
+            raise said from None
+        raise DomainError(str(problem["loc"][0]), problem["input"], problem["msg"]) from None

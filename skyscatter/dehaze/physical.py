@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from skyscatter.dehaze import masks
 from skyscatter.dehaze.coefficients import Coefficients, Corrector
 from skyscatter.dehaze.estimate import HazeEstimate, estimate
+from skyscatter.dehaze.flagcount import FlagCount
 from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
 from skyscatter.dehaze.gather import Gathered, at_dark_pixels, look
@@ -80,7 +81,10 @@ class Correction:
     def __call__(
         self, row0: int, col0: int, values: Values, flags: NDArray[np.uint8], wanted: frozenset[str]
     ) -> dict[str, NDArray[Any]]:
-        """Arrays (layer, y, x) of a window: result, and sigma, haze_map and mask where wanted."""
+        """Arrays (layer, y, x) of a window: result and mask, and sigma and haze_map where wanted.
+
+        The mask costs a few operations per pixel, against some hundred for its bands: it is always there to be counted.
+        """
         from skyscatter.dehaze.kernels.correct import correct, spread
 
         c, size = self.coefficients, self.lattice.small
@@ -102,9 +106,8 @@ class Correction:
             out["sigma"] = sigma
         if "haze_map" in wanted:
             out["haze_map"] = self.upsampled(c.aod, row0, col0, flags.shape)[None]
-        if "mask" in wanted:
-            self.flag(flags, surface, clipped, row0, col0)
-            out["mask"] = flags[None]
+        self.flag(flags, surface, clipped, row0, col0)
+        out["mask"] = flags[None]
         return out
 
     def flag(self, flags: NDArray[np.uint8], surface: Values, clipped: NDArray[np.bool_], row0: int, col0: int) -> None:
@@ -176,8 +179,6 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
         lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
     )  # fmt: skip
-    if not np.isfinite(seen.mean).any():
-        nothing_clear(source)
     pixel = options.pixel_size_m or pixel_size(source)
     haze = find_haze(tables, seen, sensing, gas, angles, pixel, options)
     order = sorted(tables, key=lambda t: -haze.probabilities[t.atmosphere.aerosol])
@@ -200,7 +201,7 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
         pressure = pressure_at(options.ground_height_m)
     else:
         pressure = STANDARD_PRESSURE if options.pressure_hpa is None else options.pressure_hpa
-    known = None if options.aod == "auto" else float(options.aod)
+    known = given_depth(options)
     if options.aerosol != "auto":
         names: tuple[str, ...] = (options.aerosol,)
     else:
@@ -216,6 +217,13 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
             build_table(atmosphere, sensing.bands, spanned, aod=known, threads=options.threads, progress=share)
         )
     return tables
+
+
+def given_depth(options: DehazeOptions) -> float | None:
+    """The optical depth that the user knows: that of no aerosol is 0; None if it is to be found."""
+    if options.aerosol == "none":
+        return 0.0
+    return None if options.aod == "auto" else float(options.aod)
 
 
 def clear_air(table: TermsTable, angles: Array) -> NDArray[np.float32]:
@@ -234,7 +242,13 @@ def gather(
     options: DehazeOptions,
     progress: Progress,
 ) -> Gathered:
-    """What the cells of the whole image hold."""
+    """What the cells of the whole image hold.
+
+    Raises
+    ------
+    DomainError
+        If no pixel is clear.
+    """
     seen = Gathered.empty(lattice, len(sensing.bands))
     visible = roles.visible or list(range(len(sensing.bands)))
 
@@ -242,14 +256,18 @@ def gather(
         toa = toa_of(row0, col0, values, flags)
         clear = (flags & np.uint8(Flag.CLOUD | Flag.NODATA | Flag.SATURATED)) == 0
         clear &= np.isfinite(toa).all(axis=0)
-        return look(toa, clear, visible, lattice)
+        return look(toa, clear, visible, lattice), bool(clear.any())
 
     found = map_windows(
         source, first_look, size=options.window, multiple=lattice.large, flags=True, threads=options.threads,
         progress=progress,
     )  # fmt: skip
-    for window, cells in found:
+    clear_somewhere = False
+    for window, (cells, clear) in found:
         seen.put(window.row0, window.col0, cells)
+        clear_somewhere |= clear
+    if not clear_somewhere:
+        nothing_clear(source)
     return seen
 
 
@@ -271,8 +289,8 @@ def find_haze(
 ) -> HazeEstimate:
     """The haze as given, or as the dark pixels have it."""
     shape = seen.lattice.large_shape
-    if options.aod != "auto":
-        depth, name = float(options.aod), tables[0].atmosphere.aerosol
+    if given_depth(options) is not None:
+        depth, name = float(given_depth(options) or 0.0), tables[0].atmosphere.aerosol
         return HazeEstimate(
             np.full(shape, depth),
             np.zeros(shape),
@@ -349,7 +367,7 @@ def summary(
     return {
         "kind": "surface reflectance",
         "aod": {
-            "source": "given" if options.aod != "auto" else "estimated",
+            "source": "estimated" if given_depth(options) is None else "given",
             "mean": round(haze.mean, 4),
             "sigma": round(haze.mean_sigma, 4),
             "least": round(float(haze.aod.min()), 4),
@@ -369,13 +387,15 @@ def dehaze_physical(
 ) -> dict[str, Any]:
     """Correct an image into sinks (result, sigma, haze_map, mask: those there are); returns the summary."""
     correction, report = prepare(source, options, progress)
-    wanted = frozenset(sinks)
+    wanted, count = frozenset(sinks), FlagCount()
 
     def work(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
-        return correction(row0, col0, values, flags, wanted)
+        found = correction(row0, col0, values, flags, wanted)
+        count.add(found["mask"])
+        return found
 
     for_each_window(
         source, sinks, work, size=options.window, flags=True, threads=options.threads,
         progress=lambda share: progress(AFTER_ESTIMATE + (1 - AFTER_ESTIMATE) * share),
     )  # fmt: skip
-    return report
+    return {**report, "flags": count.shares()}

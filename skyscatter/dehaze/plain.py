@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.dehaze.flagcount import FlagCount
 from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.options import DehazeOptions
 from skyscatter.dehaze.picture.lattice import Lattice, new_lattice
@@ -93,15 +94,22 @@ def dehaze_plain(
     places = shown_bands(source)
     reading = picture_options(source, options, places)
     veil = fit(source, reading, places, options, lambda share: progress(AFTER_FIT * share))
-    wanted = frozenset(sinks)
+    wanted, count = frozenset(sinks), FlagCount()
 
     def work(row0: int, col0: int, values: Values, flags: Flags) -> dict[str, NDArray[Any]]:
-        return cleaned(veil, places, options.strength, row0, col0, values, flags, wanted)
+        found = cleaned(veil, places, options.strength, row0, col0, values, flags, wanted)
+        count.add(found["mask"])
+        return found
 
     for_each_window(
         source, sinks, work, size=options.window, flags=True, threads=options.threads,
         progress=lambda share: progress(AFTER_FIT + (1 - AFTER_FIT) * share),
     )  # fmt: skip
+    return {**summary(source, veil, places, options), "flags": count.shares()}
+
+
+def summary(source: RasterSource, veil: Veil, places: list[int], options: DehazeOptions) -> dict[str, Any]:
+    """What a report says."""
     notes = []
     if len(places) < len(source.bands):
         kept = [band.name for k, band in enumerate(source.bands) if k not in places]
@@ -113,7 +121,7 @@ def cleaned(
     veil: Veil, places: list[int], strength: float, row0: int, col0: int, values: Values, flags: Flags,
     wanted: frozenset[str],
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Arrays (layer, y, x) of a window."""
+    """Arrays (layer, y, x) of a window: result and mask, and sigma and haze_map where wanted."""
     shown = blank(values[places], flags)
     clean, found = veil.apply(shown, row0, col0, strength)
     found |= flags
@@ -128,7 +136,6 @@ def cleaned(
         out["sigma"] = sigma
     if "haze_map" in wanted:
         out["haze_map"] = veil.depth_at(row0, col0, empty.shape)[None]
-    if "mask" in wanted:
-        mark(found, empty, Flag.NODATA)
-        out["mask"] = found[None]
+    mark(found, empty, Flag.NODATA)
+    out["mask"] = found[None]
     return out

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.dehaze.bands import Band, load_sensor
+from skyscatter.dehaze.bands import Band, load_sensor, sensor_names
 from skyscatter.dehaze.forward import DIFFUSE, DIRECT, PATH
 from skyscatter.dehaze.gases import gas_transmittance
 from skyscatter.dehaze.rasters.base import RasterSource
@@ -95,7 +95,18 @@ def bands_of(source: RasterSource) -> tuple[list[Band], list[str]]:
 def _sensor(source: RasterSource) -> Any:
     """The sensor of a source; by the product's own responses where it carries them."""
     responses = getattr(source, "responses", None)
-    return responses if responses is not None else load_sensor(str(source.sensor))
+    if responses is not None:
+        return responses
+    name = str(source.sensor).strip().lower()
+    if name.startswith("sentinel-2") and name not in sensor_names():
+        # A product names its unit itself; of other rasters the user does.
+        rule = "its responses are not shipped: use the SAFE product, whose MTD_MSIL1C.xml lists them"
+        if not hasattr(source, "responses"):
+            rule += ", or name a unit with nearly the same bands, sentinel-2a or sentinel-2b"
+        else:
+            rule += "; this one's does not, get it again"
+        raise DomainError("sensor", name, rule)
+    return load_sensor(name)
 
 
 def sense(source: RasterSource) -> Sensing:

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.dehaze.bands import Sensor
+from skyscatter.dehaze.msi import sensor_from_xml
 from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.angles import s2_geometry
 from skyscatter.dehaze.rasters.base import RasterBand, RasterProfile, finite_number
@@ -54,6 +56,11 @@ class Sentinel2Source(LayeredSource):
     options : SourceOptions
         Bands and resolution; angles in place of those of the metadata.
 
+    Attributes
+    ----------
+    responses : Sensor or None
+        The bands with the responses that the product lists; None if it lists none.
+
     Raises
     ------
     MissingDataError
@@ -67,6 +74,7 @@ class Sentinel2Source(LayeredSource):
         box = Container(path)
         product = Metadata(box, _product_file(box))
         self.sensor = product.text("SPACECRAFT_NAME").lower()
+        self.responses: Sensor | None = sensor_from_xml(product.root, product.shown)
         refuse_calibration(options, self.sensor, "a Sentinel-2 product", ("reflectance",))
         if product.text("PROCESSING_LEVEL", "Level-1C") != "Level-1C":
             raise DomainError(
