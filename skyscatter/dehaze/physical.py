@@ -63,7 +63,6 @@ class Correction:
     secant : callable
         1 / cos(Sun's zenith angle) for rows and columns of pixels; used where the image holds radiance.
     haze : HazeEstimate
-    uncertain : ndarray of bool, shape (large row, large column)
     """
 
     sensing: Sensing
