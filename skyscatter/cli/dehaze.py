@@ -17,7 +17,7 @@ from skyscatter.errors import DomainError, MissingDataError
 RASTERS = (".tif", ".tiff")
 PICTURES = (".png", ".jpg", ".jpeg")
 #: Options that only one of the two entrances has: images with a geometry, and plain pictures.
-PHYSICAL = ("aod", "aerosol", "pressure", "ground_height", "ozone", "water_vapour", "no_adjacency")
+PHYSICAL = ("aod", "aerosol", "pressure", "ground_height", "ozone", "water_vapour", "pixel_size", "no_adjacency")
 PLAIN = ("strength", "alpha", "transfer")
 
 
@@ -116,6 +116,9 @@ def dehaze(
     transfer: Annotated[
         str | None, typer.Option(metavar="NAME", help="Plain pictures: linear (the default), srgb (cameras) or gamma.")
     ] = None,
+    pixel_size: Annotated[
+        str | None, typer.Option(metavar="METRES", help="Side of a pixel on the ground, if the file does not say.")
+    ] = None,
     no_adjacency: Annotated[
         bool, typer.Option("--no-adjacency", help="Leave light from the surroundings of a pixel in it.")
     ] = False,
@@ -148,6 +151,7 @@ def dehaze(
         "ground_height": ground_height,
         "ozone": ozone,
         "water_vapour": water_vapour,
+        "pixel_size": pixel_size,
         "no_adjacency": no_adjacency or None,
         "strength": strength,
         "alpha": alpha,
@@ -183,6 +187,7 @@ def dehaze(
             ground_height_m=ground_height,
             ozone_du=ozone,
             water_vapour_g_cm2=water_vapour,
+            pixel_size_m=pixel_size,
             adjacency=False if no_adjacency else None,
             strength=strength,
             alpha=alpha,
@@ -332,6 +337,18 @@ def report(request: Request, source: Any, summary: Any, seconds: float) -> int:
     if not request.quiet and request.json != "-":
         for note in source.notes:
             typer.echo(f"note: {note}", err=True)
+        for note in whole.get("remarks", ()):
+            typer.echo(f"note: {note}", err=True)
         wrote = ", ".join(outputs) or "nothing"
-        typer.echo(f"{request.image.name}: {source.quantity}; {format_seconds(seconds)}; wrote {wrote}", err=True)
+        took = format_seconds(seconds)
+        typer.echo(f"{request.image.name}: {whole['kind']}; {in_words(whole)}; {took}; wrote {wrote}", err=True)
     return 0
+
+
+def in_words(found: dict[str, Any]) -> str:
+    """The haze that was found or given, for people."""
+    if "aod" in found:
+        aod = found["aod"]
+        sure = f" ± {aod['sigma']:.3f}" if aod["source"] == "estimated" else ", as given"
+        return f"aerosol optical depth {aod['mean']:.3f}{sure}, {found['aerosol']['model']}"
+    return f"veil of optical depth {found['depth_mean']:.2f} ± {found['depth_sigma']:.2f}, alpha {found['alpha']:.1f}"

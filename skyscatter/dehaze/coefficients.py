@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 #: Relative error of the path reflectance: of the solver, of optics and profile of a model that is otherwise right.
-PATH_ERROR = 0.01
+PATH_ERROR = 0.006
 #: Relative error of the way down and up: of the same.
 WAY_ERROR = 0.005
-#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the image's edge, under
+#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the image, under
 #: clouds, and in the spread function.
-AROUND_ERROR = 0.2
+AROUND_ERROR = 0.1
 
 
 @dataclass
@@ -114,7 +114,9 @@ class Corrector:
         by_haze = np.stack([(c - was) / step * sigma for c, was in zip(changed, (gain, offset), strict=True)])
         by_model = np.zeros_like(by_haze)
         if other is not None:
-            theirs = self._fine(with_water(other[0].at(haze.aod.ravel(), *self.angles), self.gases)[0])
+            # The other model sees another amount of the haze in the same dark pixels.
+            scale = haze.depths[other[0].atmosphere.aerosol] / max(haze.depths[haze.aerosol], 1e-6)
+            theirs = self._fine(with_water(other[0].at(scale * haze.aod.ravel(), *self.angles), self.gases)[0])
             changed = gain_and_offset(theirs, self.above, self._around(theirs))
             share = np.sqrt(other[1])
             by_model = np.stack([share * (c - was) for c, was in zip(changed, (gain, offset), strict=True)])

@@ -66,6 +66,12 @@ COVERS = (
         0.70, (0.40, 0.40, 0.50), 0.05,
     ),
 )  # fmt: skip
+#: The darkest pixels of a patch are darker than the patch: by one or two times the tenth by which leaves and water
+#: vary within one or so.
+DARKER = 0.85
+#: Those whose spectra are known well enough to tell the colour of a haze by, and the last, which tells nothing.
+TELLING = np.array([cover.name in ("leaves", "clear water", "turbid water") for cover in COVERS])
+ANYTHING = len(COVERS) - 1
 #: Noise of a mean of dark pixels in reflectance, and the part of the path's that the model may be wrong by.
 NOISE, MODEL_ERROR = 0.0015, 0.01
 #: Part of the light from the surroundings that is not known.
@@ -85,7 +91,7 @@ def cover_spectra(bands: Sequence[Band]) -> Spectra:
     """The covers' spectra in some bands."""
     centre = np.array([band.effective_wavelength for band in bands])
     region = np.where(centre < 720, 0, np.where(centre < 1200, 1, 2))
-    mean = np.array([np.interp(centre, NODES, cover.mean) for cover in COVERS])
+    mean = DARKER * np.array([np.interp(centre, NODES, cover.mean) for cover in COVERS])
     common = np.array([cover.brightness for cover in COVERS])[:, None] * mean
     own = np.array([np.hypot(np.array(c.relative)[region] * m, c.absolute) for c, m in zip(COVERS, mean, strict=True)])
     return Spectra(np.log([cover.weight for cover in COVERS]), mean, common, own)
@@ -107,8 +113,8 @@ def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra
     Returns
     -------
     likelihood : array, shape (cell, trial)
-    unknown : array, shape (cell, trial)
-        Probability that the ground is none of the covers that say anything.
+    covers : array, shape (cover, cell, trial)
+        Probability of each of `COVERS`.
     """
     environment = np.maximum(surface_reflectance(terms, around[:, None]), 0.0)
     rho = surface_reflectance(terms, observed[:, None], environment)
@@ -120,8 +126,7 @@ def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra
     )
     whole = logsumexp(each, axis=0)
     likelihood: Array = whole + np.log(slope).sum(axis=-1)
-    unknown: Array = np.exp(each[-1] - whole)
-    return likelihood, unknown
+    return likelihood, np.exp(each - whole)
 
 
 def _gaussian(rho: Array, error: Array, covers: Spectra, k: int) -> Array:

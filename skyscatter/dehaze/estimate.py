@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from skyscatter.dehaze.dark import cover_spectra, log_likelihood
+from skyscatter.dehaze.dark import ANYTHING, TELLING, cover_spectra, log_likelihood
 from skyscatter.dehaze.hazemap import regularised
 from skyscatter.dehaze.sensing import Gases, with_water
 from skyscatter.dehaze.table import TermsTable
@@ -23,12 +23,12 @@ PRIOR_MEDIAN, PRIOR_SPREAD = 0.14, 0.9
 #: Correlation of what the dark ground of two cells is mistaken by: leaves here are like leaves there.  It keeps a
 #: thousand cells from being as sure as a thousand independent witnesses.
 CORRELATION = 0.3
-#: What the optics of a named model, its profile and the covers leave open in any case: a part of the depth, and a little
+#: What the optics of a named model, its profile and the covers leave open anyhow: a part of the depth, and a little
 #: more.
 MODEL_SPREAD, MODEL_SPREAD_AT_LEAST = 0.07, 0.01
 #: How far the haze may vary within an image: a part of it, and a little more.
 VARIES, VARIES_AT_LEAST = 0.5, 0.03
-#: How usual the models are: over land the single-scattering albedo is mostly near that of the continental one (0.9), and
+#: How usual the models are: over land the single-scattering albedo is mostly near the continental one (0.9), and
 #: the soot of the urban one (0.65) is rare (Dubovik et al. 2002, J. Atmos. Sci. 59, 590).  Dark ground hardly tells
 #: how much an aerosol absorbs, so this matters.
 USUALNESS = {"continental": 0.65, "maritime": 0.25, "urban": 0.10}
@@ -45,11 +45,13 @@ class HazeEstimate:
     aod, sigma : ndarray, shape (large row, large column)
         Optical depth at 550 nm and its standard deviation.
     mean, mean_sigma : float
-        Of the whole image.
+        Of the whole image; the latter with what the models disagree by.
     aerosol : str
         The most probable model.
     probabilities : dict of str to float
         Of the models that were tried.
+    depths : dict of str to float
+        The image's optical depth under each of them.
     uncertain : ndarray of bool, shape (large row, large column)
         Where nothing dark was found and neighbours or the prior stand in.
     notes : tuple of str
@@ -61,6 +63,7 @@ class HazeEstimate:
     mean_sigma: float
     aerosol: str
     probabilities: dict[str, float]
+    depths: dict[str, float]
     uncertain: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
 
@@ -96,20 +99,27 @@ class _Judged:
         self.table = table
         self.depths = trial_depths(float(table.aod[-1]))
         (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles))[:1], gas)
-        self.likelihood, unknown = log_likelihood(observed, around, terms, cover_spectra(table.bands))
+        self.likelihood, covers = log_likelihood(observed, around, terms, cover_spectra(table.bands))
         local = self.likelihood + log_prior(self.depths)
         weight = np.exp(local - logsumexp(local, axis=-1, keepdims=True))
-        self.unknown = (weight * unknown).sum(axis=-1)
+        self.unknown = (weight * covers[ANYTHING]).sum(axis=-1)
+        self.telling = (weight * covers[TELLING].sum(axis=0)).sum(axis=-1)
         # Cells of unknown ground bound the haze from above and vote no further.
         known = np.maximum(1 - self.unknown, 0.02)
         count = known.sum()
         effective = count / (1 + (count - 1) * CORRELATION) if count > 1 else count
-        pooled = (known @ self.likelihood) / count
-        # What leaves or water really look like is the same question in every cell: as evidence for one model of the
-        # aerosol, whose colour it competes with, all cells are one witness.
-        self.evidence = moments(self.depths, pooled + log_prior(self.depths))[2]
-        self.mean, sigma, _ = moments(self.depths, effective * pooled + log_prior(self.depths))
+        pooled = (known @ self.likelihood) * (effective / count)
+        self.mean, sigma, _ = moments(self.depths, pooled + log_prior(self.depths))
         self.sigma = np.sqrt(sigma**2 + (MODEL_SPREAD * self.mean) ** 2 + MODEL_SPREAD_AT_LEAST**2)
+
+    def evidence(self, telling: Array) -> float:
+        """Logarithm of the evidence for the model, by cells of that weight.
+
+        What leaves or water really look like is the same question in every cell: as evidence for one model of the
+        aerosol, whose colour it competes with, all cells are one witness, and none where there is neither.
+        """
+        one = (telling @ self.likelihood) / max(float(telling.sum()), 1.0)
+        return float(moments(self.depths, one + log_prior(self.depths))[2])
 
     def local(self, varies: float) -> tuple[Array, Array]:
         """What cells say by themselves, and how surely: normal laws that turn the image's haze into theirs.
@@ -155,12 +165,16 @@ def estimate(
         even = {name: 1 / len(names) for name in names}
         nothing = np.ones(shape, bool)
         note = "no cell has enough clear pixels: the haze is the prior's"
-        return HazeEstimate(np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, nothing, (note,))
+        same = dict.fromkeys(names, mean)
+        return HazeEstimate(
+            np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, same, nothing, (note,)
+        )
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
     judged = [_Judged(table, observed[:, seen].T, around[:, seen].T, angles[:, seen], here) for table in tables]
     usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
-    evidence = np.array([j.evidence for j in judged]) + np.log(usual)
+    telling = np.mean([j.telling for j in judged], axis=0)
+    evidence = np.array([j.evidence(telling) for j in judged]) + np.log(usual)
     shares = np.exp(evidence - logsumexp(evidence))
     best = judged[int(shares.argmax())]
     notes = []
@@ -177,7 +191,14 @@ def estimate(
         aod, local = regularised(said, spread, mean, varies)
     else:
         aod, local = np.full(shape, mean), np.zeros(shape)
+    means = np.array([float(j.mean) for j in judged])
+    apart = float(np.sqrt(shares @ (means - mean) ** 2))
     return HazeEstimate(
-        aod, np.hypot(local, mean_sigma), mean, mean_sigma, names[int(shares.argmax())],
-        dict(zip(names, (float(s) for s in shares), strict=True)), uncertain, tuple(notes),
+        aod, np.hypot(local, mean_sigma), mean, float(np.hypot(mean_sigma, apart)), names[int(shares.argmax())],
+        named(names, shares), named(names, means), uncertain, tuple(notes),
     )  # fmt: skip
+
+
+def named(names: Sequence[str], values: Array) -> dict[str, float]:
+    """Numbers by name."""
+    return {name: float(value) for name, value in zip(names, values, strict=True)}

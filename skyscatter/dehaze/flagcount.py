@@ -29,6 +29,5 @@ class FlagCount:
         total = max(int(self._bytes.sum()), 1)
         values = np.arange(256)
         return {
-            str(flag.name).lower(): round(int(self._bytes[(values & int(flag)) != 0].sum()) / total, 6)
-            for flag in Flag
+            str(flag.name).lower(): round(int(self._bytes[(values & int(flag)) != 0].sum()) / total, 6) for flag in Flag
         }

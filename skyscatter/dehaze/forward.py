@@ -32,6 +32,9 @@ PATH, DIRECT, DIFFUSE, BACK = range(4)
 #: Bands broader than this share of their wavelength need two wavelengths: beyond it, the path reflectance at the mean
 #: wavelength is 0.1 % off for a law lambda^-4 (10 s^2, with the relative spread s = 0.29 width / wavelength).
 NARROW = 0.035
+#: Wavelength from which light is solved for as unpolarised [nm]: the air's optical depth is below 0.01 there, and what
+#: polarisation changes in the path reflectance 0.0001 at the most (soot, AOD 1).
+UNPOLARISED = 1000.0
 #: Degree of the kept phase functions: one for all amounts of haze, so that terms change smoothly between them.
 DEGREE = 8
 #: The sums over the orders, which stop after a whole number of them, are taken this much finer for the same reason.
@@ -133,7 +136,10 @@ class SolvedAir:
     tolerance : float
         Of the solution, relative.
     stokes : bool
-        Solve for polarised light; without, the blue is up to some 7 % wrong.
+        Solve for polarised light below `UNPOLARISED`; without, the blue is up to some 7 % wrong.
+    like : SolvedAir, optional
+        Solve on the grid of this, made for a thicker haze and the same Sun: the terms then change smoothly between the
+        amounts of haze, where grids of their own would let them jump by some tenths of the tolerance.
     """
 
     def __init__(
@@ -145,17 +151,25 @@ class SolvedAir:
         *,
         tolerance: float = 0.01,
         stokes: bool = True,
+        like: SolvedAir | None = None,
         threads: int | None = None,
     ) -> None:
         from skyscatter.solvers.terms import CorrectionTerms
 
         low, high = sun_zenith_deg
         self.average = average
-        self.solved = CorrectionTerms(
-            Scene(medium=atmosphere.medium(aod)), average.wavelengths, tolerance=tolerance, stokes=stokes,
-            sun_elevations_deg=(90.0 - high, 90.0 - low), degree=DEGREE, orders_tolerance=ORDERS_SHARE * tolerance,
-            threads=threads,
-        )  # fmt: skip
+        scene = Scene(medium=atmosphere.medium(aod))
+        # Each part of the wavelengths with the light that it needs.
+        faint = average.wavelengths >= UNPOLARISED if stokes else np.ones(average.wavelengths.size, bool)
+        self.solved: dict[bool, CorrectionTerms] = {}
+        for polarised, here in ((True, ~faint), (False, faint)):
+            if here.any():
+                self.solved[polarised] = CorrectionTerms(
+                    scene, average.wavelengths[here], tolerance=tolerance, stokes=polarised,
+                    sun_elevations_deg=(90.0 - high, 90.0 - low), degree=DEGREE,
+                    orders_tolerance=ORDERS_SHARE * tolerance, threads=threads,
+                    like=None if like is None else like.solved[polarised],
+                )  # fmt: skip
 
     def terms(self, sun_zenith_deg: ArrayLike, view_zenith_deg: ArrayLike, relative_azimuth_deg: ArrayLike) -> Array:
         """Terms (..., band, term) for angles [degree] of any broadcast shape (...)."""
@@ -165,17 +179,14 @@ class SolvedAir:
         self, sun_zenith_deg: ArrayLike, view_zenith_deg: ArrayLike, relative_azimuth_deg: ArrayLike
     ) -> Array:
         """As `terms`, at the wavelengths of the average: (..., wavelength, term)."""
-        found = self.solved.at(90.0 - np.asarray(sun_zenith_deg, float), view_zenith_deg, relative_azimuth_deg)
-        down = found.transmittance_down
-        return np.stack(
-            [
-                found.path_reflectance,
-                down * found.direct_up,
-                down * (found.transmittance_up - found.direct_up),
-                found.spherical_albedo,
-            ],
-            axis=-1,
-        )
+        elevation = 90.0 - np.asarray(sun_zenith_deg, float)
+        parts = []
+        for solved in self.solved.values():  # the polarised ones are the shorter wavelengths
+            found = solved.at(elevation, view_zenith_deg, relative_azimuth_deg)
+            down, up, direct = found.transmittance_down, found.transmittance_up, found.direct_up
+            each = (found.path_reflectance, down * direct, down * (up - direct), found.spherical_albedo)
+            parts.append(np.stack(each, axis=-1))
+        return np.concatenate(parts, axis=-2)
 
 
 def reflectance_above(terms: Array, surface: ArrayLike, environment: ArrayLike | None = None) -> Array:

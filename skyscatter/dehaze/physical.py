@@ -63,7 +63,6 @@ class Correction:
     secant : callable
         1 / cos(Sun's zenith angle) for rows and columns of pixels; used where the image holds radiance.
     haze : HazeEstimate
-    uncertain : ndarray of bool, shape (large row, large column)
     """
 
     sensing: Sensing
@@ -292,7 +291,14 @@ def find_haze(
     if given_depth(options) is not None:
         depth, name = float(given_depth(options) or 0.0), tables[0].atmosphere.aerosol
         return HazeEstimate(
-            np.full(shape, depth), np.zeros(shape), depth, 0.0, name, {name: 1.0}, np.zeros(shape, bool)
+            np.full(shape, depth),
+            np.zeros(shape),
+            depth,
+            0.0,
+            name,
+            {name: 1.0},
+            {name: depth},
+            np.zeros(shape, bool),
         )
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]

@@ -23,7 +23,12 @@ SUN = ("--sun-zenith", "30", "--sensor", "sentinel-2a", "--scale", "1e-4", "--of
 
 class Summary:
     def to_json(self):
-        return {"aod_550": 0.25}
+        return {
+            "kind": "surface reflectance",
+            "aod": {"source": "estimated", "mean": 0.25, "sigma": 0.03},
+            "aerosol": {"model": "continental"},
+            "remarks": ["a remark"],
+        }
 
 
 @pytest.fixture
@@ -96,7 +101,7 @@ def test_a_raster_with_all_that_can_be_written(engine, raster, tmp_path, capsys)
     assert (options.aod, options.aerosol, options.ozone_du, options.water_vapour_g_cm2) == (0.3, "maritime", 320.0, 1.5)
     assert (options.adjacency, options.ground_height_m, options.window, options.threads) == (False, 120.0, 16, 1)
     summary = json.loads(capsys.readouterr().out)
-    assert summary["aod_550"] == 0.25
+    assert summary["aod"]["mean"] == 0.25
     assert summary["geometry"] == {"sun_zenith_deg": 30.0, "view_zenith_deg": 5.0, "relative_azimuth_deg": 100.0}
     assert summary["bands"] == ["B02", "B03", "B04"]
     with rasterio.open(tmp_path / "out.tif") as file, rasterio.open(raster) as before:
