@@ -7,7 +7,7 @@ import pytest
 from dehaze_tables import air_of, bands_of, ground, made_up_table, seen_from_above
 
 from skyscatter.dehaze.coefficients import Corrector, gain_and_offset
-from skyscatter.dehaze.dark import COVERS, cover_spectra, log_likelihood
+from skyscatter.dehaze.dark import ANYTHING, COVERS, cover_spectra, log_likelihood
 from skyscatter.dehaze.estimate import PRIOR_MEDIAN, HazeEstimate, estimate, log_prior, moments, trial_depths
 from skyscatter.dehaze.forward import Atmosphere, reflectance_above
 from skyscatter.dehaze.kernels.correct import correct
@@ -36,13 +36,13 @@ def test_a_covers_own_spectrum_is_most_likely_under_the_haze_above_it(table, cov
     trials = trial_depths(2.0)
     _, at = air_of(table, SUN)
     observed = reflectance_above(at(np.array([aod])), mean[None])
-    likelihood, unknown = log_likelihood(observed, observed, at(trials[None])[0][None], covers)
+    likelihood, kinds = log_likelihood(observed, observed, at(trials[None])[0][None], covers)
     best = int(likelihood[0].argmax())
     # The brightness of the ground gives way as well, and other covers compete: one pixel knows the depth to some 0.1,
     # and the truth lies within two standard deviations, where a normal law is lower by 2.
     assert likelihood[0, np.abs(trials - aod).argmin()] > likelihood[0, best] - 2.0
     assert abs(trials[best] - aod) < 0.3 * aod + 0.1
-    assert unknown[0, best] < 0.5
+    assert kinds[ANYTHING, 0, best] < 0.5
     assert COVERS[cover].name in ("leaves", "clear water", "turbid water")
 
 
@@ -61,8 +61,8 @@ def test_ground_that_is_no_cover_is_said_to_be_unknown(table, covers):
     _, at = air_of(table, SUN)
     bright = np.array([0.45, 0.45, 0.45, 0.45, 0.05, 0.04])  # snow
     observed = reflectance_above(at(np.array([0.1])), bright[None])
-    _, unknown = log_likelihood(observed, bright[None], at(np.array([[0.1]]))[0][None], covers)
-    assert unknown[0, 0] > 0.99
+    _, kinds = log_likelihood(observed, bright[None], at(np.array([[0.1]]))[0][None], covers)
+    assert kinds[ANYTHING, 0, 0] > 0.99
 
 
 def test_moments_of_a_normal_law():
@@ -164,9 +164,13 @@ def test_cells_without_data_take_what_the_others_say(table):
 # --- coefficients
 
 
-def known_haze(lattice, aod):
-    shape = lattice.large_shape
-    return HazeEstimate(np.full(shape, aod), np.zeros(shape), aod, 0.0, "continental", {}, np.zeros(shape, bool))
+def known_haze(lattice, aod, sigma=0.0):
+    """The haze as if it had been found so, under one model."""
+    shape, name = lattice.large_shape, "continental"
+    return HazeEstimate(
+        aod=np.full(shape, aod), sigma=np.full(shape, sigma), mean=aod, mean_sigma=sigma, aerosol=name,
+        probabilities={name: 1.0}, depths={name: aod}, uncertain=np.zeros(shape, bool),
+    )  # fmt: skip
 
 
 def corrected(table, toa, aod, surroundings, lattice, **columns):
@@ -241,10 +245,7 @@ def test_the_errors_of_the_haze_are_those_of_a_finite_step(table):
     corrector = Corrector(lattice, angles, gas, toa, lambda own: np.full_like(own, np.nanmean(own)))
 
     def solution(aod, sigma=0.0):
-        haze = HazeEstimate(
-            np.full(shape, aod), np.full(shape, sigma), aod, sigma, "continental", {}, np.zeros(shape, bool)
-        )
-        c = corrector.coefficients(table, None, haze)
+        c = corrector.coefficients(table, None, known_haze(lattice, aod, sigma))
         return c, c.gain * toa + c.offset
 
     c, _ = solution(0.4, 0.05)
