@@ -142,14 +142,15 @@ def above_atmosphere(
     toa = values[list(sensing.places)]
     if sensing.factors is not None:
         rows, cols = (start + 0.5 + np.arange(n) for start, n in zip((row0, col0), flags.shape, strict=True))
+        sun = secant(rows, cols).astype(np.float32)
         toa *= sensing.factors[list(sensing.places), None, None].astype(np.float32)
-        toa *= secant(rows, cols).astype(np.float32)
+        toa *= sun
     with np.errstate(invalid="ignore"):
         mark(flags, masks.clouds(toa, air, roles), Flag.CLOUD)
         if sensing.cirrus is not None:
             high = values[sensing.cirrus]
             if sensing.factors is not None:
-                high = high * np.float32(sensing.factors[sensing.cirrus])
+                high = high * np.float32(sensing.factors[sensing.cirrus]) * sun
             thin = np.nan_to_num(np.maximum(high - np.float32(CIRRUS_NONE), np.float32(0)), nan=0.0)
             mark(flags, thin > 0, Flag.CIRRUS)
             mark(flags, thin > CIRRUS_THICK, Flag.CLOUD)
