@@ -157,13 +157,20 @@ def test_no_aerosol_is_no_haze(quick):
 
 
 def test_radiance_and_reflectance_are_the_same_image(quick):
-    toa = hazy(64, 64, cloud=False)
-    given = {"bands": ALL, "aod": 0.25, "sensor": "sentinel-2a", "sun_zenith_deg": SUN, "adjacency": False}
+    """With cirrus on the right, which is told by its own band and taken off."""
+    names = (*ALL, "B10")
+    toa = np.concatenate([hazy(64, 64, cloud=False), np.full((1, 64, 64), 0.001, np.float32)])
+    toa[:, :, 40:] += 0.02
+    given = {"bands": names, "aod": 0.25, "sensor": "sentinel-2a", "sun_zenith_deg": SUN, "adjacency": False}
     expected = skyscatter.dehaze(toa, quantity="reflectance", **given)
-    irradiance = 1e3 * np.array([band.solar_irradiance for band in bands_of(*ALL)])[:, None, None]
+    irradiance = 1e3 * np.array([band.solar_irradiance for band in bands_of(*names)])[:, None, None]
     radiance = toa * np.cos(np.radians(SUN)) * irradiance / np.pi
     found = skyscatter.dehaze(radiance.astype(np.float32), quantity="radiance", **given)
-    np.testing.assert_allclose(found.reflectance, expected.reflectance, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(found.reflectance[:-1], expected.reflectance[:-1], rtol=0, atol=2e-6)
+    cirrus = (found.mask[0] & Flag.CIRRUS) != 0
+    np.testing.assert_array_equal(cirrus, (expected.mask[0] & Flag.CIRRUS) != 0)
+    assert cirrus[:, 40:].all()
+    assert not cirrus[:, :40].any()
     assert any("the date is unknown" in note for note in found.diagnostics["remarks"])
 
 

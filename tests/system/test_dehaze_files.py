@@ -41,7 +41,7 @@ def quick(monkeypatch):
 
 def scene(bands, height, width):
     """Surface and what a satellite sees of it under haze, each pixel its own surroundings."""
-    table = made_up_table(Atmosphere(aerosol="continental"), bands, Angles.spanned(SUN, 0.0, 0.0))
+    table = made_up_table(Atmosphere(aerosol="urban"), bands, Angles.spanned(SUN, 0.0, 0.0))
     surface = ground(bands, height, width)
     return surface, seen_from_above(table, surface, AOD, SUN)
 
@@ -108,7 +108,23 @@ def check_maps(files, surface, bands):
 def test_a_safe_folder_becomes_surface_reflectance(safe, tmp_path, aod, size):
     product, surface = safe
     files, words = outputs(tmp_path)
-    assert main(["dehaze", str(product), *words, "--aod", aod, "--no-adjacency", "--resolution", str(size)]) == 0
+    assert (
+        main(
+            [
+                "dehaze",
+                str(product),
+                *words,
+                "--aod",
+                aod,
+                "--aerosol",
+                "urban",
+                "--no-adjacency",
+                "--resolution",
+                str(size),
+            ]
+        )
+        == 0
+    )
     with rasterio.open(files["out"]) as file:
         assert file.descriptions == made.S2_BANDS
         assert file.crs.to_epsg() == 32632
@@ -141,7 +157,7 @@ def test_a_safe_folder_becomes_surface_reflectance(safe, tmp_path, aod, size):
 def test_a_landsat_folder_becomes_surface_reflectance(landsat, tmp_path):
     product, surface = landsat
     files, words = outputs(tmp_path)
-    assert main(["dehaze", str(product), *words, "--aod", "0.2", "--no-adjacency"]) == 0
+    assert main(["dehaze", str(product), *words, "--aod", "0.2", "--aerosol", "urban", "--no-adjacency"]) == 0
     names = ("B1", "B2", "B3", "B4", "B5", "B6", "B7", "B9")
     with rasterio.open(files["out"]) as file:
         assert file.descriptions == names
@@ -154,6 +170,19 @@ def test_a_landsat_folder_becomes_surface_reflectance(landsat, tmp_path):
     assert np.median(error) < 0.003
     assert np.all(sigma[:7, 8:] > 0)
     assert note["sensor"] == "landsat-8"
+
+
+def test_the_result_of_radiance_is_not_written_with_its_scale(landsat, tmp_path):
+    out = tmp_path / "out.tif"
+    given = ["--quantity", "radiance", "--aod", "0.2", "--aerosol", "urban", "--no-adjacency", "--bands", "B2,B3,B4"]
+    assert main(["dehaze", str(landsat[0]), "-o", str(out), *given, "--quiet"]) == 0
+    with open_raster(landsat[0]) as source, rasterio.open(out) as file:
+        assert source.profile.dtype == "uint16"
+        assert (file.dtypes, file.scales, file.offsets) == (("float32",) * 3, (1.0,) * 3, (0.0,) * 3)
+        values = file.read()
+    assert np.isnan(values[:, :8, :9]).all()
+    assert np.isfinite(values[:, 8:]).all()
+    assert values[:, 8:].max() < 2
 
 
 def with_responses(safe, unit):
@@ -303,7 +332,8 @@ def test_an_interrupt_in_the_middle_leaves_nothing(tmp_path):
         "sys.exit(main(sys.argv[1:]))\n"
     )
     words = ["dehaze", str(tmp_path / "in.tif"), "-o", str(tmp_path / "out.tif"), "--sigma", str(tmp_path / "s.tif")]
-    command = [sys.executable, "-c", code, os.path.dirname(made.__file__), *words, *TOLD, "--window", "64", "--quiet"]
+    words += [*TOLD, "--no-adjacency", "--window", "64", "--quiet"]
+    command = [sys.executable, "-c", code, os.path.dirname(made.__file__), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         for _ in range(3):
             assert process.stdout.readline() == "at work\n"
