@@ -28,6 +28,9 @@ CORRELATION = 0.3
 MODEL_SPREAD, MODEL_SPREAD_AT_LEAST = 0.07, 0.01
 #: How far the haze may vary within an image: a part of it, and a little more.
 VARIES, VARIES_AT_LEAST = 0.5, 0.03
+#: Width of the law under which cells are asked whether the haze varies by more, and the part of the tried range beyond
+#: which it has not been found.
+FREELY, NEAR_THE_END = 0.7, 0.85
 #: How usual the models are: over land the single-scattering albedo is mostly near the continental one (0.9), and
 #: the soot of the urban one (0.65) is rare (Dubovik et al. 2002, J. Atmos. Sci. 59, 590).  Dark ground hardly tells
 #: how much an aerosol absorbs, so this matters.
@@ -121,19 +124,37 @@ class _Judged:
         one = (telling @ self.likelihood) / max(float(telling.sum()), 1.0)
         return float(moments(self.depths, one + log_prior(self.depths))[2])
 
-    def local(self, varies: float) -> tuple[Array, Array]:
+    def local(self, centre: float, varies: float) -> tuple[Array, Array]:
         """What cells say by themselves, and how surely: normal laws that turn the image's haze into theirs.
 
-        A cell's density times that of the image's haze, which varies by `varies`, has a mean and a variance; divided by
-        the latter's normal law they are the cell's own.  Infinite variance where a cell only says what was known.
+        A cell's density times that of the image's haze, which varies by `varies` about `centre`, has a mean and a
+        variance; divided by the latter's normal law they are the cell's own.  Infinite variance where a cell only says
+        what was known.
         """
-        image = -0.5 * ((self.depths - self.mean) / varies) ** 2
+        image = -0.5 * ((self.depths - centre) / varies) ** 2
         mean, spread, _ = moments(self.depths, self.likelihood + image)
         precision = 1 / spread**2 - 1 / varies**2
         tells = (precision > 0.05 / varies**2) & (self.unknown < UNKNOWN)
         safe = np.where(tells, precision, 1.0)
-        said = np.where(tells, (mean / spread**2 - self.mean / varies**2) / safe, self.mean)
+        said = np.where(tells, (mean / spread**2 - centre / varies**2) / safe, centre)
         return said, np.where(tells, 1 / np.sqrt(safe), np.inf)
+
+    def variation(self) -> tuple[float, float]:
+        """About what, and by how much, the haze varies within the image.
+
+        By a part of itself, unless the cells, each for itself, differ by more than they err: then by that, about their
+        mean, since one depth for all would follow the clearer ones.
+        """
+        usual = VARIES * float(self.mean) + VARIES_AT_LEAST
+        said, spread = self.local(float(self.mean), FREELY)
+        known = np.isfinite(spread)
+        if known.sum() < 4:
+            return float(self.mean), usual
+        weight = 1 / (spread[known] ** 2 + usual**2)
+        centre = float(weight @ said[known] / weight.sum())
+        scatter = float(weight @ (said[known] - centre) ** 2 / weight.sum())
+        between = np.sqrt(max(scatter - float(np.median(spread[known] ** 2)), 0.0))
+        return (centre, float(between)) if between > usual else (float(self.mean), usual)
 
 
 def estimate(
@@ -184,15 +205,19 @@ def estimate(
     uncertain[seen] = ~dark
     if not dark.any():
         notes.append("nothing dark was recognised: the haze is little more than the prior's")
+    if mean > NEAR_THE_END * best.depths[-1]:
+        uncertain[:] = True
+        notes.append(f"haze at the end of the range that is tried, {best.depths[-1]:g}: too thick, or snow everywhere")
     if vary:
-        varies = VARIES * mean + VARIES_AT_LEAST
-        said, spread = np.full(shape, mean), np.full(shape, np.inf)
-        said[seen], spread[seen] = best.local(varies)
-        aod, local = regularised(said, spread, mean, varies)
+        centre, varies = best.variation()
+        said, spread = np.full(shape, centre), np.full(shape, np.inf)
+        said[seen], spread[seen] = best.local(centre, varies)
+        aod, local = regularised(said, spread, centre, varies)
+        mean = float(aod.mean())
     else:
         aod, local = np.full(shape, mean), np.zeros(shape)
     means = np.array([float(j.mean) for j in judged])
-    apart = float(np.sqrt(shares @ (means - mean) ** 2))
+    apart = float(np.sqrt(shares @ (means - float(best.mean)) ** 2))
     return HazeEstimate(
         aod, np.hypot(local, mean_sigma), mean, float(np.hypot(mean_sigma, apart)), names[int(shares.argmax())],
         named(names, shares), named(names, means), uncertain, tuple(notes),

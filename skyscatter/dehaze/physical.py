@@ -305,7 +305,7 @@ def find_haze(
     above = gas.above.reshape(*shape, -1)[..., use]
     above = np.moveaxis(above, -1, 0)
     lit = seen.mean.astype(float)
-    if pixel is not None:
+    if pixel is not None and options.adjacency:
         # Blurred before it is corrected: the air adds to all alike, and takes from all alike.
         lit = spread_by(tables[0], sensing, FIRST_GUESS, angles, pixel * seen.lattice.small)(lit)
     around = at_dark_pixels(seen, lit)[use] / above
