@@ -7,7 +7,7 @@ is linear in rho_toa once the surroundings rho_env are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,8 @@ class Coefficients:
     Attributes
     ----------
     gain, offset, bend : (band, small row, small column)
-    haze, model : (2, band, small row, small column)
+    haze : (2, band, small row, small column)
+    model : (model, 2, band, small row, small column)
     floor : (band, small row, small column)
     relative : (band,)
     aod, aod_sigma : (small row, small column)
@@ -93,55 +94,58 @@ class Corrector:
         self.above = self._fine(gases.above)
 
     def coefficients(
-        self, table: TermsTable, other: tuple[TermsTable, float] | None, haze: HazeEstimate
+        self, table: TermsTable, others: Sequence[tuple[TermsTable, float]] | None, haze: HazeEstimate
     ) -> Coefficients:
-        """Coefficients under the best aerosol model, with what the haze and another model may change.
+        """Coefficients of the aerosol models' mean, with what the haze and the models may change.
 
         Parameters
         ----------
         table : TermsTable
-        other : (TermsTable, float), optional
-            The next best model and the probability that it is right.
+            Of the best model.
+        others : sequence of (TermsTable, float), optional
+            Of the other models, and the probabilities that they are right.
         haze : HazeEstimate
         """
-        terms, slopes = (self._fine(t) for t in with_water(table.at(haze.aod.ravel(), *self.angles), self.gases))
-        gain, offset = gain_and_offset(terms, self.above, self._around(terms))
+        others = others or ()
+        best = 1.0 - sum(share for _, share in others)
+        models = [(table, best), *others]
+        # Each model sees another amount of haze in the same dark pixels.
+        own = max(haze.depths[haze.aerosol], 1e-6)
+        scales = [haze.depths[t.atmosphere.aerosol] / own for t, _ in models]
+        terms = [self._terms(t, scale * haze.aod)[0] for (t, _), scale in zip(models, scales, strict=True)]
+        solved = [np.stack(gain_and_offset(t, self.above, self._around(t))) for t in terms]
+        shares = np.array([share for _, share in models])
+        mean = np.asarray(np.tensordot(shares, np.stack(solved), (0, 0)))
+        apart = [np.sqrt(share) * (one - mean) for share, one in zip(shares, solved, strict=True) if share < 1]
         sigma = self.lattice.to_small(haze.sigma)
-        # A finite step: the haze changes the surroundings too, of which a derivative would know nothing.
-        step = 0.01
-        more = terms + step * slopes
-        changed = gain_and_offset(more, self.above, self._around(more))
-        by_haze = np.stack([(c - was) / step * sigma for c, was in zip(changed, (gain, offset), strict=True)])
-        by_model = np.zeros_like(by_haze)
-        if other is not None:
-            # The other model sees another amount of the haze in the same dark pixels.
-            scale = haze.depths[other[0].atmosphere.aerosol] / max(haze.depths[haze.aerosol], 1e-6)
-            theirs = self._fine(with_water(other[0].at(scale * haze.aod.ravel(), *self.angles), self.gases)[0])
-            changed = gain_and_offset(theirs, self.above, self._around(theirs))
-            share = np.sqrt(other[1])
-            by_model = np.stack([share * (c - was) for c, was in zip(changed, (gain, offset), strict=True)])
-        through = terms[..., DIRECT] + terms[..., DIFFUSE]
+        by_haze = self._slope(table, haze, solved[0]) * sigma
+        through = terms[0][..., DIRECT] + terms[0][..., DIFFUSE]
         contrast = np.nanstd(self.mean / self.above, axis=(1, 2))[:, None, None] / through
-        scattered_in = AROUND_ERROR * terms[..., DIFFUSE] / terms[..., DIRECT] * contrast
-        floor = np.hypot(np.hypot(table.error, PATH_ERROR * terms[..., PATH]) / through, scattered_in)
-        bend = terms[..., BACK] if self.surroundings is None else np.zeros((len(gain), 0, 0))
-        aod = self.lattice.to_small(haze.aod)
+        scattered_in = AROUND_ERROR * terms[0][..., DIFFUSE] / terms[0][..., DIRECT] * contrast
+        floor = np.hypot(np.hypot(table.error, PATH_ERROR * terms[0][..., PATH]) / through, scattered_in)
+        none = np.zeros((len(through), 0, 0))
+        bends = none if self.surroundings is not None else np.tensordot(shares, [t[..., BACK] for t in terms], (0, 0))
+        by_model = np.stack(apart) if apart else np.zeros((0, *mean.shape))
+        relative = np.hypot(self.gases.relative, WAY_ERROR)
+        aod = float(shares @ scales) * self.lattice.to_small(haze.aod)
         return Coefficients(
-            *(
-                single(a)
-                for a in (
-                    gain,
-                    offset,
-                    bend,
-                    by_haze,
-                    by_model,
-                    floor,
-                    np.hypot(self.gases.relative, WAY_ERROR),
-                    aod,
-                    sigma,
-                )
-            )
+            *(single(a) for a in (mean[0], mean[1], bends, by_haze, by_model, floor, relative, aod, sigma))
         )
+
+    def _terms(self, table: TermsTable, aod: Array) -> list[Array]:
+        """Terms of small cells, and their slopes over the haze, with the water vapour in them."""
+        return [self._fine(t) for t in with_water(table.at(aod.ravel(), *self.angles), self.gases)]
+
+    def _slope(self, table: TermsTable, haze: HazeEstimate, solved: Array) -> Array:
+        """Change of gain and offset per optical depth.
+
+        By a finite step: the haze changes the surroundings too, of which a derivative would know nothing.
+        """
+        step = 0.01
+        terms, slopes = self._terms(table, haze.aod)
+        more = terms + step * slopes
+        changed = np.stack(gain_and_offset(more, self.above, self._around(more)))
+        return (changed - solved) / step
 
     def _fine(self, values: Array) -> Array:
         """From large cells (place, band, ...) to small ones (band, row, column, ...)."""

@@ -158,7 +158,12 @@ class _Judged:
 
 
 def estimate(
-    tables: Sequence[TermsTable], observed: Array, around: Array, angles: Array, gas: Gases, vary: bool = True
+    tables: Sequence[TermsTable],
+    observed: Array,
+    around: Array | Sequence[Array],
+    angles: Array,
+    gas: Gases,
+    vary: bool = True,
 ) -> HazeEstimate:
     """Haze by the darkest pixels of all cells, under any of some aerosol models.
 
@@ -168,8 +173,8 @@ def estimate(
         One for each aerosol model, of the same bands and angles.
     observed : array, shape (band, large row, large column)
         Dark spectra above the scattering air (ozone and mixed gases divided out); NaN where there is nothing to judge.
-    around : array, shape (band, large row, large column)
-        The same of what lies around.
+    around : array or sequence of array, shape (band, large row, large column)
+        The same of what lies around, as the air of each model spreads it; one for all of them where it hardly differs.
     angles : array, shape (3, large row, large column)
         Zenith angles of Sun and view, relative azimuth [degree].
     gas : Gases
@@ -178,7 +183,8 @@ def estimate(
         Whether the haze may vary over the image.
     """
     shape = observed.shape[1:]
-    seen = np.isfinite(observed).all(axis=0) & np.isfinite(around).all(axis=0)
+    near_by = [around] * len(tables) if isinstance(around, np.ndarray) else list(around)
+    seen = np.isfinite(observed).all(axis=0) & np.isfinite(near_by).all(axis=(0, 1))
     names = [table.atmosphere.aerosol for table in tables]
     if not seen.any():
         mean = float(PRIOR_MEDIAN * np.exp(0.5 * PRIOR_SPREAD**2))
@@ -192,7 +198,10 @@ def estimate(
         )
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
-    judged = [_Judged(table, observed[:, seen].T, around[:, seen].T, angles[:, seen], here) for table in tables]
+    judged = [
+        _Judged(table, observed[:, seen].T, lit[:, seen].T, angles[:, seen], here)
+        for table, lit in zip(tables, near_by, strict=True)
+    ]
     usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
     telling = np.mean([j.telling for j in judged], axis=0)
     evidence = np.array([j.evidence(telling) for j in judged]) + np.log(usual)
@@ -217,7 +226,9 @@ def estimate(
     else:
         aod, local = np.full(shape, mean), np.zeros(shape)
     means = np.array([float(j.mean) for j in judged])
-    apart = float(np.sqrt(shares @ (means - float(best.mean)) ** 2))
+    apart = float(np.sqrt(shares @ (means - shares @ means) ** 2))
+    # What is told of the whole image is the mean over the models; the map is that of the best.
+    mean *= float(shares @ means) / max(float(best.mean), 1e-6)
     return HazeEstimate(
         aod, np.hypot(local, mean_sigma), mean, float(np.hypot(mean_sigma, apart)), names[int(shares.argmax())],
         named(names, shares), named(names, means), uncertain, tuple(notes),

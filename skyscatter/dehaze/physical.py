@@ -181,13 +181,12 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
     )  # fmt: skip
     pixel = options.pixel_size_m or pixel_size(source)
     haze = find_haze(tables, seen, sensing, gas, angles, pixel, options)
-    order = sorted(tables, key=lambda t: -haze.probabilities[t.atmosphere.aerosol])
-    best = order[0]
-    other = (order[1], haze.probabilities[order[1].atmosphere.aerosol]) if len(order) > 1 else None
+    best = next(t for t in tables if t.atmosphere.aerosol == haze.aerosol)
+    others = [(t, haze.probabilities[t.atmosphere.aerosol]) for t in tables if t is not best]
     around, note = neighbourhood(sensing, lattice, best, haze, angles, pixel, options)
     corrector = Corrector(lattice, angles, gas, seen.mean, around)
     correction = Correction(
-        sensing, lattice, corrector.coefficients(best, other, haze), roles, air, secant, haze
+        sensing, lattice, corrector.coefficients(best, others, haze), roles, air, secant, haze
     )  # fmt: skip
     progress(AFTER_ESTIMATE)
     notes = [*sensing.notes, *haze.notes, *note]
@@ -305,10 +304,13 @@ def find_haze(
     above = gas.above.reshape(*shape, -1)[..., use]
     above = np.moveaxis(above, -1, 0)
     lit = seen.mean.astype(float)
-    if pixel is not None and options.adjacency:
+    around = []
+    for table in tables:
         # Blurred before it is corrected: the air adds to all alike, and takes from all alike.
-        lit = spread_by(tables[0], sensing, FIRST_GUESS, angles, pixel * seen.lattice.small)(lit)
-    around = at_dark_pixels(seen, lit)[use] / above
+        blurred = lit
+        if pixel is not None and options.adjacency:
+            blurred = spread_by(table, sensing, FIRST_GUESS, angles, pixel * seen.lattice.small)(lit)
+        around.append(at_dark_pixels(seen, blurred)[use] / above)
     return estimate([only(t, use) for t in tables], seen.dark[use] / above, around, angles, gas_of(gas, use))
 
 

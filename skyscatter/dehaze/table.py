@@ -33,7 +33,7 @@ MOST_SOLUTIONS = 12  #: over the optical depth
 GREATEST_ANGLE = 85.0  #: of Sun and view from the zenith [degree]
 #: Ranges of angles are widened to whole multiples of this, so that neighbouring scenes share a table [degree].
 ROUND_TO = 0.5
-FORMAT = 3  #: of the kept files; rises with every change of what they mean
+FORMAT = 2  #: of the kept files; rises with every change of what they mean
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from skyscatter.dehaze import masks
 from skyscatter.dehaze.flagcount import FlagCount
 from skyscatter.dehaze.flags import Flag
 from skyscatter.dehaze.gather import ENOUGH, Gathered, at_dark_pixels, look
-from skyscatter.dehaze.hazemap import ROUNDED, STEP, curvature, neighbours, regularised
+from skyscatter.dehaze.hazemap import ROUNDED, curvature, neighbours, regularised
 from skyscatter.dehaze.kernels.correct import correct, spread
 from skyscatter.dehaze.lattice import LEAST_LARGE, MOST_LARGE, MOST_SMALL, Lattice, linear_weights
 from skyscatter.dehaze.rasters.windows import windows
@@ -188,9 +188,9 @@ def test_the_error_of_the_map_is_the_curvature_of_the_sum():
     rng = np.random.default_rng(5)
     shape = (30, 25)
     said, sigma = 0.3 + 0.05 * rng.standard_normal(shape), rng.uniform(0.03, 0.2, shape)
-    found, error = regularised(said, sigma, 0.3, 0.2)
+    found, error = regularised(said, sigma, 0.3, 0.2, step=0.02)
     first, second = neighbours(shape)
-    weight = 1 / (STEP * np.sqrt((found.ravel()[first] - found.ravel()[second]) ** 2 + ROUNDED**2))
+    weight = 1 / (0.02 * np.sqrt((found.ravel()[first] - found.ravel()[second]) ** 2 + ROUNDED**2))
     matrix = curvature((1 / sigma**2 + 1 / 0.2**2).ravel(), first, second, weight).toarray()
     expected = np.sqrt(np.diag(np.linalg.inv(matrix))).reshape(shape)
     # Single variances are off by a third, means of 25 by a fifteenth; at corners they mix what differs by a tenth.
@@ -210,7 +210,7 @@ def test_a_front_stays_sharp_and_noise_is_smoothed():
     truth = np.where(np.arange(40) < 20, 0.15, 0.45) * np.ones((40, 1))
     noise = 0.03
     said = truth + noise * rng.standard_normal(truth.shape)
-    found, error = regularised(said, np.full(truth.shape, noise), 0.3, 0.3)
+    found, error = regularised(said, np.full(truth.shape, noise), 0.3, 0.3, step=0.02)
     # Two thirds of the noise at least are gone, and of the step of 0.3 no more than that noise.
     assert (found - truth)[:, :19].std() < noise / 3
     jump = found[:, 20] - found[:, 19]
@@ -281,7 +281,8 @@ def test_the_spread_is_that_of_finite_differences(bend):
     rng = np.random.default_rng(4)
     shape, size, cells = (12, 10), 4, (3, 3)
     gain, offset, curve = coefficients(rng, 2, cells, bend)
-    haze, model = (rng.uniform(-0.01, 0.01, (2, 2, *cells)).astype(np.float32) for _ in range(2))
+    haze = rng.uniform(-0.01, 0.01, (2, 2, *cells)).astype(np.float32)
+    models = rng.uniform(-0.01, 0.01, (3, 2, 2, *cells)).astype(np.float32)
     floor, relative = rng.uniform(0, 0.004, (2, *cells)).astype(np.float32), np.array([0.01, 0.03], np.float32)
     values = rng.uniform(0.2, 0.6, (2, *shape)).astype(np.float32)
 
@@ -293,16 +294,16 @@ def test_the_spread_is_that_of_finite_differences(bend):
         return net / (1 + pixels_of(curve, shape, size) * net) if bend else net
 
     usual = corrected()
-    parts = [(corrected(by) - usual) / 1e-4 for by in (haze, model)]
+    parts = [(corrected(by) - usual) / 1e-4 for by in (haze, *models)]
     parts.append((corrected(extra=1e-4 * pixels_of(floor, shape, size)) - usual) / 1e-4)
     net = pixels_of(gain, shape, size) * values + pixels_of(offset, shape, size)
     parts.append((corrected(extra=1e-4 * relative[:, None, None] * net) - usual) / 1e-4)
     expected = np.sqrt(sum(part**2 for part in parts))
     out = np.empty_like(values)
-    spread(values, 0, 0, size, gain, offset, curve, haze, model, floor, relative, out)
+    spread(values, 0, 0, size, gain, offset, curve, haze, models, floor, relative, out)
     # One-sided steps of 1e-4 of what is at most 0.02: second order is below 1e-5 of the result.
     np.testing.assert_allclose(out, expected, rtol=1e-4, atol=1e-8)
     part = np.ascontiguousarray(values[:, 3:, 2:])
     again = np.empty_like(part)
-    spread(part, 3, 2, size, gain, offset, curve, haze, model, floor, relative, again)
+    spread(part, 3, 2, size, gain, offset, curve, haze, models, floor, relative, again)
     np.testing.assert_array_equal(again, out[:, 3:, 2:])

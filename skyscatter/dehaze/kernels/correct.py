@@ -76,8 +76,10 @@ def spread(values, row0, col0, size, gain, offset, bend, haze, model, floor, rel
     ----------
     values, row0, col0, size, gain, offset, bend
         As for `correct`.
-    haze, model : float32 (2, band, row, column)
-        Factor of the value, and constant, of the deviations that the haze and the choice of the aerosol may cause.
+    haze : float32 (2, band, row, column)
+        Factor of the value, and constant, of the deviation that the haze may cause.
+    model : float32 (model, 2, band, row, column)
+        The same of those that models of the aerosol cause, each times the root of the model's probability.
     floor : float32 (band, row, column)
         Deviation that is always there.
     relative : float32 (band,)
@@ -99,7 +101,8 @@ def spread(values, row0, col0, size, gain, offset, bend, haze, model, floor, rel
                 w00, w01, w10, w11 = (1 - f) * (1 - s), (1 - f) * s, f * (1 - s), f * s
                 v = values[b, y, x]
                 total = 0.0
-                for table in (haze, model):
+                for m in range(-1, model.shape[0]):
+                    table = haze if m < 0 else model[m]
                     a = (
                         w00 * (table[0, b, j, i] * v + table[1, b, j, i])
                         + w01 * (table[0, b, j, n] * v + table[1, b, j, n])
