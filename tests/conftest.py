@@ -45,6 +45,14 @@ def no_network() -> Iterator[None]:
     patch.undo()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep results of this session in a folder of its own: none of an earlier version, none in the user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SKYSCATTER_CACHE", str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def reference() -> Path:
     """Folder of reference files (tables by other codes, measured skies); the test is skipped without it."""

@@ -40,7 +40,8 @@ def file_of(kind: str, description: str) -> Path:
 def load(path: Path) -> dict[str, NDArray[np.float64]] | None:
     """Arrays of a kept result; None where there is none or it cannot be read, for it can be computed again."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # Opened here, for numpy leaves a broken archive open.
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, KeyError, BadZipFile):
         return None

@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 #: Relative error of the path reflectance: of the solver, of optics and profile of a model that is otherwise right.
-PATH_ERROR = 0.01
+PATH_ERROR = 0.006
 #: Relative error of the way down and up: of the same.
 WAY_ERROR = 0.005
-#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the image's edge, under
+#: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the image, under
 #: clouds, and in the spread function.
-AROUND_ERROR = 0.2
+AROUND_ERROR = 0.1
 
 
 @dataclass

@@ -66,6 +66,9 @@ COVERS = (
         0.70, (0.40, 0.40, 0.50), 0.05,
     ),
 )  # fmt: skip
+#: Those whose spectra are known well enough to tell the colour of a haze by, and the last, which tells nothing.
+TELLING = np.array([cover.name in ("leaves", "clear water", "turbid water") for cover in COVERS])
+ANYTHING = len(COVERS) - 1
 #: Noise of a mean of dark pixels in reflectance, and the part of the path's that the model may be wrong by.
 NOISE, MODEL_ERROR = 0.0015, 0.01
 #: Part of the light from the surroundings that is not known.
@@ -107,8 +110,8 @@ def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra
     Returns
     -------
     likelihood : array, shape (cell, trial)
-    unknown : array, shape (cell, trial)
-        Probability that the ground is none of the covers that say anything.
+    covers : array, shape (cover, cell, trial)
+        Probability of each of `COVERS`.
     """
     environment = np.maximum(surface_reflectance(terms, around[:, None]), 0.0)
     rho = surface_reflectance(terms, observed[:, None], environment)
@@ -120,8 +123,7 @@ def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra
     )
     whole = logsumexp(each, axis=0)
     likelihood: Array = whole + np.log(slope).sum(axis=-1)
-    unknown: Array = np.exp(each[-1] - whole)
-    return likelihood, unknown
+    return likelihood, np.exp(each - whole)
 
 
 def _gaussian(rho: Array, error: Array, covers: Spectra, k: int) -> Array:

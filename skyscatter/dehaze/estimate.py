@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from skyscatter.dehaze.dark import cover_spectra, log_likelihood
+from skyscatter.dehaze.dark import ANYTHING, TELLING, cover_spectra, log_likelihood
 from skyscatter.dehaze.hazemap import regularised
 from skyscatter.dehaze.sensing import Gases, with_water
 from skyscatter.dehaze.table import TermsTable
@@ -23,11 +23,15 @@ PRIOR_MEDIAN, PRIOR_SPREAD = 0.14, 0.9
 #: Correlation of what the dark ground of two cells is mistaken by: leaves here are like leaves there.  It keeps a
 #: thousand cells from being as sure as a thousand independent witnesses.
 CORRELATION = 0.3
-#: What the optics of a named model, its profile and the covers leave open in any case: a part of the depth, and a little
+#: What the optics of a named model, its profile and the covers leave open anyhow: a part of the depth, and a little
 #: more.
 MODEL_SPREAD, MODEL_SPREAD_AT_LEAST = 0.07, 0.01
 #: How far the haze may vary within an image: a part of it, and a little more.
 VARIES, VARIES_AT_LEAST = 0.5, 0.03
+#: How usual the models are: over land the single-scattering albedo is mostly near the continental one (0.9), and
+#: the soot of the urban one (0.65) is rare (Dubovik et al. 2002, J. Atmos. Sci. 59, 590).  Dark ground hardly tells
+#: how much an aerosol absorbs, so this matters.
+USUALNESS = {"continental": 0.65, "maritime": 0.25, "urban": 0.10}
 #: A cell whose ground is probably unknown says nothing that can be relied on.
 UNKNOWN = 0.5
 
@@ -92,17 +96,27 @@ class _Judged:
         self.table = table
         self.depths = trial_depths(float(table.aod[-1]))
         (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles))[:1], gas)
-        self.likelihood, unknown = log_likelihood(observed, around, terms, cover_spectra(table.bands))
+        self.likelihood, covers = log_likelihood(observed, around, terms, cover_spectra(table.bands))
         local = self.likelihood + log_prior(self.depths)
         weight = np.exp(local - logsumexp(local, axis=-1, keepdims=True))
-        self.unknown = (weight * unknown).sum(axis=-1)
+        self.unknown = (weight * covers[ANYTHING]).sum(axis=-1)
+        self.telling = (weight * covers[TELLING].sum(axis=0)).sum(axis=-1)
         # Cells of unknown ground bound the haze from above and vote no further.
         known = np.maximum(1 - self.unknown, 0.02)
         count = known.sum()
         effective = count / (1 + (count - 1) * CORRELATION) if count > 1 else count
         pooled = (known @ self.likelihood) * (effective / count)
-        self.mean, sigma, self.evidence = moments(self.depths, pooled + log_prior(self.depths))
+        self.mean, sigma, _ = moments(self.depths, pooled + log_prior(self.depths))
         self.sigma = np.sqrt(sigma**2 + (MODEL_SPREAD * self.mean) ** 2 + MODEL_SPREAD_AT_LEAST**2)
+
+    def evidence(self, telling: Array) -> float:
+        """Logarithm of the evidence for the model, by cells of that weight.
+
+        What leaves or water really look like is the same question in every cell: as evidence for one model of the
+        aerosol, whose colour it competes with, all cells are one witness, and none where there is neither.
+        """
+        one = (telling @ self.likelihood) / max(float(telling.sum()), 1.0)
+        return float(moments(self.depths, one + log_prior(self.depths))[2])
 
     def local(self, varies: float) -> tuple[Array, Array]:
         """What cells say by themselves, and how surely: normal laws that turn the image's haze into theirs.
@@ -152,7 +166,9 @@ def estimate(
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
     judged = [_Judged(table, observed[:, seen].T, around[:, seen].T, angles[:, seen], here) for table in tables]
-    evidence = np.array([j.evidence for j in judged])
+    usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
+    telling = np.mean([j.telling for j in judged], axis=0)
+    evidence = np.array([j.evidence(telling) for j in judged]) + np.log(usual)
     shares = np.exp(evidence - logsumexp(evidence))
     best = judged[int(shares.argmax())]
     notes = []

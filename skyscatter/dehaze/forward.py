@@ -134,6 +134,9 @@ class SolvedAir:
         Of the solution, relative.
     stokes : bool
         Solve for polarised light; without, the blue is up to some 7 % wrong.
+    like : SolvedAir, optional
+        Solve on the grid of this, made for a thicker haze and the same Sun: the terms then change smoothly between the
+        amounts of haze, where grids of their own would let them jump by some tenths of the tolerance.
     """
 
     def __init__(
@@ -145,16 +148,17 @@ class SolvedAir:
         *,
         tolerance: float = 0.01,
         stokes: bool = True,
+        like: SolvedAir | None = None,
         threads: int | None = None,
     ) -> None:
         from skyscatter.solvers.terms import CorrectionTerms
 
         low, high = sun_zenith_deg
         self.average = average
-        self.solved = CorrectionTerms(
+        self.solved: CorrectionTerms = CorrectionTerms(
             Scene(medium=atmosphere.medium(aod)), average.wavelengths, tolerance=tolerance, stokes=stokes,
             sun_elevations_deg=(90.0 - high, 90.0 - low), degree=DEGREE, orders_tolerance=ORDERS_SHARE * tolerance,
-            threads=threads,
+            like=like.solved if like is not None else None, threads=threads,
         )  # fmt: skip
 
     def terms(self, sun_zenith_deg: ArrayLike, view_zenith_deg: ArrayLike, relative_azimuth_deg: ArrayLike) -> Array:

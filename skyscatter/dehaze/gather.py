@@ -112,16 +112,15 @@ def look(values: Values, clear: NDArray[np.bool_], visible: list[int], lattice: 
         Bands by whose sum dark is judged.
     lattice : Lattice
     """
-    masked = np.where(clear, values, np.float32(np.nan))
-    known = np.isfinite(values).all(axis=0)
-    mean = cell_means(np.where(known, values, np.float32(np.nan)), lattice.small)
+    mean = cell_means(values, lattice.small)
     step = max(1, int(np.ceil(lattice.large / np.sqrt(MOST_LOOKED_AT))))
     # Of each large cell the same pixels, wherever the window begins.
     rows, cols = (
         np.flatnonzero(np.arange(n) % lattice.large % step == step // 2 if step > 1 else np.ones(n, bool))
         for n in values.shape[1:]
     )
-    sample = masked[:, rows[:, None], cols]
+    sample = values[:, rows[:, None], cols]
+    sample[:, ~clear[rows[:, None], cols]] = np.nan
     dark, pixels, chosen = darkest(sample, rows // lattice.large, cols // lattice.large, visible)
     where = np.zeros(mean.shape[1:], np.int64)
     np.add.at(where, (rows[chosen[0]] // lattice.small, cols[chosen[1]] // lattice.small), 1)
@@ -129,17 +128,19 @@ def look(values: Values, clear: NDArray[np.bool_], visible: list[int], lattice: 
 
 
 def cell_means(values: Values, size: int) -> Values:
-    """Means over cells (band, row, column) of what is not NaN; NaN where all is."""
+    """Means over cells (band, row, column) of pixels that hold data in all bands; NaN where there are none."""
     bands, height, width = values.shape
+    known = np.isfinite(values).all(axis=0)
+    whole = bool(known.all())
     if size == 1:
-        return values.copy()
+        return values.copy() if whole else np.where(known, values, np.float32(np.nan))
     rows, cols = np.arange(0, height, size), np.arange(0, width, size)
-    known = np.isfinite(values[0])
     count = np.add.reduceat(np.add.reduceat(known, rows, axis=0, dtype=np.int64), cols, axis=1)
     out = np.empty((bands, rows.size, cols.size), np.float32)
     for k in range(bands):
-        filled = np.where(known, values[k], np.float32(0))
-        total = np.add.reduceat(np.add.reduceat(filled, rows, axis=0, dtype=float), cols, axis=1)
+        filled = values[k] if whole else np.where(known, values[k], np.float32(0))
+        # Rows of cells first: that runs along memory.
+        total = np.add.reduceat(np.add.reduceat(filled, rows, axis=0), cols, axis=1, dtype=float)
         out[k] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     return out
 

@@ -33,7 +33,7 @@ MOST_SOLUTIONS = 12  #: over the optical depth
 GREATEST_ANGLE = 85.0  #: of Sun and view from the zenith [degree]
 #: Ranges of angles are widened to whole multiples of this, so that neighbouring scenes share a table [degree].
 ROUND_TO = 0.5
-FORMAT = 1  #: of the kept files; rises with every change of what they mean
+FORMAT = 2  #: of the kept files; rises with every change of what they mean
 
 
 @dataclass(frozen=True)
@@ -244,8 +244,9 @@ class _Builder:
         else:
             first = BENDS_AT * np.expm1(lobatto(0.0, float(np.log1p(GREATEST_AOD / BENDS_AT)), FIRST_NODES))
             wanted = [float(d) for d in first] if aod is None else [0.8 * aod, aod, 1.2 * aod]
-        # The thickest haze has the sharpest angles, clear air the brightest limb in the blue.
-        for depth in {wanted[-1], wanted[0]}:
+        # The thickest haze has the sharpest angles, clear air the brightest limb in the blue.  The thickest comes
+        # first, for all others are solved on its grid.
+        for depth in dict.fromkeys((wanted[-1], wanted[0])):
             self.refine_angles(depth)
         table = {depth: self.terms(depth) for depth in wanted}
         if aod is None and len(wanted) > 1:
@@ -264,8 +265,9 @@ class _Builder:
         """The solution for an amount of haze."""
         if aod not in self.solved:
             self.solved[aod] = SolvedAir(
-                self.atmosphere, aod, self.average, self.angles.sun_zenith, stokes=self.stokes, threads=self.threads
-            )
+                self.atmosphere, aod, self.average, self.angles.sun_zenith, stokes=self.stokes,
+                like=next(iter(self.solved.values()), None), threads=self.threads,
+            )  # fmt: skip
             self.progress(min(len(self.solved) / (FIRST_NODES + 2), 0.95))
         return self.solved[aod]
 

@@ -21,6 +21,7 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
+from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
@@ -73,14 +74,15 @@ def solve_once(
     ground_radiance: float = 0.0,
     degree: int | None = None,
     orders_tolerance: float | None = None,
+    grid: Grid | None = None,
 ) -> Solution:
     """One solution on one grid.
 
     Phase functions are kept to a given degree, or to one that suits the tolerance; the sum over the orders stops by a
-    tolerance of its own where one is given.
+    tolerance of its own where one is given, and a grid may be given as for `make_problem`.
     """
     problem = make_problem(
-        scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, cut_peaks=max_order != 1
+        scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid
     )
     sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, orders_tolerance or tolerance, max_order, progress))

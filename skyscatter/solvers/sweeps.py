@@ -139,10 +139,12 @@ def make_problem(
     ground_radiance: float = 0.0,
     degree: int | None = None,
     cut_peaks: bool = True,
+    grid: grids.Grid | None = None,
 ) -> Problem:
     """Tables and grid for a scene with the Sun between two zenith angles [rad].
 
-    Without `cut_peaks` forward peaks stay where they are: right for the first order alone.
+    Without `cut_peaks` forward peaks stay where they are: right for the first order alone.  A grid that is given must
+    have been made for the same top, Suns and degree.
     """
     if scene.ground.map is not None:
         raise DomainError("ground.map", "a map", "the solver orders knows a uniform ground only; use solver path")
@@ -165,7 +167,7 @@ def make_problem(
     greek = chi * optics.sigma_s[:, None, None, :] * ((2 * np.arange(kept + 1) + 1) / (4 * np.pi))[:, None]
     sigma_t = optics.sigma_t - peak * optics.sigma_s
     whole, cut = _first_tables(matrix, greek, optics.sigma_s)
-    grid = make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
+    grid = grid or make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
@@ -366,6 +368,7 @@ def sum_orders(
         total, total_flux = moments.copy(), flux.copy()
         change_before, shrinks_before = 1.0, 1.0
         previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
+        previous_flux = flux.copy()
         # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
         last = MOST_ORDERS if max_order is None else max_order - 1
         left, order = 1.0, 1
@@ -381,7 +384,11 @@ def sum_orders(
                 new_sum = total[:, :, 0] + moments[:, :, 0] * ratio / (1 - ratio)
                 visible = new_sum > FAINTEST * new_sum.max()
                 change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
-                previous_sum = new_sum
+                # Where the ground shines, what comes down on it is a small part of the light there: fluxes count too.
+                new_flux = total_flux + flux * (ratio / (1 - ratio))[:, None]
+                most = np.maximum(new_flux.max(axis=0), FLOOR)
+                change = max(change, float(np.max(np.abs(new_flux - previous_flux) / most)))
+                previous_sum, previous_flux = new_sum, new_flux
                 # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
                 # The worse of two: after one step that was huge, because an order outshone the one before, the next
                 # is small beside it and means nothing.

@@ -62,6 +62,14 @@ class CorrectionTerms:
         Degree to which phase functions are kept.  Where many atmospheres are to be compared, the same for all.
     orders_tolerance : float, optional
         Relative accuracy of the sums over the orders of scattering, where it is to be finer than that of the grid.
+    like : CorrectionTerms, optional
+        Solve on the grid of these terms, so that the errors of both are alike and their difference is smooth: of an
+        atmosphere of the same extent, better a thicker one, for the same Sun, tolerance and degree.
+
+    Raises
+    ------
+    DomainError
+        For values out of range, and where `like` has another extent, Sun or degree.
     """
 
     def __init__(
@@ -74,24 +82,32 @@ class CorrectionTerms:
         stokes: bool = False,
         degree: int | None = None,
         orders_tolerance: float | None = None,
+        like: CorrectionTerms | None = None,
         threads: int | None = None,
     ) -> None:
         self.wavelengths = check_wavelengths(wavelengths)
+        self.degree: int | None = degree
         self.scene = scene.model_copy(update={"ground": Ground(albedo=0.0)})
         self.zenith = zenith_range(self.scene, sun_elevations_deg, tolerance)
         dark = self.scene.model_copy(
             update={"star": scene.star.model_copy(update={"spectrum": 0.0}), "background": 0.0}
         )
         tolerance, workers = min(tolerance, LOOSEST), worker_count(threads)
+        if like is not None:
+            mine, other = ((t.scene.medium.radius, t.scene.medium.top, t.zenith) for t in (self, like))
+            if mine != other or degree != like.degree:
+                raise DomainError("like", other, f"terms for the same planet, top, Sun {mine} and degree {degree}")
+        grids = (None, None) if like is None else (like.black.problem.grid, like.shining.problem.grid)
         #: Sunlight over a black ground.
         self.black: Solution = solve_once(
             self.scene, self.wavelengths, self.zenith, tolerance, stokes, None, workers,
-            degree=degree, orders_tolerance=orders_tolerance,
+            degree=degree, orders_tolerance=orders_tolerance, grid=grids[0],
         )  # fmt: skip
         #: The light of a ground that shines by itself: one Sun position stands for all, so a finer grid costs little.
         self.shining: Solution = solve_once(
             dark, self.wavelengths, (0.5, 0.5), SHINING_SHARE * tolerance, stokes, None, workers, ground_radiance=1.0,
             degree=self.black.problem.diffuse.greek.shape[2] - 1, orders_tolerance=orders_tolerance or tolerance,
+            grid=grids[1],
         )  # fmt: skip
 
     def at(

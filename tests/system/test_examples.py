@@ -12,6 +12,7 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WRITES = {
     "air_mass.py": (),
+    "clear_ground.py": (),
     "first_sky.py": ("first_sky.png",),
     "neutral_points.py": ("neutral_points.png",),
     "own_nebula.py": ("own_nebula.png", "own_nebula.fits"),

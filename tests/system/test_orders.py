@@ -315,6 +315,37 @@ def test_correction_terms_refuse_what_they_do_not_know() -> None:
             terms.at(*arguments)
 
 
+@pytest.mark.parametrize("depth", [1.0, 1.2])
+def test_what_comes_back_to_a_shining_ground_has_settled(depth: float) -> None:
+    """The spherical albedo is a few per cent of the light at the ground: its series must have ended as well."""
+    air = AIR.model_copy(update={"optics": RayleighPowerLaw(coefficient=1.2e-5, wavelength=660.0)})
+    optics = Particles(optical_depth=depth, single_scattering_albedo=0.9, phase=HenyeyGreenstein(g=0.65))
+    scene = scene_of(air, HAZE.model_copy(update={"optics": optics}))
+    back = [
+        skyscatter.CorrectionTerms(
+            scene, [WAVELENGTH], sun_elevations_deg=(50.0, 50.0), tolerance=0.01, degree=8, orders_tolerance=share
+        ).at(50.0, 0.0).spherical_albedo[0]
+        for share in (0.002, 5e-5)
+    ]  # fmt: skip
+    assert back[0] == pytest.approx(back[1], rel=0.002)
+
+
+def test_correction_terms_on_a_common_grid() -> None:
+    thick = HAZE.model_copy(update={"optics": HAZE.optics.model_copy(update={"optical_depth": 0.6})})
+    more = {"sun_elevations_deg": (40.0, 50.0), "tolerance": 0.01, "degree": 6}
+    like = skyscatter.CorrectionTerms(scene_of(AIR, thick), WAVELENGTHS, **more)
+    own, common = (
+        skyscatter.CorrectionTerms(scene_of(AIR, HAZE), WAVELENGTHS, **more, like=which) for which in (None, like)
+    )
+    assert common.black.problem.grid is like.black.problem.grid
+    assert common.shining.problem.grid is like.shining.problem.grid
+    for mine, other in zip(own.at(45.0, [0.0, 50.0], 70.0), common.at(45.0, [0.0, 50.0], 70.0), strict=True):
+        np.testing.assert_allclose(mine, other, rtol=0.01)  # the tolerance of both
+    for changed in ({"sun_elevations_deg": (40.0, 45.0)}, {"degree": 8}):
+        with pytest.raises(DomainError, match="like"):
+            skyscatter.CorrectionTerms(scene_of(AIR, HAZE), WAVELENGTHS, **{**more, **changed}, like=like)
+
+
 # Other solvers
 
 

@@ -7,7 +7,7 @@ import pictures
 import pytest
 from pydantic import ValidationError
 
-from skyscatter.dehaze.flags import Flag as flag
+from skyscatter.dehaze.flags import Flag
 from skyscatter.dehaze.picture.lattice import new_lattice
 from skyscatter.dehaze.picture.options import PictureOptions
 from skyscatter.dehaze.picture.transfer import decode, encode, tables
@@ -178,7 +178,7 @@ def test_clouds_keep_their_structure_and_are_flagged():
     inside = np.hypot(x - 96, y - 96) < 30
     hazy[:, inside] = cloud[inside]
     out, flags = fit_picture(hazy).apply(hazy)
-    assert np.all(flags[inside] & (flag.CLOUD | flag.SATURATED))
+    assert np.all(flags[inside] & (Flag.CLOUD | Flag.SATURATED))
     line = out[0, 96, 97:125]
     assert out.max() <= 1.0
     assert np.all(np.diff(line) < 0)
@@ -192,8 +192,8 @@ def test_no_data_and_saturated_pixels_are_flagged_and_left_out(hazy_city):
     veil = fit_picture(holed)
     out, flags = veil.apply(holed)
     assert np.all(np.isnan(out[:, :30]))
-    assert np.all(flags[:30] == flag.NODATA)
-    assert flags[100, 100] & flag.SATURATED
+    assert np.all(flags[:30] == Flag.NODATA)
+    assert flags[100, 100] & Flag.SATURATED
     assert np.all(np.isfinite(out[:, 30:]))
     assert out[:, 30:].min() >= 0.0
     assert veil.depth[-1].mean() == pytest.approx(plain.depth.mean(), abs=0.15)
@@ -205,12 +205,12 @@ def test_pictures_of_nothing_come_back_as_they_are(value):
     out, flags = fit_picture(flat).apply(flat)
     assert out.shape == flat.shape
     if np.isnan(value):
-        assert np.all(flags == flag.NODATA)
+        assert np.all(flags == Flag.NODATA)
         assert np.all(np.isnan(out))
     else:
         assert np.all((out >= 0.0) & (out <= 1.0))
     if value >= 0.97:
-        assert np.all(flags & (flag.CLOUD | flag.SATURATED))
+        assert np.all(flags & (Flag.CLOUD | Flag.SATURATED))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 300), (3, 5), (257, 130)])
