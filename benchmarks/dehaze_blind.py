@@ -121,7 +121,7 @@ def band_table(scenes: Sequence[Scene]) -> str:
     columns = []
     for setting in SETTINGS:
         found = [scene.of[setting] for scene in scenes]
-        good = pooled(j.good for j in found).mean(axis=1)
+        good = pooled(j.good.astype(float) for j in found).mean(axis=1)
         columns.append((*apu(pooled(j.error for j in found)), good))
     rows = []
     for k, wl in enumerate(scenes[0].bands):

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 WIDTH = 2.0  #: of the bands that stand for single wavelengths [nm]; Rayleigh's depth is then its own within 1e-5
 #: What is asked of a retrieval: an error of at most these, and this part of the reflectance more.
 WANTED, WANTED_PART = 0.005, 0.05
-NO_GASES = {"ozone_du": 0.0, "water_vapour_g_cm2": 0.0}
+NO_GASES: dict[str, Any] = {"ozone_du": 0.0, "water_vapour_g_cm2": 0.0}
 
 
 class BlindSource(ArraySource):

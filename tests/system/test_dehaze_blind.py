@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from dehaze_judged import given, judge, with_true_surroundings
 from dehaze_scenes import BlindScene, render
 
