@@ -68,7 +68,14 @@ def dehaze(
     sigma: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the standard uncertainty of every band: .tif.")
     ] = None,
-    mask: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the mask of flags: .tif.")] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also write the mask, .tif; bits: 1 no data, 2 saturated, 4 cloud, 8 cirrus, 16 water, "
+            "32 shadow, 64 negative and set to 0, 128 haze uncertain.",
+        ),
+    ] = None,
     quicklook: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a picture of before and after, side by side: .png.")
     ] = None,
@@ -80,7 +87,11 @@ def dehaze(
     ] = None,
     bands: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="Bands by name, colour or number, with commas; red=3 says what band 3 is."),
+        typer.Option(
+            metavar="NAMES",
+            help="Bands by name, colour or number, with commas; red=3 says what band 3 is; one name for each band if "
+            "the file names none.",
+        ),
     ] = None,
     sun_zenith: Annotated[
         str | None,

@@ -116,15 +116,41 @@ def entrance(source: RasterSource, options: DehazeOptions) -> str:
 
 
 def _source(image: Any, reading: SourceOptions) -> RasterSource:
-    """The source of an image; names for all bands of a plain array are the names of its bands."""
+    """The source of an image; plain arrays are told their bands' names, and keep their masks."""
     from skyscatter.dehaze.rasters.arrays import ArraySource
     from skyscatter.dehaze.rasters.opening import as_source
 
-    plain = not isinstance(image, RasterSource) and not hasattr(image, "dims") and hasattr(image, "ndim")
-    names = reading.bands
-    if plain and names is not None and image.ndim == 3 and len(names) == len(image) and "=" not in "".join(names):
-        return ArraySource(image, reading.model_copy(update={"bands": None}), names=names)
-    return as_source(image, reading)
+    if isinstance(image, (list, tuple)):
+        image = np.asarray(image)
+    if not isinstance(image, np.ndarray):
+        return as_source(image, reading)
+    names = checked_names(image, reading)
+    opaque = None
+    if isinstance(image, np.ma.MaskedArray):
+        hidden = np.ma.getmaskarray(image)
+        opaque = ~(hidden.any(axis=0) if image.ndim == 3 else hidden)
+        image = np.ma.getdata(image)
+    if names is not None:
+        reading = reading.model_copy(update={"bands": None})
+    return ArraySource(image, reading, names=names, alpha=opaque)
+
+
+def checked_names(image: Any, reading: SourceOptions) -> tuple[str, ...] | None:
+    """Names of all bands of a plain array; None where `bands` chooses among them, or where none are needed."""
+    names, count = reading.bands, 1 if image.ndim == 2 else len(image)
+    if names is None:
+        if reading.sensor is not None and image.ndim == 3:
+            rule = f"an array does not say which bands of {reading.sensor} it holds; name them, in the array's order"
+            raise DomainError("bands", None, rule)
+        return None
+    if any("=" in word or word.isdecimal() for word in names):
+        return None
+    if len(names) != count:
+        turned = image.ndim == 3 and len(names) == image.shape[-1]
+        hint = "; np.moveaxis(image, -1, 0) turns (y, x, band) into it" if turned else ""
+        rule = f"the array is (band, y, x) of {count} band{'s' * (count != 1)}; give one name for each{hint}"
+        raise DomainError("bands", ", ".join(names), rule)
+    return names
 
 
 def array_sinks(source: RasterSource) -> dict[str, Any]:

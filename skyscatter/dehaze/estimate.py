@@ -132,11 +132,13 @@ class _Judged:
         what was known.
         """
         image = -0.5 * ((self.depths - centre) / varies) ** 2
+        # Of the law as far as it lies within the depths that are tried.
+        before, before_spread, _ = moments(self.depths, image)
         mean, spread, _ = moments(self.depths, self.likelihood + image)
-        precision = 1 / spread**2 - 1 / varies**2
-        tells = (precision > 0.05 / varies**2) & (self.unknown < UNKNOWN)
+        precision = 1 / spread**2 - 1 / before_spread**2
+        tells = (precision > 0.05 / before_spread**2) & (self.unknown < UNKNOWN)
         safe = np.where(tells, precision, 1.0)
-        said = np.where(tells, (mean / spread**2 - centre / varies**2) / safe, centre)
+        said = np.where(tells, (mean / spread**2 - before / before_spread**2) / safe, centre)
         return said, np.where(tells, 1 / np.sqrt(safe), np.inf)
 
     def variation(self) -> tuple[float, float]:

@@ -50,7 +50,8 @@ def dehaze_lazy(
         def work(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> NDArray[Any]:
             return correct(row0, col0, values, flags, wanted)[name]
 
-        return apply_dask(array, work, reading, names=names, flags=True)
+        # Without a name of the image's, dask would give it one of its own.
+        return apply_dask(array, work, reading, names=names, flags=True).rename(array.name)
 
     mask = layer("mask", ["flags"])
     # Bits are exact in the float32 of the windows.

@@ -1,8 +1,8 @@
 """Which pixels show the ground: clouds, water and shadow by their reflectances.
 
-Clouds: bright, nearly white, brighter in the blue than haze over ground makes it, and not snow.  Whiteness, the haze
-optimised transform and the snow index with their thresholds are those of Zhu & Woodcock 2012 (Remote Sens. Environ.
-118, 83, eqs. 2, 3 and 1); the brightness in the blue keeps thick haze, which can be corrected, from counting as cloud.
+Clouds: bright, nearly white, brighter in the blue than haze over ground makes it, and not snow.  Whiteness and the haze
+optimised transform with their thresholds are those of Zhu & Woodcock 2012 (Remote Sens. Environ. 118, 83, eqs. 2 and
+3), the snow index is theirs with a stricter threshold; the brightness in the blue keeps thick haze, which can be corrected, from counting as cloud.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def clouds(values: Values, air: NDArray[np.float32], roles: BandRoles) -> Mask:
         Path reflectance of the air without haze.
     roles : BandRoles
     """
-    if not roles.visible:
+    if len(roles.visible) < 2:  # one band does not tell white from bright
         return np.zeros(values.shape[1:], bool)
     net = [values[k] - air[k] for k in roles.visible]
     mean = sum(net) / np.float32(len(net))

@@ -22,7 +22,7 @@ from skyscatter.dehaze.options import DehazeOptions
 from skyscatter.dehaze.pixelsize import pixel_size
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows
-from skyscatter.dehaze.sensing import Gases, Sensing, gases, sense
+from skyscatter.dehaze.sensing import OZONE_DU, WATER_VAPOUR, Gases, Sensing, gases, sense
 from skyscatter.dehaze.table import GREATEST_AOD, Angles, TermsTable, build_table
 
 Array = NDArray[np.float64]
@@ -377,6 +377,8 @@ def summary(
         },
         "aerosol": {"model": haze.aerosol, "probabilities": {k: round(v, 4) for k, v in haze.probabilities.items()}},
         "pressure_hpa": round(pressure, 2),
+        "ozone_du": OZONE_DU if options.ozone_du is None else options.ozone_du,
+        "water_vapour_g_cm2": WATER_VAPOUR if options.water_vapour_g_cm2 is None else options.water_vapour_g_cm2,
         "interpolation_error": round(table.error, 6),
         "cells_without_dark_ground": round(float(haze.uncertain.mean()), 4),
         "corrected_bands": [band.name for band in sensing.bands],

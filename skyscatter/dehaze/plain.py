@@ -43,7 +43,9 @@ def shown_bands(source: RasterSource) -> list[int]:
     found = source.rgb()
     if found is None:
         have = ", ".join(band.name for band in source.bands)
-        rule = f"{source.name} does not say which of {have} are red, green and blue; give --bands red=1,green=2,blue=3"
+        rule = (
+            f"{source.name} does not say which of {have} are red, green and blue; name the bands, red=1,green=2,blue=3"
+        )
         raise DomainError("bands", len(source.bands), rule)
     return list(found)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.dehaze.bands import Band, load_sensor, sensor_names
-from skyscatter.dehaze.forward import DIFFUSE, DIRECT, PATH
+from skyscatter.dehaze.forward import DIFFUSE, DIRECT, PATH, STANDARD_PRESSURE
 from skyscatter.dehaze.gases import gas_transmittance
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.errors import DomainError
@@ -158,6 +158,11 @@ class Gases:
     relative: Array
 
 
+def usual_water(pressure_hpa: float) -> float:
+    """Column of water vapour above ground of that pressure [g cm-2]: its scale height is a quarter of the air's."""
+    return WATER_VAPOUR * (pressure_hpa / STANDARD_PRESSURE) ** 4
+
+
 def gases(
     bands: Sequence[Band],
     sun_zenith: Array,
@@ -168,7 +173,7 @@ def gases(
 ) -> Gases:
     """What gases leave of the light, at places (place,)."""
     ozone = OZONE_DU if ozone_du is None else ozone_du
-    water = WATER_VAPOUR if water_vapour is None else water_vapour
+    water = usual_water(pressure_hpa) if water_vapour is None else water_vapour
     doubts = (
         (OZONE_GUESS if ozone_du is None else COLUMN_KNOWN) * ozone,
         (WATER_GUESS if water_vapour is None else COLUMN_KNOWN) * water,

@@ -33,7 +33,7 @@ MOST_SOLUTIONS = 12  #: over the optical depth
 GREATEST_ANGLE = 85.0  #: of Sun and view from the zenith [degree]
 #: Ranges of angles are widened to whole multiples of this, so that neighbouring scenes share a table [degree].
 ROUND_TO = 0.5
-FORMAT = 2  #: of the kept files; rises with every change of what they mean
+FORMAT = 3  #: of the kept files; rises with every change of what they mean
 
 
 @dataclass(frozen=True)
@@ -244,6 +244,8 @@ class _Builder:
         else:
             first = BENDS_AT * np.expm1(lobatto(0.0, float(np.log1p(GREATEST_AOD / BENDS_AT)), FIRST_NODES))
             wanted = [float(d) for d in first] if aod is None else [0.8 * aod, aod, 1.2 * aod]
+        # Whatever the angles: all others are solved on the grid of the thickest.
+        self.air(wanted[-1])
         # The thickest haze has the sharpest angles, clear air the brightest limb in the blue.  The thickest comes
         # first, for all others are solved on its grid.
         for depth in dict.fromkeys((wanted[-1], wanted[0])):

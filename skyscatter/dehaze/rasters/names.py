@@ -172,11 +172,14 @@ def choose_bands(bands: Sequence[RasterBand], wanted: Sequence[str] | None) -> l
         All that there are.
     wanted : sequence of str, optional
         Names, roles or numbers from 1 of the bands to take, in that order; or ``name=number``, which says what a band
-        is called: ``red=3``.  All bands but alpha if not given.
+        is called: ``red=3``.  One name for each band of a file that names none of them says what all are called.  All
+        bands but alpha if not given.
     """
     if wanted is None:
         return [(place, band) for place, band in enumerate(bands) if band.role != "alpha"]
     chosen: list[tuple[int, RasterBand]] = []
+    if _names_of_all(bands, wanted):
+        wanted = [f"{name}={number}" for number, name in enumerate(wanted, 1)]
     for word in wanted:
         name, equals, number = (part.strip() for part in word.partition("="))
         key = number if equals else name
@@ -197,3 +200,11 @@ def choose_bands(bands: Sequence[RasterBand], wanted: Sequence[str] | None) -> l
     if not chosen:
         raise DomainError("bands", "", "name at least one band")
     return chosen
+
+
+def _names_of_all(bands: Sequence[RasterBand], words: Sequence[str]) -> bool:
+    """Whether words are new names for all bands, in order, of a file that says nothing of them."""
+    silent = all(band.description is None and band.wavelength_nm is None for band in bands)
+    known = {band.name.lower() for band in bands} | {band.role for band in bands}
+    new = all(not word.isdecimal() and "=" not in word and word.lower() not in known for word in words)
+    return silent and new and len(words) == len(bands)

@@ -63,6 +63,9 @@ def as_source(image: Any, options: SourceOptions | None = None) -> RasterSource:
         return image
     if isinstance(image, (str, Path)):
         return open_raster(image, options)
+    if hasattr(image, "data_vars"):
+        rule = "give one of its arrays, dataset['name'], or all of them as bands, dataset.to_dataarray('band')"
+        raise DomainError("image", type(image).__name__, rule)
     if hasattr(image, "dims") and hasattr(image, "coords"):
         return XarraySource(image, options)
     return ArraySource(image, options)
