@@ -237,6 +237,16 @@ def estimate(
     )  # fmt: skip
 
 
+def as_given(names: Sequence[str], depth: float, shape: tuple[int, int]) -> HazeEstimate:
+    """A known amount of haze, of models as probable as they are usual."""
+    usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
+    shares = usual / usual.sum()
+    return HazeEstimate(
+        np.full(shape, depth), np.zeros(shape), depth, 0.0, names[int(shares.argmax())], named(names, shares),
+        dict.fromkeys(names, depth), np.zeros(shape, bool),
+    )  # fmt: skip
+
+
 def named(names: Sequence[str], values: Array) -> dict[str, float]:
     """Numbers by name."""
     return {name: float(value) for name, value in zip(names, values, strict=True)}

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 ITERATIONS = 30
 #: Step of optical depth below which differences count by their square.
 ROUNDED = 0.004
-#: t: a step between cells that costs as much as an error of one standard deviation.
+#: t: a step of that height between two cells costs as much as two errors of one standard deviation.
 STEP = 0.08
 BLURRED = 5  #: cells over which such variances are averaged
 APART = 12  #: cells between those whose variances are asked for together

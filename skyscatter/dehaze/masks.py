@@ -2,7 +2,8 @@
 
 Clouds: bright, nearly white, brighter in the blue than haze over ground makes it, and not snow.  Whiteness and the haze
 optimised transform with their thresholds are those of Zhu & Woodcock 2012 (Remote Sens. Environ. 118, 83, eqs. 2 and
-3), the snow index is theirs with a stricter threshold; the brightness in the blue keeps thick haze, which can be corrected, from counting as cloud.
+3), the snow index is theirs with a stricter threshold; the brightness in the blue keeps thick haze, which can be
+corrected, from counting as cloud.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skyscatter.dehaze import masks
 from skyscatter.dehaze.coefficients import Coefficients, Corrector
-from skyscatter.dehaze.estimate import HazeEstimate, estimate
+from skyscatter.dehaze.estimate import HazeEstimate, as_given, estimate
 from skyscatter.dehaze.flagcount import FlagCount
 from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
@@ -22,7 +22,7 @@ from skyscatter.dehaze.options import DehazeOptions
 from skyscatter.dehaze.pixelsize import pixel_size
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows
-from skyscatter.dehaze.sensing import OZONE_DU, WATER_VAPOUR, Gases, Sensing, gases, sense
+from skyscatter.dehaze.sensing import OZONE_DU, Gases, Sensing, gases, sense, usual_water
 from skyscatter.dehaze.table import GREATEST_AOD, Angles, TermsTable, build_table
 
 Array = NDArray[np.float64]
@@ -30,8 +30,6 @@ Values = NDArray[np.float32]
 
 #: Aerosol models that are tried where none is named: each answers for a colour and a darkness of haze of its own.
 TRIED = ("continental", "maritime", "urban")
-#: Model that is taken where the amount is given and its kind is not.
-USUAL = "continental"
 #: The cirrus band holds this part of what thin cirrus adds at other wavelengths (vapour above it takes the rest), and
 #: how surely: Gao et al. 1998 (J. Geophys. Res. 103, 32169) find 0.7 to 1 over scenes.
 CIRRUS_SEEN = 0.85
@@ -190,6 +188,8 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
     )  # fmt: skip
     progress(AFTER_ESTIMATE)
     notes = [*sensing.notes, *haze.notes, *note]
+    if options.pressure_hpa is None and options.ground_height_m is None:
+        notes.append("the ground is taken to lie at sea level (1013 hPa): give its pressure or height if it does not")
     return correction, summary(haze, best, sensing, options, pressure, notes)
 
 
@@ -204,7 +204,7 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
     if options.aerosol != "auto":
         names: tuple[str, ...] = (options.aerosol,)
     else:
-        names = TRIED if known is None else (USUAL,)
+        names = TRIED
     tables = []
     for k, name in enumerate(names):
         atmosphere = Atmosphere(aerosol=name, pressure_hpa=pressure)
@@ -288,18 +288,9 @@ def find_haze(
 ) -> HazeEstimate:
     """The haze as given, or as the dark pixels have it."""
     shape = seen.lattice.large_shape
-    if given_depth(options) is not None:
-        depth, name = float(given_depth(options) or 0.0), tables[0].atmosphere.aerosol
-        return HazeEstimate(
-            np.full(shape, depth),
-            np.zeros(shape),
-            depth,
-            0.0,
-            name,
-            {name: 1.0},
-            {name: depth},
-            np.zeros(shape, bool),
-        )
+    known = given_depth(options)
+    if known is not None:
+        return as_given([t.atmosphere.aerosol for t in tables], known, shape)
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]
     above = np.moveaxis(above, -1, 0)
@@ -378,7 +369,9 @@ def summary(
         "aerosol": {"model": haze.aerosol, "probabilities": {k: round(v, 4) for k, v in haze.probabilities.items()}},
         "pressure_hpa": round(pressure, 2),
         "ozone_du": OZONE_DU if options.ozone_du is None else options.ozone_du,
-        "water_vapour_g_cm2": WATER_VAPOUR if options.water_vapour_g_cm2 is None else options.water_vapour_g_cm2,
+        "water_vapour_g_cm2": round(
+            usual_water(pressure) if options.water_vapour_g_cm2 is None else options.water_vapour_g_cm2, 3
+        ),
         "interpolation_error": round(table.error, 6),
         "cells_without_dark_ground": round(float(haze.uncertain.mean()), 4),
         "corrected_bands": [band.name for band in sensing.bands],
