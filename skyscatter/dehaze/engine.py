@@ -143,7 +143,7 @@ def checked_names(image: Any, reading: SourceOptions) -> tuple[str, ...] | None:
             rule = f"an array does not say which bands of {reading.sensor} it holds; name them, in the array's order"
             raise DomainError("bands", None, rule)
         return None
-    if any("=" in word or word.isdecimal() for word in names):
+    if count == 0 or any("=" in word or word.isdecimal() for word in names):
         return None
     if len(names) != count:
         turned = image.ndim == 3 and len(names) == image.shape[-1]

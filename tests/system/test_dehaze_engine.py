@@ -271,3 +271,20 @@ def test_the_accessor_comes_with_xarray_and_never_brings_it(imports, there):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(there)
+
+
+def test_masked_pixels_of_an_array_are_no_data(quick):
+    masked = np.ma.masked_array(np.full((6, 20, 20), 0.1), mask=np.zeros((6, 20, 20), bool))
+    masked.mask[:, :3, :5] = True
+    found = skyscatter.dehaze(masked, bands=ALL, aod=AOD, aerosol="urban", **KNOWN)
+    assert np.isnan(found.reflectance[:, :3, :5]).all()
+    assert (found.mask[0, :3, :5] & int(Flag.NODATA)).all()
+    assert np.isfinite(found.reflectance[:, 3:, 5:]).all()
+
+
+def test_bands_of_a_plain_array_are_never_guessed(quick):
+    image = np.full((6, 20, 24), 0.1)
+    with pytest.raises(DomainError, match="does not say which bands"):
+        skyscatter.dehaze(image, **KNOWN)
+    with pytest.raises(DomainError, match="moveaxis"):
+        skyscatter.dehaze(np.moveaxis(image, 0, -1), bands=ALL, **KNOWN)
