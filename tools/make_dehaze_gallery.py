@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "benchmarks")]
 
 GALLERY = ROOT / "docs" / "gallery"
-LANDSCAPES = {"farmland-continental-1": 4, "coast-continental-0.2": 4, "city-urban-0.5": 4}
+LANDSCAPES = {"farmland-maritime-0.5": 4, "coast-continental-0.2": 4, "city-urban-0.5": 4}
 VEILS = (("city", "white"), ("forest", "front"), ("fields", "blue haze"))
 
 
@@ -39,14 +39,15 @@ def save(path: Path, parts: list[np.ndarray], zoom: int) -> None:
 
 def landscapes(folder: Path) -> None:
     """Seen from above, corrected with all found automatically, and the truth."""
-    from dehaze_blind import clean_scene
+    from dehaze_judged import judge
 
     for name, zoom in LANDSCAPES.items():
-        scene = np.load(next(folder.glob(f"{name}-*.npz")))
-        found = clean_scene(scene)
+        with np.load(next(folder.glob(f"{name}-*.npz"))) as file:
+            scene = {key: file[key] for key in file.files}
+        found = judge(scene)
         rgb = [3, 2, 1]
         white = float(np.quantile(scene["surface"][rgb], 0.99))
-        parts = [shown(v[rgb], white) for v in (scene["reflectance"], found.reflectance, scene["surface"])]
+        parts = [shown(v[rgb], white) for v in (scene["reflectance"], found.truth + found.error, scene["surface"])]
         save(GALLERY / f"dehaze-{name.replace('.', '')}.png", parts, zoom)
 
 

@@ -103,8 +103,8 @@ class CorrectionTerms:
             self.scene, self.wavelengths, self.zenith, tolerance, stokes, None, workers,
             degree=degree, orders_tolerance=orders_tolerance, grid=grids[0],
         )  # fmt: skip
-        #: The light of a ground that shines by itself: one Sun position stands for all, so a finer grid costs little.  It
-        #: leaves the ground unpolarised, and polarisation on its way changes the diffuse part of T_up by a thousandth.
+        #: The light of a ground that shines by itself: one Sun stands for all, so a finer grid costs little.  It leaves
+        #: the ground unpolarised, and polarisation on its way changes the diffuse part of T_up by a thousandth.
         self.shining: Solution = solve_once(
             dark, self.wavelengths, (0.5, 0.5), SHINING_SHARE * tolerance, False, None, workers, ground_radiance=1.0,
             degree=self.black.problem.diffuse.greek.shape[2] - 1, orders_tolerance=orders_tolerance or tolerance,
