@@ -16,6 +16,8 @@ from skyscatter.errors import DomainError
 Array = NDArray[np.float64]
 
 MOST_SMALL, MOST_LARGE = 512, 128  #: cells on a side of the image, at most
+#: A small cell need not be smaller [m]: nine tenths of what haze scatters into a pixel come from further away.
+FINE_ENOUGH = 100.0
 LEAST_LARGE = 16  #: pixels on a side of a large cell, at least
 
 
@@ -39,12 +41,14 @@ class Lattice:
     group: int
 
     @classmethod
-    def of(cls, height: int, width: int) -> Lattice:
-        """The lattice for an image of that many rows and columns."""
+    def of(cls, height: int, width: int, pixel_m: float | None = None) -> Lattice:
+        """The lattice for an image of that many rows and columns, with pixels of that size [m] where it is known."""
         if min(height, width) < 1:
             raise DomainError("image", f"{height} x {width}", "has no pixels")
         longest = max(height, width)
         small = -(-longest // MOST_SMALL)
+        if pixel_m is not None:
+            small = max(small, min(int(FINE_ENOUGH / pixel_m), LEAST_LARGE))
         large = max(LEAST_LARGE, -(-longest // MOST_LARGE))
         return cls(height, width, small, -(-large // small))
 

@@ -159,7 +159,8 @@ def above_atmosphere(
 def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) -> tuple[Correction, dict[str, Any]]:
     """Look at the whole image once, estimate its haze, and make what corrects it; also a summary for reports."""
     sensing = sense(source)
-    lattice = Lattice.of(source.height, source.width)
+    pixel = options.pixel_size_m or pixel_size(source)
+    lattice = Lattice.of(source.height, source.width, pixel)
     assert source.geometry is not None
     places = source.geometry.at(*lattice.large_centres())
     angles = np.stack([np.asarray(a, float) for a in places])
@@ -177,7 +178,6 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
         lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
     )  # fmt: skip
-    pixel = options.pixel_size_m or pixel_size(source)
     haze = find_haze(tables, seen, sensing, gas, angles, pixel, options)
     best = next(t for t in tables if t.atmosphere.aerosol == haze.aerosol)
     others = [(t, haze.probabilities[t.atmosphere.aerosol]) for t in tables if t is not best]
