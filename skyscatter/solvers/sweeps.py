@@ -386,7 +386,9 @@ def sum_orders(
                 change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
                 # Where the ground shines, what comes down on it is a small part of the light there: fluxes count too.
                 new_flux = total_flux + flux * (ratio / (1 - ratio))[:, None]
-                most = np.maximum(new_flux.max(axis=0), FLOOR)
+                # Not those of the deep night, which never settle and which nobody sees.
+                most = new_flux.max(axis=0)
+                most = np.where(most > FAINTEST * most.max(), most, np.inf)
                 change = max(change, float(np.max(np.abs(new_flux - previous_flux) / most)))
                 previous_sum, previous_flux = new_sum, new_flux
                 # The series of these sums converges too: what is left is smaller than the last step by its own ratio.

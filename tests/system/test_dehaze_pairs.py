@@ -10,7 +10,7 @@ import numpy as np
 import pictures
 import pytest
 
-from skyscatter.dehaze import flags as flag
+from skyscatter.dehaze.flags import Flag
 from skyscatter.dehaze.picture.options import PictureOptions
 from skyscatter.dehaze.picture.veil import fit_picture
 
@@ -80,7 +80,7 @@ def test_geotiffs_keep_their_collars(reference: Path):
     values[:, ~valid] = np.nan
     out, flags = fit_picture(values).apply(values)
     assert np.all(np.isnan(out[:, ~valid]))
-    assert np.all(flags[~valid] == flag.NODATA)
+    assert np.all(flags[~valid] == Flag.NODATA)
     assert np.all(np.isfinite(out[:, valid]))
     assert out[:, valid].min() >= 0.0
     assert out[:, valid].max() <= 1.0
@@ -90,6 +90,6 @@ def test_geotiffs_keep_their_collars(reference: Path):
     picture /= np.nanmax(picture) * 1.001
     options = PictureOptions(levels=65536)
     out, flags = fit_picture(picture, options).apply(picture)
-    assert np.all((flags == flag.NODATA) == (alpha == 0))
+    assert np.all((flags == Flag.NODATA) == (alpha == 0))
     assert np.all(np.isfinite(out[:, alpha > 0]))
     assert np.nanmin(out) >= 0.0
