@@ -203,7 +203,7 @@ def main() -> None:
         speed = f"{clock:.0f} s, {cpu:.0f} s of the processor, {count / clock:.0f} Mpx-bands/s"
         lines.append(
             f"A raster of {given.large}² pixels and 12 bands, GeoTIFF to COG without compression, 2 threads, the table "
-            f"solved on the way: {speed}; peak memory {found['MB']:.0f} MB."
+            f"kept from before: {speed}; peak memory {found['MB']:.0f} MB."
         )
     lines.append(f"This process: peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
     packages = versions("skyscatter", "numpy", "numba", "rasterio")
