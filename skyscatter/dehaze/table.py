@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.dehaze import cachefile
 from skyscatter.dehaze.forward import Atmosphere, BandAverage, SolvedAir, reflectance_above
+from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, fold_azimuth
 from skyscatter.dehaze.passband import Band
 from skyscatter.errors import DomainError
 
@@ -30,7 +31,7 @@ GREATEST_AOD, FIRST_NODES = 2.0, 6
 BENDS_AT = 0.3
 MOST_NODES = 17  #: of a range of angles
 MOST_SOLUTIONS = 12  #: over the optical depth
-GREATEST_ANGLE = 85.0  #: of Sun and view from the zenith [degree]
+GREATEST_ANGLE = MAX_SUN_ZENITH  #: of Sun and view from the zenith [degree]
 #: Ranges of angles are widened to whole multiples of this, so that neighbouring scenes share a table [degree].
 ROUND_TO = 0.5
 FORMAT = 3  #: of the kept files; rises with every change of what they mean
@@ -66,12 +67,6 @@ def rounded(low: float, high: float, most: float) -> tuple[float, float]:
     if high - low < 1e-9:
         return low, low
     return max(np.floor(low / ROUND_TO) * ROUND_TO, 0.0), min(np.ceil(high / ROUND_TO) * ROUND_TO, most)
-
-
-def fold_azimuth(relative_azimuth: ArrayLike) -> Array:
-    """Relative azimuths as angles between 0 and 180 degrees."""
-    folded: Array = np.abs((np.asarray(relative_azimuth, float) + 180.0) % 360.0 - 180.0)
-    return folded
 
 
 def lobatto(low: float, high: float, n: int) -> Array:

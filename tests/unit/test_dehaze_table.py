@@ -195,7 +195,7 @@ def test_polynomials_pass_unchanged(n: int) -> None:
 
 
 def test_one_direction_is_solved_on_the_grid_of_the_thickest_haze() -> None:
-    """Thick haze needs the finer grid; on that of clear air its path reflectance in the blue was a third too dark."""
+    """Thick haze needs the finer grid; on that of clear air its path reflectance in the blue was a tenth too dark."""
     atmosphere = Atmosphere(aerosol="urban")
     band = load_sensor("sentinel-2a").band("B01")
     made = build_table(atmosphere, [band], Angles.spanned(35.0, 5.0, 100.0), stokes=False, keep=False)
