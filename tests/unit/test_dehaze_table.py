@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +21,11 @@ BAR = 0.001  #: reflectance that interpolation may cost
 
 
 @pytest.fixture(scope="module")
-def built() -> Iterator[TermsTable]:
-    """A table that ends at a thin haze, for the sake of time."""
+def built() -> TermsTable:
+    """A table that ends at a thin haze, for the sake of time; tables of other tests end where they should."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(table, "GREATEST_AOD", 0.5)
-        yield build_table(ATMOSPHERE, BANDS, ANGLES, stokes=False, keep=False)
+        return build_table(ATMOSPHERE, BANDS, ANGLES, stokes=False, keep=False)
 
 
 def check(found: TermsTable, aods: Iterable[float], angles: Angles, own_grids: bool = True) -> None:
