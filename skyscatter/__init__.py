@@ -59,6 +59,7 @@ _HOME = {
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
     "transmittance": "skyscatter.columns",
+    "fit": "skyscatter.inversion.fit",
     "CorrectionTerms": "skyscatter.solvers.terms",
     "RadianceField": "skyscatter.solvers.field",
     "radiance": "skyscatter.solvers.run",
@@ -66,12 +67,12 @@ _HOME = {
     "render": "skyscatter.solvers.render",
 }
 
-_MODULES = ("dehaze", "fields")
+_MODULES = ("dehaze", "fields", "inversion")
 
 __all__ = ["__version__", *_HOME, *_MODULES]
 
 if TYPE_CHECKING:
-    from skyscatter import dehaze, fields
+    from skyscatter import dehaze, fields, inversion
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
     from skyscatter.geometry.telescope import Telescope
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from skyscatter.image.instrument import observe
     from skyscatter.image.skyframe import SkyFrame
     from skyscatter.image.spectral import SpectralImage
+    from skyscatter.inversion.fit import fit
     from skyscatter.lights import ParallelLight, PointStar
     from skyscatter.media.medium import Component, Medium
     from skyscatter.model import Model, Planet, load_model, model_names

@@ -1,0 +1,310 @@
+"""``skyscatter invert``: parameters of a model from data, with their uncertainties."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+import sys
+import time as clock
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from skyscatter.cli import common, parse
+from skyscatter.errors import DomainError
+from skyscatter.units import metres
+
+METHODS = {"optimal-estimation": "optimal_estimation", "posterior": "posterior"}
+SOLVERS = ("orders", "path", "single")
+#: Options of solvers that not all have a use for.
+MEANINGLESS = {"orders": ("samples",), "path": ("tolerance",), "single": ("samples", "tolerance", "max_order")}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for, checked as far as that goes without the data."""
+
+    model: str
+    data: list[Path]
+    free: dict[str, Any]
+    output: Path | None
+    corner: Path | None
+    residual: Path | None
+    save_model: Path | None
+    json: str | None
+    resume: Path | None
+    quiet: bool
+    #: Of the observer and the Sun, for files that do not say.
+    place: dict[str, float]
+    #: Of `skyscatter.fit`.
+    options: dict[str, Any]
+
+    @property
+    def files(self) -> list[Path]:
+        """What is written."""
+        return [p for p in (self.output, self.corner, self.residual, self.save_model) if p is not None]
+
+
+def invert(
+    context: typer.Context,
+    model: Annotated[str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")],
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--data",
+            metavar="FILE",
+            help="What was measured: a table .csv or .nc, or an image .nc, .exr, .fits; may be repeated.",
+        ),
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="NAME[=LOW:HIGH]",
+            help="A free parameter, such as haze.optical_depth=0:2, and its bounds; may be repeated.",
+        ),
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prior", metavar="NAME=MEAN~SIGMA", help="A normal prior of a free parameter, or lognormal(MEDIAN,SIGMA)."
+        ),
+    ] = None,
+    solver: Annotated[str, typer.Option(metavar="NAME", help="orders, path or single.")] = "orders",
+    method: Annotated[
+        str, typer.Option(metavar="NAME", help="optimal-estimation, or posterior: the whole of it, by sampling.")
+    ] = "optimal-estimation",
+    noise: Annotated[
+        str | None, typer.Option(metavar="REL", help="Noise of data that do not state it, such as 2%.")
+    ] = None,
+    model_error: Annotated[
+        str | None,
+        typer.Option(metavar="REL", help="Error of the model, such as 0.3%, else as the solver states it."),
+    ] = None,
+    tolerance: Annotated[
+        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at (orders), 0.5% if nothing is said.")
+    ] = None,
+    samples: common.Samples = None,
+    max_order: Annotated[
+        str | None, typer.Option(metavar="N", help="Highest order of scattering (orders, path).")
+    ] = None,
+    max_iterations: Annotated[str | None, typer.Option(metavar="N", help="Iterations at most, else 20.")] = None,
+    sun_elevation: Annotated[
+        str | None, typer.Option(metavar="DEG", help="Sun's elevation [degree], where the data do not say.")
+    ] = None,
+    sun_azimuth: Annotated[
+        str | None, typer.Option(metavar="DEG", help="Sun's azimuth [degree], where the data do not say, else 180.")
+    ] = None,
+    altitude: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Observer's height, where the data do not say, else 0.")
+    ] = None,
+    seed: Annotated[str | None, typer.Option(metavar="N", help="Same seed, same numbers; else 0.")] = None,
+    threads: common.Threads = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The result: .json; replaced if it exists.")
+    ] = None,
+    corner: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Corner plot of the posterior: .png, .svg, .pdf.")
+    ] = None,
+    residual: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Data beside model, and the residual: .png, .svg, .pdf.")
+    ] = None,
+    save_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The model with the estimate in it: .toml.")
+    ] = None,
+    as_json: Annotated[
+        str | None, typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - is stdout.")
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Go on from the .partial.npz that an interrupted run left.")
+    ] = None,
+    quiet: common.Quiet = False,
+) -> int:
+    """Find parameters of a model from what was measured.
+
+    Prints a table of estimates with their uncertainties.  Names are those of the model file, such as
+    haze.density.scale_height, or what they add up to: COMPONENT.optical_depth, .asymmetry, .single_scattering_albedo,
+    .effective_radius, .extinction (A_V), ozone.column_du, ground.albedo, star.temperature; calibration is a factor on
+    the data's scale.  Ctrl-C keeps the state and says how to go on.
+    """
+    request = Request(
+        model=model,
+        data=[parse.check_input(path, "data file") for path in data or []],
+        free=_free(free or [], prior or []),
+        output=_file(output, (".json",)),
+        corner=_file(corner, parse.PLOT_SUFFIXES),
+        residual=_file(residual, parse.PLOT_SUFFIXES),
+        save_model=_file(save_model, (".toml",)),
+        json=as_json,
+        resume=None if resume is None else parse.check_input(resume, "checkpoint"),
+        quiet=quiet,
+        place=_place(sun_elevation, sun_azimuth, altitude),
+        options=_options(
+            solver=solver, method=method, noise=noise, model_error=model_error, tolerance=tolerance, samples=samples,
+            max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads,
+        ),
+    )  # fmt: skip
+    if not request.data:
+        raise DomainError("data", "", "name a file with measurements: --data FILE")
+    if as_json not in (None, "-"):
+        _file(Path(str(as_json)), (".json",))
+    if request.files != list(dict.fromkeys(request.files)):
+        raise DomainError("output", str(request.files[0]), "two outputs have one name; give each its own")
+    return common.stoppable(lambda: run(request, list(context.obj or [])))
+
+
+def _file(path: Path | None, suffixes: tuple[str, ...]) -> Path | None:
+    return None if path is None else parse.check_output(path, suffixes)
+
+
+def _free(free: list[str], prior: list[str]) -> dict[str, Any]:
+    """Names and priors; each once."""
+    from skyscatter.inversion.parameters import parse_free
+
+    if not free:
+        raise DomainError("free", "", "name at least one parameter: --free haze.optical_depth")
+    found: dict[str, Any] = {}
+    for text in free:
+        name, value = parse_free(text)
+        if name in found:
+            raise DomainError("free", name, "is named twice; give each parameter once")
+        found[name] = value
+    for text in prior:
+        name, value = parse_free(text)
+        if name not in found:
+            raise DomainError("prior", text, f"{name} is not free; add --free {name}")
+        if value is None:
+            raise DomainError("prior", text, f"give it as {name}=MEAN~SIGMA")
+        if found[name] is not None:
+            raise DomainError("prior", text, f"{name} has bounds already; give --free {name} without them")
+        found[name] = value
+    return found
+
+
+def _place(elevation: str | None, azimuth: str | None, altitude: str | None) -> dict[str, float]:
+    given = {
+        "sun_elevation_deg": None if elevation is None else parse.parse_degrees(elevation, "sun_elevation", 90.0, 0.0),
+        "sun_azimuth_deg": None if azimuth is None else parse.parse_degrees(azimuth, "sun_azimuth", 360.0, 0.0),
+        "altitude": None if altitude is None else metres(altitude, "altitude"),
+    }
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _options(**texts: str | None) -> dict[str, Any]:
+    """Options of `skyscatter.fit` from what was typed."""
+    solver, method = str(texts["solver"]), str(texts["method"])
+    if solver not in SOLVERS:
+        raise DomainError("solver", solver, f"choose one of {', '.join(SOLVERS)}")
+    if method not in METHODS:
+        raise DomainError("method", method, f"choose one of {', '.join(METHODS)}")
+    for name in MEANINGLESS[solver]:
+        if texts[name] is not None:
+            raise DomainError(name, texts[name], f"means nothing to the solver {solver}; leave it out")
+    integer = parse.parse_integer
+    options: dict[str, Any] = {
+        "noise": parse.parse_noise(texts["noise"]),
+        "model_error": _share(texts["model_error"]),
+        "tolerance": parse.parse_tolerance(texts["tolerance"]),
+        "samples": integer(texts["samples"], "samples", 2, "give a number of walks, 2 or more"),
+        "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
+        "max_iterations": integer(texts["max_iterations"], "max_iterations", 1, "give a number, 1 or more"),
+        "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
+        "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    return {"solver": solver, "method": METHODS[method], **given}
+
+
+def _share(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        value = float(text.strip()[:-1]) / 100 if text.strip().endswith("%") else float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < 1:
+        raise DomainError("model_error", text, "give a relative error from 0 to below 100 %, for instance 0.3%")
+    return value
+
+
+def run(request: Request, arguments: list[str]) -> int:
+    """Read, fit, write, report; returns the exit status."""
+    import skyscatter
+    from skyscatter.inversion.readers import read_observation
+    from skyscatter.progress import Progress
+
+    started = clock.monotonic()
+    model = skyscatter.load_model(request.model)
+    options = dict(request.options)
+    noise = options.pop("noise", None)
+    observations = [read_observation(path, noise=noise, **request.place) for path in request.data]
+    state = request.resume or _checkpoint(request)
+    if request.resume is None:
+        with suppress(FileNotFoundError):
+            state.unlink()
+    try:
+        with Progress(1.0, f"{model.name} fit", enabled=False if request.quiet else None) as progress:
+            result = skyscatter.fit(
+                model, observations, request.free, progress=progress.to, resume=state, **options
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        _say_how_to_go_on(state, arguments)
+        return 130
+    _write(request, result)
+    with suppress(FileNotFoundError):
+        state.unlink()
+    return _report(request, result, clock.monotonic() - started)
+
+
+def _checkpoint(request: Request) -> Path:
+    first = request.files[0] if request.files else Path("skyscatter-invert")
+    return first.with_name(first.name + ".partial.npz")
+
+
+def _say_how_to_go_on(state: Path, arguments: list[str]) -> None:
+    if not state.is_file():
+        print("skyscatter: interrupted before anything was finished", file=sys.stderr)
+        return
+    command = shlex.join(["skyscatter", *common.without_resume(arguments), "--resume", str(state)])
+    print(f"skyscatter: interrupted; the state is in {state}; go on with:\n  {command}", file=sys.stderr)
+
+
+def _write(request: Request, result: Any) -> None:
+    if request.output is not None:
+        result.save(request.output)
+    if request.corner is not None:
+        result.corner(request.corner)
+    if request.residual is not None:
+        result.plot_residual(request.residual)
+    if request.save_model is not None:
+        result.model.save(request.save_model)
+
+
+def _report(request: Request, result: Any, seconds: float) -> int:
+    import skyscatter
+
+    if request.json is not None:
+        content = result.to_json()
+        dropped = ("coordinates", "model", "samples_z", "measured", "noise", "fitted", "model_error")
+        summary = {
+            "skyscatter": skyscatter.__version__,
+            "model": result.model.name,
+            **{name: value for name, value in content.items() if name not in dropped},
+            "seconds": round(seconds, 3),
+            "outputs": [str(path) for path in request.files],
+        }
+        text = json.dumps(summary, allow_nan=False)
+        if request.json == "-":
+            typer.echo(text)
+        else:
+            from skyscatter.atomic import atomic_path
+
+            with atomic_path(request.json) as temporary:
+                temporary.write_text(text + "\n", encoding="utf-8")
+    if not request.quiet:
+        typer.echo(str(result), err=True)
+    return 0

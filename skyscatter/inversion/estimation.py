@@ -1,0 +1,216 @@
+"""Optimal estimation after Rodgers (2000), Inverse Methods for Atmospheric Sounding.
+
+The state z holds one standard normal variable for each parameter (`distributions`), so that his a priori is x_a = 0 and
+S_a = I, exactly.  The cost
+
+    J(z) = (y - F(z))^T S_e^-1 (y - F(z)) + z^T z                                    (his equation 5.3)
+
+is minimised by Gauss-Newton steps in his n-form, damped after Levenberg and Marquardt (5.35), with D the diagonal of the
+curvature:
+
+    z' = z + (S^-1 + gamma D)^-1 [K^T S_e^-1 (y - F(z)) - z],        S^-1 = K^T S_e^-1 K + I
+
+S_e is diagonal: the variance of the noise plus that which the solver states for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import ConvergenceError
+from skyscatter.inversion.distributions import FARTHEST
+from skyscatter.inversion.observations import Linearisation, Prediction
+
+Array = NDArray[np.float64]
+
+#: Steps of the derivatives in z: the standard deviation of the estimate, within these.
+LEAST_STEP, LARGEST_STEP = 0.01, 0.1
+#: Longest change of one z in one iteration: beyond it the linear model has nothing to say.
+LONGEST = 1.5
+#: Converged when a step is shorter than this share of n in the metric of the covariance (Rodgers, 5.29: "<< n").
+SHORT = 0.01
+#: No better cost is found at any damping above this.
+MOST_DAMPING = 1e6
+
+
+class Problem(Protocol):
+    """Data and their model in terms of z."""
+
+    y: Array  #: (datum,)
+    sigma: Array  #: of the noise (datum,)
+
+    def predict(self, z: Array) -> Prediction:
+        """The model at z."""
+
+    def linearise(self, z: Array, steps: Array) -> Linearisation:
+        """The model at z and its derivatives."""
+
+
+class Point(NamedTuple):
+    """The linear problem at one state."""
+
+    z: Array
+    linear: Linearisation
+    variance: Array  #: diagonal of S_e (datum,)
+    cost: float
+    gradient: Array  #: K^T S_e^-1 (y - F) - z
+    inverse: Array  #: S^-1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The state of least cost, and what is known of it.
+
+    Attributes
+    ----------
+    z : ndarray, shape (parameter,)
+    covariance : ndarray, shape (parameter, parameter)
+        S-hat = (K^T S_e^-1 K + I)^-1 (Rodgers 2000, 5.38).
+    averaging_kernel : ndarray, shape (parameter, parameter)
+        A = S-hat K^T S_e^-1 K, how the estimate answers to the truth (2.78 and 5.39); its trace is the number of degrees of
+        freedom for signal (2.80).
+    noise_covariance, smoothing_covariance : ndarray, shape (parameter, parameter)
+        G S_e G^T and (A - I)(A - I)^T (3.30 and 3.31): what noise does, and what leaning on the prior does.
+    value, model_error, variance : ndarray, shape (datum,)
+        F at the estimate, what its solver states as its error, and the diagonal of S_e.
+    jacobian : ndarray, shape (datum, parameter)
+    chi2 : float
+        Of the residual alone, by S_e.
+    cost : float
+        chi2 + z^T z.
+    iterations : int
+    converged : bool
+    """
+
+    z: Array
+    covariance: Array
+    averaging_kernel: Array
+    noise_covariance: Array
+    smoothing_covariance: Array
+    value: Array
+    model_error: Array
+    variance: Array
+    jacobian: Array
+    chi2: float
+    cost: float
+    iterations: int
+    converged: bool
+
+
+def optimal_estimation(
+    problem: Problem,
+    start: Array,
+    *,
+    max_iterations: int = 20,
+    gamma: float = 0.0,
+    done: int = 0,
+    keep: Callable[[dict[str, Any]], None] | None = None,
+) -> Estimate:
+    """Minimise the cost from a start.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : ndarray, shape (parameter,)
+        First guess of z.
+    max_iterations : int
+    gamma : float
+        First damping; 0 is plain Gauss-Newton.
+    done : int
+        Iterations that an earlier, interrupted run has made.
+    keep : callable, optional
+        Called after each iteration with what is needed to go on: ``z``, ``gamma``, ``iterations``.
+
+    Returns
+    -------
+    Estimate
+        ``converged`` is False where `max_iterations` were not enough.
+
+    Raises
+    ------
+    ConvergenceError
+        If the model is not finite, or no step lowers the cost though the gradient says so.
+    """
+    here = _point(problem, np.clip(start, -FARTHEST, FARTHEST), np.full(start.size, LARGEST_STEP))
+    converged, count = False, done
+    while count < max_iterations and not converged:
+        step = _step(here, gamma)
+        shift = float(step @ here.inverse @ step)
+        nearly = shift < SHORT * start.size
+        there = _try(problem, here, step, cautious=gamma > 0)
+        # Within the model's own rounding (solvers state theirs) equal costs are no failure.
+        if there is not None and there.cost <= here.cost + (0.1 if nearly else 0.0):
+            converged = nearly and gamma < 1.0
+            here, gamma = there, (gamma / 10 if gamma > 1e-3 else 0.0)
+        else:
+            if nearly:
+                converged = True
+            gamma = max(10 * gamma, 0.1)
+            if gamma > MOST_DAMPING:
+                raise ConvergenceError(
+                    "no step lowers the misfit although its slope says so: the forward model is too rough for its "
+                    "derivatives; lower the tolerance, or take more samples"
+                )
+        count += 1
+        if keep is not None:
+            keep({"z": here.z, "gamma": gamma, "iterations": count})
+    return _estimate(here, problem, count, converged)
+
+
+def _point(problem: Problem, z: Array, steps: Array) -> Point:
+    linear = problem.linearise(z, steps)
+    return _judge(problem, z, linear)
+
+
+def _judge(problem: Problem, z: Array, linear: Linearisation) -> Point:
+    if not (np.all(np.isfinite(linear.value)) and np.all(np.isfinite(linear.jacobian))):
+        raise ConvergenceError("the forward model is not finite there; narrow the bounds of the parameters")
+    variance = problem.sigma**2 + linear.error**2
+    residual = problem.y - linear.value
+    weighted = linear.jacobian / variance[:, None]
+    return Point(
+        z, linear, variance, float(np.sum(residual**2 / variance) + z @ z),
+        weighted.T @ residual - z, weighted.T @ linear.jacobian + np.eye(z.size),
+    )  # fmt: skip
+
+
+def _step(here: Point, gamma: float) -> Array:
+    damped = here.inverse + gamma * np.diag(np.diag(here.inverse))
+    step: Array = np.linalg.solve(damped, here.gradient)
+    longest = float(np.abs(step).max(initial=0.0))
+    return step if longest <= LONGEST else step * (LONGEST / longest)
+
+
+def _try(problem: Problem, here: Point, step: Array, cautious: bool) -> Point | None:
+    """The point a step further on; None where its cost is higher.
+
+    After a failure the cost is looked at before derivatives are paid for.
+    """
+    z = np.clip(here.z + step, -FARTHEST, FARTHEST)
+    if cautious:
+        there = problem.predict(z)
+        variance = problem.sigma**2 + there.error**2
+        if not np.sum((problem.y - there.value) ** 2 / variance) + z @ z <= here.cost:
+            return None
+    deviation = np.sqrt(np.diag(np.linalg.inv(here.inverse)))
+    return _point(problem, z, np.clip(deviation, LEAST_STEP, LARGEST_STEP))
+
+
+def _estimate(here: Point, problem: Problem, count: int, converged: bool) -> Estimate:
+    covariance = np.linalg.inv(here.inverse)
+    covariance = 0.5 * (covariance + covariance.T)
+    information = here.inverse - np.eye(here.z.size)  # K^T S_e^-1 K
+    kernel = covariance @ information
+    lost = kernel - np.eye(here.z.size)
+    residual = problem.y - here.linear.value
+    return Estimate(
+        z=here.z, covariance=covariance, averaging_kernel=kernel,
+        noise_covariance=covariance @ information @ covariance, smoothing_covariance=lost @ lost.T,
+        value=here.linear.value, model_error=here.linear.error, variance=here.variance, jacobian=here.linear.jacobian,
+        chi2=float(np.sum(residual**2 / here.variance)), cost=here.cost, iterations=count, converged=converged,
+    )  # fmt: skip

@@ -1,0 +1,195 @@
+"""`skyscatter.fit`: parameters of a model from data of any kind, with their uncertainties."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.inversion.estimation import Estimate, optimal_estimation
+from skyscatter.inversion.fitresult import FitResult
+from skyscatter.inversion.fitstate import FitState
+from skyscatter.inversion.forward import Forward
+from skyscatter.inversion.observations import Observation, Run, common_sun
+from skyscatter.inversion.parameters import Parameter, Subject, parse_free, resolve
+from skyscatter.inversion.readers import read_observation
+from skyscatter.model import load_model
+
+Array = NDArray[np.float64]
+
+METHODS = ("optimal_estimation", "posterior")
+
+
+def fit(
+    model: Any,
+    data: Observation | str | os.PathLike[str] | Sequence[Any],
+    free: Mapping[str, Any] | Sequence[str],
+    *,
+    solver: str = "orders",
+    method: str = "optimal_estimation",
+    noise: float | None = None,
+    model_error: float | None = None,
+    tolerance: float | None = None,
+    samples: int | None = None,
+    max_order: int | None = None,
+    max_iterations: int = 20,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    resume: str | os.PathLike[str] | None = None,
+) -> FitResult:
+    """Fit parameters of a model to data.
+
+    Parameters
+    ----------
+    model : Model or NebulaModel or str or path
+        Or the name of a shipped one, or a model file.  What is not free keeps its number.
+    data : Observation or path, or a list of them
+        What was measured; see `skyscatter.inversion.read_observation` for files.
+    free : mapping or sequence of str
+        Name -> prior: two numbers are bounds, else a prior such as `skyscatter.inversion.Normal`, or None for the usual
+        one of that name.  Or texts such as ``"haze.optical_depth=0:2"``, as on the command line.  For names see
+        `skyscatter.inversion.parameters`.
+    solver : {"orders", "path", "single"}
+    method : {"optimal_estimation", "posterior"}
+        The estimate of least cost with its linear covariance (Rodgers 2000), or a sample of the whole posterior.
+    noise : float, optional
+        Relative standard deviation of data that come without.
+    model_error : float, optional
+        Relative standard deviation of the forward model, in the place of the error that the solver states for itself.
+    tolerance, samples, max_order
+        Of the solver; see `skyscatter.radiance`.
+    max_iterations : int
+        Of the optimal estimation.
+    seed : int
+        Of ``path`` and of the sampling.
+    threads : int, optional
+        All processors when not given.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+    resume : path, optional
+        Where the state of the run is kept.  If the file exists, the run goes on from it.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    DomainError
+        For unknown names, bounds that no such number can have, unsuitable data.
+    ConvergenceError
+        If the misfit cannot be lowered.
+    """
+    if method not in METHODS:
+        raise DomainError("method", method, f"choose from {', '.join(METHODS)}")
+    if max_iterations < 1:
+        raise DomainError("max_iterations", max_iterations, "a whole number, at least 1")
+    if model_error is not None and not 0 <= model_error < 1:
+        raise DomainError("model_error", model_error, "a relative standard deviation from 0 to below 1, such as 0.005")
+    chosen = load_model(model) if isinstance(model, (str, os.PathLike)) else model
+    observations = _observations(data, noise)
+    run = Run(solver, _options(solver, tolerance, samples, max_order, seed), threads)
+    parameters, subject = free_parameters(chosen, free, observations)
+    forward = Forward(parameters, subject, observations, run, model_error)
+    settings = {
+        "free": {p.name: str(p.prior) for p in parameters}, "solver": solver, "method": method, "seed": seed,
+        "options": {k: v for k, v in run.options.items() if v is not None}, "model_error": model_error,
+    }  # fmt: skip
+    state = FitState(resume, {"settings": settings, **_digest(forward)})
+    estimate = _estimate(forward, max_iterations, progress, state)
+    return _result(forward, estimate, method, settings)
+
+
+def _options(
+    solver: str, tolerance: float | None, samples: int | None, max_order: int | None, seed: int
+) -> dict[str, Any]:
+    given: dict[str, Any] = {"tolerance": tolerance, "samples": samples, "max_order": max_order}
+    given = {name: value for name, value in given.items() if value is not None}
+    return given | ({"seed": seed} if solver == "path" else {})
+
+
+def _observations(data: Any, noise: float | None) -> list[Observation]:
+    items = list(data) if isinstance(data, (list, tuple)) else [data]
+    if not items:
+        raise DomainError("data", data, "there are no data")
+    found = []
+    for item in items:
+        if isinstance(item, (str, os.PathLike)):
+            found.append(read_observation(item, noise=noise))
+        elif not isinstance(item, Observation):
+            raise DomainError("data", type(item).__name__, "give observations, or paths of files")
+        elif noise is not None:
+            raise DomainError("noise", noise, "these data bring their own sigma; leave noise out")
+        else:
+            found.append(item)
+    return found
+
+
+def free_parameters(
+    model: Any, free: Mapping[str, Any] | Sequence[str], observations: Sequence[Observation]
+) -> tuple[list[Parameter], Subject]:
+    """Parameters by their names, and the subject into which they are written."""
+    pairs = list(free.items()) if isinstance(free, Mapping) else [parse_free(text) for text in free]
+    if not pairs:
+        raise DomainError("free", "nothing", "name at least one parameter, for instance haze.optical_depth")
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise DomainError("free", name, "is named twice; give each parameter once")
+    nuisances = {}
+    for observation in observations:
+        nuisances.update(observation.nuisances)
+    subject = Subject(model, common_sun(observations))
+    parameters = [resolve(name, prior, subject, nuisances) for name, prior in pairs]
+    wanted = {name.partition(".")[2] for name in names if name.startswith("sun.")}
+    # Only what is free may overrule the Sun that the data state.
+    return parameters, Subject(model, {name: value for name, value in subject.sun.items() if name in wanted})
+
+
+def _digest(forward: Forward) -> dict[str, Any]:
+    """What tells models and data apart."""
+    return {
+        "model": forward.subject.model.model_dump(mode="json", exclude_none=True),
+        "data": hashlib.blake2b(forward.y.tobytes() + forward.sigma.tobytes(), digest_size=16).hexdigest(),
+    }
+
+
+def _estimate(
+    forward: Forward, max_iterations: int, progress: Callable[[float], None] | None, state: FitState
+) -> Estimate:
+    kept = state.load() or {"z": forward.start(), "gamma": 0.0, "iterations": 0}
+
+    def keep(now: dict[str, Any]) -> None:
+        state.keep(**now)
+        if progress is not None:
+            progress(min(now["iterations"] / max_iterations, 1.0))
+
+    found = optimal_estimation(
+        forward, np.array(kept["z"], float), max_iterations=max_iterations, gamma=float(kept["gamma"]),
+        done=int(kept["iterations"]), keep=keep,
+    )  # fmt: skip
+    if progress is not None:
+        progress(1.0)
+    return found
+
+
+def _result(forward: Forward, estimate: Estimate, method: str, settings: Mapping[str, Any]) -> FitResult:
+    return FitResult(
+        names=tuple(p.name for p in forward.parameters), units=tuple(p.unit for p in forward.parameters),
+        priors=tuple(p.prior for p in forward.parameters), z=estimate.z, covariance_z=estimate.covariance,
+        averaging_kernel_z=estimate.averaging_kernel, noise_covariance_z=estimate.noise_covariance,
+        smoothing_covariance_z=estimate.smoothing_covariance, measured=forward.y, noise=forward.sigma,
+        fitted=estimate.value, model_error=estimate.model_error, chi2=estimate.chi2, iterations=estimate.iterations,
+        converged=estimate.converged, method=method, solver=forward.run.solver,
+        model=forward.subject_at(estimate.z).model,
+        coordinates=[
+            {"kind": o.kind, "unit": o.unit, "size": int(o.values.size), **o.coordinates()} for o in forward.observations
+        ],
+        settings=settings,
+    )  # fmt: skip

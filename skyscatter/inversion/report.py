@@ -1,0 +1,42 @@
+"""A fit in words: the table of priors and estimates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from skyscatter.inversion.fitresult import FitResult
+
+
+def rounded(value: float, deviation: float) -> str:
+    """A number with the digits that its standard deviation leaves a meaning: two of the latter."""
+    if not (np.isfinite(value) and deviation > 0):
+        return f"{value:.6g}"
+    digits = 1 - int(np.floor(np.log10(deviation)))
+    if abs(value) >= 1e6 or digits > 9:
+        return f"{value:.{max(1, int(np.ceil(np.log10(max(abs(value), deviation) / deviation))) + 2)}g}"
+    return f"{value:.{max(digits, 0)}f}"
+
+
+def table(result: FitResult) -> str:
+    """One line a parameter, and below how well the data are met."""
+    head = ("parameter", "unit", "prior", "estimate", "deviation", "95 % from", "to", "from data")
+    deviation, ends, share = result.standard_deviation, result.interval(0.95), np.diag(result.averaging_kernel_z)
+    rows = [head]
+    for k, (name, value) in enumerate(result.estimate.items()):
+        s = deviation[name]
+        numbers = [rounded(value, s), f"{s:.2g}", *(rounded(end, s) for end in ends[name]), f"{100 * share[k]:.0f} %"]
+        rows.append((name, result.units[k] or "-", str(result.priors[k]), *numbers))  # type: ignore[arg-type]
+    width = [max(len(row[k]) for row in rows) for k in range(len(head))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip() for row in rows]
+    lines.insert(1, "  ".join("-" * w for w in width))
+    free = result.measured.size - result.degrees_of_freedom
+    lines.append(
+        f"{result.measured.size} data, degrees of freedom for signal {result.degrees_of_freedom:.2f} of {len(result.names)}; "
+        f"chi2 {result.chi2:.1f} for {free:.1f} (probability {result.probability:.2g})"
+    )
+    state = "converged" if result.converged else "NOT converged"
+    lines.append(f"{result.method.replace('_', ' ')} with {result.solver}, {result.iterations} iterations, {state}")
+    return "\n".join(lines)
