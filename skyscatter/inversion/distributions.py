@@ -1,7 +1,7 @@
 """What was known of a number before the measurement, as a map from a standard normal variable.
 
-Every prior is written as v = q(Phi(z)), with z standard normal, Phi its distribution function and q the quantile function
-of the prior.  So any of them is represented exactly, bounds can never be crossed whatever z is, and in z every prior is
+Every prior is written as v = q(Phi(z)), with z standard normal, Phi its distribution function and q the quantile
+function of the prior.  So any of them is represented exactly, bounds can never be crossed whatever z is, and in z every prior is
 the same: N(0, 1).  Estimation and sampling work in z throughout (the state vector of Rodgers 2000, with x_a = 0 and
 S_a = I).
 """
@@ -93,7 +93,7 @@ class Uniform(Distribution):
         return self.low, self.high
 
     def value(self, z: float) -> float:
-        """low + (high - low) Phi(z)."""
+        """Low + (high - low) Phi(z)."""
         width, z = self.high - self.low, _clip(z)
         return self.low + _share(z, width) if z <= 0 else self.high - _share(-z, width)
 
@@ -184,7 +184,7 @@ class Normal(Distribution):
         return self.low < self.mean - reach and self.high > self.mean + reach
 
     def value(self, z: float) -> float:
-        """mean + sigma z, or its quantile between the bounds."""
+        """Mean + sigma z, or its quantile between the bounds."""
         z = _clip(z)
         if self._whole:
             return self.mean + self.sigma * z
@@ -229,7 +229,7 @@ class LogNormal(Distribution):
         return 0.0, math.inf
 
     def value(self, z: float) -> float:
-        """median exp(sigma z)."""
+        """Median exp(sigma z)."""
         return self.median * math.exp(self.sigma * _clip(z))
 
     def state(self, value: float) -> float:
@@ -237,7 +237,7 @@ class LogNormal(Distribution):
         return _clip(math.log(value / self.median) / self.sigma)
 
     def slope(self, z: float) -> float:
-        """sigma times the value."""
+        """Sigma times the value."""
         return self.sigma * self.value(z)
 
     def __str__(self) -> str:

@@ -5,8 +5,8 @@ S_a = I, exactly.  The cost
 
     J(z) = (y - F(z))^T S_e^-1 (y - F(z)) + z^T z                                    (his equation 5.3)
 
-is minimised by Gauss-Newton steps in his n-form, damped after Levenberg and Marquardt (5.35), with D the diagonal of the
-curvature:
+is minimised by Gauss-Newton steps in his n-form, damped after Levenberg and Marquardt (5.35), with D the diagonal of
+the curvature:
 
     z' = z + (S^-1 + gamma D)^-1 [K^T S_e^-1 (y - F(z)) - z],        S^-1 = K^T S_e^-1 K + I
 
@@ -72,8 +72,8 @@ class Estimate:
     covariance : ndarray, shape (parameter, parameter)
         S-hat = (K^T S_e^-1 K + I)^-1 (Rodgers 2000, 5.38).
     averaging_kernel : ndarray, shape (parameter, parameter)
-        A = S-hat K^T S_e^-1 K, how the estimate answers to the truth (2.78 and 5.39); its trace is the number of degrees of
-        freedom for signal (2.80).
+        A = S-hat K^T S_e^-1 K, how the estimate answers to the truth (2.78 and 5.39); its trace is the number of
+        degrees of freedom for signal (2.80).
     noise_covariance, smoothing_covariance : ndarray, shape (parameter, parameter)
         G S_e G^T and (A - I)(A - I)^T (3.30 and 3.31): what noise does, and what leaning on the prior does.
     value, model_error, variance : ndarray, shape (datum,)

@@ -189,7 +189,8 @@ def _result(forward: Forward, estimate: Estimate, method: str, settings: Mapping
         converged=estimate.converged, method=method, solver=forward.run.solver,
         model=forward.subject_at(estimate.z).model,
         coordinates=[
-            {"kind": o.kind, "unit": o.unit, "size": int(o.values.size), **o.coordinates()} for o in forward.observations
+            {"kind": o.kind, "unit": o.unit, "size": int(o.values.size), **o.coordinates()}
+            for o in forward.observations
         ],
         settings=settings,
     )  # fmt: skip

@@ -35,7 +35,7 @@ class FitResult:
     """Result of `skyscatter.fit`.
 
     Arrays whose names end in ``_z`` are in the state of the estimation, in which every prior is a standard normal one;
-    without it they are in the parameters' own units, by the slope of the prior's map (and so first order for covariances).
+    without it they are in the parameters' own units, by the slope of the prior's map (first order for covariances).
 
     Attributes
     ----------
@@ -227,7 +227,8 @@ class FitResult:
             "method": self.method, "solver": self.solver, "priors": [distributions.to_json(p) for p in self.priors],
             "diagnostics": dict(self.diagnostics), "settings": dict(self.settings),
             "coordinates": [
-                {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in part.items()} for part in self.coordinates
+                {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in part.items()}
+                for part in self.coordinates
             ],
             "model": self.model.model_dump(mode="json", exclude_none=True),
         }  # fmt: skip

@@ -2,12 +2,12 @@
 
 A name is one of
 
-- ``COMPONENT.QUANTITY`` with a quantity of `quantities.QUANTITIES`, such as ``haze.optical_depth`` (vertical, at 550 nm),
-  ``haze.asymmetry``, ``haze.single_scattering_albedo``, ``ozone.column_du``, ``dust.extinction`` (A_V through the
+- ``COMPONENT.QUANTITY`` with a quantity of `quantities.QUANTITIES`, such as ``haze.optical_depth`` (vertical, at
+  550 nm), ``haze.asymmetry``, ``haze.single_scattering_albedo``, ``ozone.column_du``, ``dust.extinction`` (A_V through the
   middle); ``haze.optical_depth@440`` means it at another wavelength [nm];
 - a path to a number of the model file, such as ``haze.density.scale_height``, ``stars.A.position.x``,
-  ``view.inclination_deg``; for a component the words ``density``, ``optics`` and ``phase`` may be left out where the last
-  one is clear (``haze.scale_height``, ``haze.angstrom_exponent``), and ``star.luminosity`` is that of the only star;
+  ``view.inclination_deg``; for a component the words ``density``, ``optics`` and ``phase`` may be left out where the
+  last one is clear (``haze.scale_height``, ``haze.angstrom_exponent``), and ``star.luminosity`` is that of the only star;
 - ``ground.albedo`` (of a table or a named surface: at 550 nm, the table keeping its shape);
 - ``sun.elevation_deg``, ``sun.azimuth_deg``;
 - a nuisance parameter of the data, such as ``calibration``.
@@ -53,8 +53,9 @@ _KNOWN: dict[str, tuple[tuple[float, float], Distribution | None]] = {
     "position_angle_deg": ((-360, 360), Uniform(0.0, 360.0)),
 }  # fmt: skip
 _UNITS = {
-    "column_du": "DU", "effective_radius": "m", "scale_height": "m", "radius": "m", "width": "m", "top": "m", "peak": "m",
-    "base": "m", "height": "m", "temperature": "K", "luminosity": "Lsun", "extinction": "mag", "visual_extinction": "mag",
+    "column_du": "DU", "effective_radius": "m", "scale_height": "m", "radius": "m", "width": "m", "top": "m",
+    "peak": "m", "base": "m", "height": "m", "temperature": "K", "luminosity": "Lsun", "extinction": "mag",
+    "visual_extinction": "mag",
     "x": "m", "y": "m", "z": "m", "distance": "m", "inner": "m", "outer": "m", "length": "m", "thickness": "m",
 }  # fmt: skip
 

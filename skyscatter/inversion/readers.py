@@ -25,8 +25,8 @@ def read_observation(path: str | os.PathLike[str], *, noise: float | None = None
     Parameters
     ----------
     path : path-like
-        A table, ``.csv`` or ``.nc``, with columns ``azimuth_deg, elevation_deg, wavelength_nm, radiance, sigma`` and, where
-        not given as options, ``sun_elevation_deg, sun_azimuth_deg, altitude_m``.
+        A table, ``.csv`` or ``.nc``, with columns ``azimuth_deg, elevation_deg, wavelength_nm, radiance, sigma`` and,
+        where not given as options, ``sun_elevation_deg, sun_azimuth_deg, altitude_m``.
     noise : float, optional
         Relative standard deviation of data without a column ``sigma``.
     **options

@@ -34,7 +34,8 @@ def table(result: FitResult) -> str:
     lines.insert(1, "  ".join("-" * w for w in width))
     free = result.measured.size - result.degrees_of_freedom
     lines.append(
-        f"{result.measured.size} data, degrees of freedom for signal {result.degrees_of_freedom:.2f} of {len(result.names)}; "
+        f"{result.measured.size} data, degrees of freedom for signal {result.degrees_of_freedom:.2f} of "
+        f"{len(result.names)}; "
         f"chi2 {result.chi2:.1f} for {free:.1f} (probability {result.probability:.2g})"
     )
     state = "converged" if result.converged else "NOT converged"
