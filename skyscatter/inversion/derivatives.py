@@ -109,7 +109,7 @@ def differentiate(
         raise DomainError("steps", float(step.min()), "must be positive")
     base = scenes(at)
     pairs = [tuple(scenes(at + sign * row) for sign in (1, -1)) for row in np.diag(step)]
-    rays: tuple[Any, ...] = (origins, directions)
+    rays: tuple[ArrayLike, ArrayLike] = (origins, directions)
     seeds = _seeds(seed) if solver == "path" else [None]
     if solver == "path":
         options["samples"] = -(-int(samples) // len(seeds))
@@ -163,14 +163,14 @@ def _groups(
 
 
 def _solve_together(
-    copies: Sequence[AnyScene], rays: tuple[Any, ...], wavelengths: ArrayLike, solver: str, options: dict[str, Any]
+    copies: Sequence[AnyScene], rays: tuple[ArrayLike, ArrayLike], wavelengths: ArrayLike, solver: str, options: dict[str, Any]
 ) -> tuple[Array, Array]:
     """Radiances and standard errors (copy, ..., wavelength), of copies with one geometry or of a pair without."""
     if any(differences_forbid(copies[0], other) for other in copies[1:]):
-        answers = [radiance(copy, *rays, wavelengths, solver, **options) for copy in copies]
+        answers = [radiance(copy, rays[0], rays[1], wavelengths, solver, **options) for copy in copies]
         return np.stack([a.radiance for a in answers]), np.stack([a.standard_error for a in answers])
     stacked = stack(copies, wavelengths)
-    answer = radiance(stacked.scene, *rays, stacked.channels.numbers, solver, **options)
+    answer = radiance(stacked.scene, rays[0], rays[1], stacked.channels.numbers, solver, **options)
     return stacked.channels.split(answer.radiance), stacked.channels.split(answer.standard_error)
 
 

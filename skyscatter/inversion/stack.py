@@ -44,7 +44,7 @@ class Channels(Record):
     @property
     def numbers(self) -> Array:
         """All channel numbers, in place of wavelengths."""
-        return 1.0 + np.arange(len(self.wavelengths) * self.copies)
+        return np.asarray(1.0 + np.arange(len(self.wavelengths) * self.copies), float)
 
     def spread(self, numbers: ArrayLike, values: Callable[[int, Array], Array]) -> Array:
         """``values(copy, wavelengths)`` of shape (..., wavelength) for every copy, as (..., channel)."""
@@ -220,7 +220,7 @@ def _stacked_medium(media: Sequence[Medium], channels: Channels) -> Medium:
                 densities.append(component.density)
         for number, density in enumerate(densities):
             own = [c if c.density == density else None for c in group]
-            optics = _StackedOptics.model_construct(
+            optics: Any = _StackedOptics.model_construct(
                 channels=channels, optics=tuple(None if c is None else c.optics for c in own),
                 weights=tuple(0.0 if c is None else c.weight for c in own),
                 emissions=tuple(0.0 if c is None else c.emission for c in own),
