@@ -1,35 +1,40 @@
-"""Inversion: from images and radiances back to densities and parameters, each with its uncertainty.
-
-Names load when they are first used, as those of the package itself.
-"""
+"""Inversion: from images and radiances back to densities and parameters, with their uncertainties."""
 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_HOME = {
+_HOMES = {
+    "Derivatives": "skyscatter.inversion.derivatives",
+    "differentiate": "skyscatter.inversion.derivatives",
     "FitResult": "skyscatter.inversion.fitresult",
+    "fit": "skyscatter.inversion.fit",
+    "flux_table": "skyscatter.inversion.fluxes",
+    "limb_profile": "skyscatter.inversion.radiances",
     "LogNormal": "skyscatter.inversion.distributions",
     "LogUniform": "skyscatter.inversion.distributions",
+    "nebula_image": "skyscatter.inversion.images",
     "Normal": "skyscatter.inversion.distributions",
-    "Uniform": "skyscatter.inversion.distributions",
-    "fit": "skyscatter.inversion.fit",
-    "optimal_estimation": "skyscatter.inversion.estimation",
     "radiance_table": "skyscatter.inversion.radiances",
     "read_observation": "skyscatter.inversion.readers",
+    "sky_image": "skyscatter.inversion.images",
+    "Uniform": "skyscatter.inversion.distributions",
 }
+__all__ = list(_HOMES)
 
-__all__ = sorted(_HOME)
+if TYPE_CHECKING:
+    from skyscatter.inversion.derivatives import Derivatives, differentiate
+    from skyscatter.inversion.distributions import LogNormal, LogUniform, Normal, Uniform
+    from skyscatter.inversion.fit import fit
+    from skyscatter.inversion.fitresult import FitResult
+    from skyscatter.inversion.fluxes import flux_table
+    from skyscatter.inversion.images import nebula_image, sky_image
+    from skyscatter.inversion.radiances import limb_profile, radiance_table
+    from skyscatter.inversion.readers import read_observation
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        value = getattr(import_module(_HOME[name]), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'skyscatter.inversion' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
