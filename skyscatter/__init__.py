@@ -59,7 +59,7 @@ _HOME = {
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
     "transmittance": "skyscatter.columns",
-    "fit": "skyscatter.inversion.fit",
+    "fit": "skyscatter.inversion.fitting",
     "CorrectionTerms": "skyscatter.solvers.terms",
     "RadianceField": "skyscatter.solvers.field",
     "radiance": "skyscatter.solvers.run",
@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     from skyscatter.image.instrument import observe
     from skyscatter.image.skyframe import SkyFrame
     from skyscatter.image.spectral import SpectralImage
-    from skyscatter.inversion.fit import fit
+    from skyscatter.inversion.fitting import fit
     from skyscatter.lights import ParallelLight, PointStar
     from skyscatter.media.medium import Component, Medium
     from skyscatter.model import Model, Planet, load_model, model_names

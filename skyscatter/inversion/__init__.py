@@ -9,7 +9,7 @@ _HOMES = {
     "Derivatives": "skyscatter.inversion.derivatives",
     "differentiate": "skyscatter.inversion.derivatives",
     "FitResult": "skyscatter.inversion.fitresult",
-    "fit": "skyscatter.inversion.fit",
+    "fit": "skyscatter.inversion.fitting",
     "flux_table": "skyscatter.inversion.fluxes",
     "limb_profile": "skyscatter.inversion.radiances",
     "LogNormal": "skyscatter.inversion.distributions",
@@ -26,8 +26,8 @@ __all__ = list(_HOMES)
 if TYPE_CHECKING:
     from skyscatter.inversion.derivatives import Derivatives, differentiate
     from skyscatter.inversion.distributions import LogNormal, LogUniform, Normal, Uniform
-    from skyscatter.inversion.fit import fit
     from skyscatter.inversion.fitresult import FitResult
+    from skyscatter.inversion.fitting import fit
     from skyscatter.inversion.fluxes import flux_table
     from skyscatter.inversion.images import nebula_image, sky_image
     from skyscatter.inversion.radiances import limb_profile, radiance_table

@@ -1,9 +1,9 @@
 """What was known of a number before the measurement, as a map from a standard normal variable.
 
 Every prior is written as v = q(Phi(z)), with z standard normal, Phi its distribution function and q the quantile
-function of the prior.  So any of them is represented exactly, bounds can never be crossed whatever z is, and in z every prior is
-the same: N(0, 1).  Estimation and sampling work in z throughout (the state vector of Rodgers 2000, with x_a = 0 and
-S_a = I).
+function of the prior.  So any of them is represented exactly, bounds can never be crossed whatever z is, and in z every
+prior is the same: N(0, 1).  Estimation and sampling work in z throughout (the state vector of Rodgers 2000, with
+x_a = 0 and S_a = I).
 """
 
 from __future__ import annotations

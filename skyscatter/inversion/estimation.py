@@ -29,7 +29,7 @@ from skyscatter.inversion.observations import Linearisation, Prediction
 Array = NDArray[np.float64]
 
 #: Steps of the derivatives in z: the standard deviation of the estimate, within these.
-LEAST_STEP, LARGEST_STEP = 0.01, 0.1
+LEAST_STEP, LARGEST_STEP = 0.003, 0.03
 #: Longest change of one z in one iteration: beyond it the linear model has nothing to say.
 LONGEST = 1.5
 #: Converged when a step is shorter than this share of n in the metric of the covariance (Rodgers, 5.29: "<< n").
@@ -41,8 +41,13 @@ MOST_DAMPING = 1e6
 class Problem(Protocol):
     """Data and their model in terms of z."""
 
-    y: Array  #: (datum,)
-    sigma: Array  #: of the noise (datum,)
+    @property
+    def y(self) -> Array:
+        """The data (datum,)."""
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of their noise (datum,)."""
 
     def predict(self, z: Array) -> Prediction:
         """The model at z."""
@@ -142,7 +147,7 @@ def optimal_estimation(
         step = _step(here, gamma)
         shift = float(step @ here.inverse @ step)
         nearly = shift < SHORT * start.size
-        there = _try(problem, here, step, cautious=gamma > 0)
+        there = _try(problem, here, step, gamma, nearly)
         # Within the model's own rounding (solvers state theirs) equal costs are no failure.
         if there is not None and there.cost <= here.cost + (0.1 if nearly else 0.0):
             converged = nearly and gamma < 1.0
@@ -181,18 +186,21 @@ def _judge(problem: Problem, z: Array, linear: Linearisation) -> Point:
 
 def _step(here: Point, gamma: float) -> Array:
     damped = here.inverse + gamma * np.diag(np.diag(here.inverse))
-    step: Array = np.linalg.solve(damped, here.gradient)
+    step = np.asarray(np.linalg.solve(damped, here.gradient), float)
     longest = float(np.abs(step).max(initial=0.0))
     return step if longest <= LONGEST else step * (LONGEST / longest)
 
 
-def _try(problem: Problem, here: Point, step: Array, cautious: bool) -> Point | None:
+def _try(problem: Problem, here: Point, step: Array, gamma: float, nearly: bool) -> Point | None:
     """The point a step further on; None where its cost is higher.
 
-    After a failure the cost is looked at before derivatives are paid for.
+    After a failure the cost is looked at before derivatives are paid for, and at the end those of the last point will do.
     """
     z = np.clip(here.z + step, -FARTHEST, FARTHEST)
-    if cautious:
+    if nearly:
+        there = problem.predict(z)
+        return _judge(problem, z, Linearisation(there.value, there.error, here.linear.jacobian))
+    if gamma > 0:
         there = problem.predict(z)
         variance = problem.sigma**2 + there.error**2
         if not np.sum((problem.y - there.value) ** 2 / variance) + z @ z <= here.cost:
@@ -202,8 +210,8 @@ def _try(problem: Problem, here: Point, step: Array, cautious: bool) -> Point | 
 
 
 def _estimate(here: Point, problem: Problem, count: int, converged: bool) -> Estimate:
-    covariance = np.linalg.inv(here.inverse)
-    covariance = 0.5 * (covariance + covariance.T)
+    inverted = np.linalg.inv(here.inverse)
+    covariance = np.asarray(0.5 * (inverted + inverted.T), float)
     information = here.inverse - np.eye(here.z.size)  # K^T S_e^-1 K
     kernel = covariance @ information
     lost = kernel - np.eye(here.z.size)

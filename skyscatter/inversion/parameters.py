@@ -3,11 +3,12 @@
 A name is one of
 
 - ``COMPONENT.QUANTITY`` with a quantity of `quantities.QUANTITIES`, such as ``haze.optical_depth`` (vertical, at
-  550 nm), ``haze.asymmetry``, ``haze.single_scattering_albedo``, ``ozone.column_du``, ``dust.extinction`` (A_V through the
-  middle); ``haze.optical_depth@440`` means it at another wavelength [nm];
+  550 nm), ``haze.asymmetry``, ``haze.single_scattering_albedo``, ``ozone.column_du``, ``dust.extinction``
+  (A_V through the middle); ``haze.optical_depth@440`` means it at another wavelength [nm];
 - a path to a number of the model file, such as ``haze.density.scale_height``, ``stars.A.position.x``,
   ``view.inclination_deg``; for a component the words ``density``, ``optics`` and ``phase`` may be left out where the
-  last one is clear (``haze.scale_height``, ``haze.angstrom_exponent``), and ``star.luminosity`` is that of the only star;
+  last one is clear (``haze.scale_height``, ``haze.angstrom_exponent``), and ``star.luminosity`` is that of the only
+  star;
 - ``ground.albedo`` (of a table or a named surface: at 550 nm, the table keeping its shape);
 - ``sun.elevation_deg``, ``sun.azimuth_deg``;
 - a nuisance parameter of the data, such as ``calibration``.
@@ -134,10 +135,10 @@ def resolve(
     if at and not spectral:
         raise DomainError("free", name, f"{base} does not depend on wavelength; leave out @{wavelength}")
     value = get(subject)
-    limits, usual = _usual(words[-1], value)
-    if prior is None and usual is None:
+    limits, common = _usual(words[-1], value)
+    if prior is None and common is None:
         raise DomainError("free", name, f"there is no usual prior; give bounds: {name}=LOW:HIGH")
-    chosen = as_prior(usual if prior is None else prior, name, limits)
+    chosen = as_prior(common if prior is None else prior, name, limits)
     return Parameter(name, chosen, get, put, amount, _UNITS.get(words[-1], "deg" if words[-1].endswith("_deg") else ""))
 
 
@@ -244,7 +245,7 @@ def _ground_access(reference: float) -> Access:
     def table(subject: Subject) -> float | SpectralTable:
         albedo = subject.model.ground.albedo
         if not isinstance(albedo, str):
-            return albedo  # type: ignore[no-any-return]
+            return albedo
         nodes = tuple(float(w) for w in read_table("surfaces.csv")["wavelength_nm"])
         return SpectralTable(wavelengths=nodes, values=tuple(surface_albedo(albedo, nodes).tolist()))
 

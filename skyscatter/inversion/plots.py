@@ -123,7 +123,7 @@ def _draws(result: FitResult) -> Array:
         return result.samples
     rng = np.random.default_rng(0)
     root = np.linalg.cholesky(result.covariance_z)
-    return result.values_of(result.z + rng.standard_normal((_DRAWS // 4, len(result.names))) @ root.T)
+    return result.values_of(result.z + rng.standard_normal((_DRAWS, len(result.names))) @ root.T)
 
 
 def _one(ax: Any, values: Array, span: tuple[float, float]) -> None:

@@ -85,14 +85,14 @@ def _refuse(component: Component, name: str, remedy: str) -> DomainError:
     return DomainError("free", name, f"the optics {kind} of {component.name} have no such number; {remedy}")
 
 
-def as_particles(component: Component, name: str) -> Component:
-    """The component with its optics as tables, so that albedo and asymmetry can be changed; dust is turned into them.
+def as_particles(component: Component, name: str) -> tuple[Component, Particles]:
+    """The component with its optics as tables, so that albedo and asymmetry can be changed.
 
-    The tables have the wavelengths of the dust's own tables.
+    Dust is turned into particles with tables at the wavelengths of the dust's own.  Returns component and optics.
     """
     optics = component.optics
     if isinstance(optics, Particles):
-        return component
+        return component, optics
     if not isinstance(optics, Dust):
         remedy = "free refractive_index_imag, effective_radius or weight instead"
         raise _refuse(component, name, remedy)
@@ -111,7 +111,7 @@ def as_particles(component: Component, name: str) -> Component:
         single_scattering_albedo=table(c.scattering / total),
         phase=optics.phase_function(nodes),
     )
-    return changed(component, name, optics=numbers)
+    return component, numbers
 
 
 def shifted(value: Any, at: float, target: float, low: float, high: float) -> Any:
@@ -136,9 +136,9 @@ def _albedo(component: Component, wavelength: float) -> float:
 
 
 def _with_albedo(component: Component, value: float, wavelength: float, name: str) -> Component:
-    plain = as_particles(component, name)
+    plain, optics = as_particles(component, name)
     # Linear between the nodes of a table, its value in between is not the shifted one: two repairs bring it there.
-    optics, aim = plain.optics, value
+    aim = value
     for _ in range(3):
         moved = shifted(optics.single_scattering_albedo, wavelength, aim, 0.0, 1.0)
         aim = float(np.clip(aim + value - evaluate(moved, [wavelength])[0], 0.0, 1.0))
@@ -150,13 +150,13 @@ def _asymmetry(component: Component, wavelength: float) -> float:
 
 
 def _with_asymmetry(component: Component, value: float, wavelength: float, name: str) -> Component:
-    plain = as_particles(component, name)
-    phase = plain.optics.phase
+    plain, optics = as_particles(component, name)
+    phase = optics.phase
     if not isinstance(phase, (HenyeyGreenstein, CornetteShanks, Draine)):
         raise DomainError(
             "free",
             name,
-            f"a phase function {phase.kind} has no single parameter for it; free its own: {name}.optics.phase",
+            f"a phase function {type(phase).__name__} has no single parameter for it; free one of its own",
         )
 
     def with_parameter(g: float) -> Any:
@@ -171,7 +171,7 @@ def _with_asymmetry(component: Component, value: float, wavelength: float, name:
             found = with_parameter(middle)
             below = float(found.mean_cosine([wavelength])[0]) < value
             low, high = (middle, high) if below else (low, middle)
-    return changed(plain, name, optics=changed(plain.optics, name, phase=found))
+    return changed(plain, name, optics=changed(optics, name, phase=found))
 
 
 def _radius(component: Component, wavelength: float) -> float:
@@ -187,7 +187,7 @@ def _radius(component: Component, wavelength: float) -> float:
 def _with_radius(component: Component, value: float, wavelength: float, name: str) -> Component:
     factor = value / _radius(component, wavelength)
     modes = []
-    for mode in component.optics.modes:
+    for mode in getattr(component.optics, "modes", ()):
         cuts = {c: getattr(mode, c) * factor for c in ("min_radius", "max_radius") if getattr(mode, c) is not None}
         modes.append(changed(mode, name, median_radius=mode.median_radius * factor, **cuts))
     return changed(component, name, optics=changed(component.optics, name, modes=tuple(modes)))

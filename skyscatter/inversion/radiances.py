@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.inversion.derivatives import differentiate
 from skyscatter.inversion.distributions import Distribution, Normal
-from skyscatter.inversion.finite import differentiate
 from skyscatter.inversion.observations import (
     Array,
     Linearisation,

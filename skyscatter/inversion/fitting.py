@@ -22,6 +22,8 @@ from skyscatter.model import load_model
 
 Array = NDArray[np.float64]
 
+#: Walks per ray with ``path``.
+DEFAULT_SAMPLES = 256
 METHODS = ("optimal_estimation", "posterior")
 
 
@@ -92,7 +94,7 @@ def fit(
         raise DomainError("max_iterations", max_iterations, "a whole number, at least 1")
     if model_error is not None and not 0 <= model_error < 1:
         raise DomainError("model_error", model_error, "a relative standard deviation from 0 to below 1, such as 0.005")
-    chosen = load_model(model) if isinstance(model, (str, os.PathLike)) else model
+    chosen = load_model(os.fspath(model)) if isinstance(model, (str, os.PathLike)) else model
     observations = _observations(data, noise)
     run = Run(solver, _options(solver, tolerance, samples, max_order, seed), threads)
     parameters, subject = free_parameters(chosen, free, observations)
@@ -111,7 +113,9 @@ def _options(
 ) -> dict[str, Any]:
     given: dict[str, Any] = {"tolerance": tolerance, "samples": samples, "max_order": max_order}
     given = {name: value for name, value in given.items() if value is not None}
-    return given | ({"seed": seed} if solver == "path" else {})
+    if solver != "path":
+        return given
+    return {"samples": DEFAULT_SAMPLES, **given, "seed": seed}
 
 
 def _observations(data: Any, noise: float | None) -> list[Observation]:
@@ -142,7 +146,7 @@ def free_parameters(
     for name in names:
         if names.count(name) > 1:
             raise DomainError("free", name, "is named twice; give each parameter once")
-    nuisances = {}
+    nuisances: dict[str, Any] = {}
     for observation in observations:
         nuisances.update(observation.nuisances)
     subject = Subject(model, common_sun(observations))
