@@ -125,6 +125,27 @@ def gas_transmittance(
     return GasTransmittance(first, second / first, third / second, half / second)
 
 
+def gas_bands(wavelengths_nm: ArrayLike, mixed: ArrayLike, water: ArrayLike) -> Array:
+    """Transmittance of mixed gases and water vapour by the band model, without their weak absorption elsewhere.
+
+    Parameters
+    ----------
+    wavelengths_nm : array_like, shape (wavelength,)
+        Inside the intervals of the table, 555 to 2497 nm; 1 outside.
+    mixed : array_like
+        Slant amount of the mixed gases, 1 for one vertical column at standard pressure.
+    water : array_like
+        Slant column of water vapour [g cm-2], of the shape of `mixed`.
+
+    Returns
+    -------
+    ndarray, shape (..., wavelength)
+    """
+    row, spectra = _rows(np.atleast_1d(np.asarray(wavelengths_nm, float))), read_table("gas_bands.csv")
+    gases = _malkmus(spectra["mixed_k"], spectra["mixed_c"], row, np.asarray(mixed, float))
+    return gases * _malkmus(spectra["water_k"], spectra["water_c"], row, np.asarray(water, float))
+
+
 def ozone_air_mass(zenith: ArrayLike) -> Array:
     """Slant over vertical column of the ozone layer (a Gaussian at 22 km, 5 km wide) in spherical shells."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(6)

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOMES = {
+    "Broadband": "skyscatter.inversion.broadband",
     "Derivatives": "skyscatter.inversion.derivatives",
     "differentiate": "skyscatter.inversion.derivatives",
     "FitResult": "skyscatter.inversion.fitresult",
@@ -24,6 +25,7 @@ _HOMES = {
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
+    from skyscatter.inversion.broadband import Broadband
     from skyscatter.inversion.derivatives import Derivatives, differentiate
     from skyscatter.inversion.distributions import LogNormal, LogUniform, Normal, Uniform
     from skyscatter.inversion.fitresult import FitResult

@@ -194,7 +194,7 @@ def _step(here: Point, gamma: float) -> Array:
 def _try(problem: Problem, here: Point, step: Array, gamma: float, nearly: bool) -> Point | None:
     """The point a step further on; None where its cost is higher.
 
-    After a failure the cost is looked at before derivatives are paid for, and at the end those of the last point will do.
+    After a failure the cost is looked at before derivatives are paid for; at the end those of the last point will do.
     """
     z = np.clip(here.z + step, -FARTHEST, FARTHEST)
     if nearly:

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.inversion.derivatives import differentiate
 from skyscatter.inversion.distributions import Distribution, Normal
+from skyscatter.inversion.looks import Integers, LimbLook, Look
 from skyscatter.inversion.observations import (
     Array,
     Linearisation,
@@ -25,64 +26,10 @@ from skyscatter.inversion.observations import (
 from skyscatter.inversion.parameters import Subject
 from skyscatter.solvers.run import check_wavelengths, radiance
 
-Integers = NDArray[np.int64]
-
 #: A radiometer's scale is seldom known better than to some per cent.
 CALIBRATION: Mapping[str, tuple[float, Distribution]] = {"calibration": (1.0, Normal(1.0, 0.05, low=0.0))}
 #: Decimals of degrees, and of metres, to which Suns, directions and heights are told apart.
 _DECIMALS = 6
-
-
-@dataclass(frozen=True)
-class Look:
-    """Rays under one Sun from one place, and which of their radiances were measured.
-
-    Attributes
-    ----------
-    sun : mapping
-        Fields of `skyscatter.Sun`.
-    altitude : float
-        Of the observer [m].
-    directions : ndarray, shape (ray, 3)
-    wavelengths : ndarray, shape (wavelength,)
-        [nm]
-    ray, band : ndarray of int, shape (datum,)
-        What each datum is.
-    rows : ndarray of int, shape (datum,)
-        Where it stands among all data of the observation.
-    response : ndarray, shape (band, wavelength), optional
-        Bands as weighted sums of wavelengths; without it each wavelength is a band.
-    """
-
-    sun: Mapping[str, float]
-    altitude: float
-    directions: Array
-    wavelengths: Array
-    ray: Integers
-    band: Integers
-    rows: Integers
-    response: Array | None = None
-
-    def scene(self, subject: Subject) -> Any:
-        """The scene that is looked at."""
-        sun = {**self.sun, **subject.sun}
-        arguments = {f"sun_{name}": value for name, value in sun.items()}
-        return subject.model.scene(**arguments, altitude=self.altitude)
-
-    def rays(self, subject: Subject) -> tuple[Array, Array]:
-        """Origins and directions, each (ray, 3)."""
-        position = self.scene(subject).observer.position
-        return np.broadcast_to(position, self.directions.shape), self.directions
-
-    def pick(self, values: Array) -> Array:
-        """From (..., ray, wavelength) to (..., datum)."""
-        bands = values if self.response is None else values @ self.response.T
-        return np.asarray(bands[..., self.ray, self.band])
-
-    def pick_error(self, errors: Array) -> Array:
-        """The same for standard errors, taken as fully correlated between the wavelengths of a band."""
-        bands = errors if self.response is None else errors @ np.abs(self.response).T
-        return np.asarray(bands[self.ray, self.band])
 
 
 @dataclass(frozen=True)
@@ -111,49 +58,67 @@ class Radiances(Observation):
         """Radiances of the model, times the calibration."""
         value, error = np.empty(self.values.size), np.empty(self.values.size)
         for look in self.looks:
-            scene, (origins, directions) = look.scene(subject), look.rays(subject)
-            answer = radiance(
-                scene, origins, directions, look.wavelengths, run.solver, threads=run.threads, **run.options
-            )
-            value[look.rows] = look.pick(answer.radiance)
-            error[look.rows] = look.pick_error(answer.standard_error)
+            answer = _answer(look, subject, run)
+            value[look.rows] = look.pick(look.sunlit(subject, answer.radiance))
+            error[look.rows] = look.pick_error(look.sunlit(subject, answer.standard_error))
         scale = subject.nuisance.get("calibration", 1.0)
         return Prediction(scale * value, scale * error)
 
     def linearise(
         self, subjects: Callable[[Array], Subject], z: Array, steps: Array, active: Sequence[bool], run: Run
     ) -> Linearisation:
-        """See `Observation.linearise`: by `differentiate`, all parameters of the model in one solution."""
+        """See `Observation.linearise`: by `differentiate`, all parameters of the model in one solution.
+
+        Parameters that turn the rays themselves (of a nebula's view, of a planet's radius) are differenced one by one.
+        """
         here = subjects(z)
-        chosen = np.flatnonzero(active)
         value, error = np.empty(self.values.size), np.empty(self.values.size)
         jacobian = np.zeros((self.values.size, z.size))
-
-        def moved(part: Array) -> Array:
-            there = z.copy()
-            there[chosen] = part
-            return there
-
         for look in self.looks:
-            origins, directions = look.rays(here)
+            rays = look.rays(here)
+            chosen = [k for k in np.flatnonzero(active).tolist() if _still(look, rays, subjects, z, steps, k)]
+
+            def scene_at(part: Array, look: Look = look, chosen: Sequence[int] = chosen) -> Any:
+                there = z.copy()
+                there[chosen] = part
+                return look.scene(subjects(there))
+
             found = differentiate(
-                lambda part, look=look: look.scene(subjects(moved(part))),  # type: ignore[misc]
-                z[chosen], steps[chosen], origins, directions, look.wavelengths,
-                solver=run.solver, threads=run.threads, **run.options,
+                scene_at, z[chosen], steps[chosen], *rays, look.wavelengths, solver=run.solver, threads=run.threads,
+                **run.options,
             )  # fmt: skip
-            value[look.rows] = look.pick(found.value)
-            error[look.rows] = look.pick_error(found.standard_error)
-            jacobian[np.ix_(look.rows, chosen)] = look.pick(found.jacobian).T
+            value[look.rows] = look.pick(look.sunlit(here, found.value))
+            error[look.rows] = look.pick_error(look.sunlit(here, found.standard_error))
+            jacobian[np.ix_(look.rows, chosen)] = look.pick(look.sunlit(here, found.jacobian)).T
+            for k in set(np.flatnonzero(active).tolist()) - set(chosen):
+                ends = [_answer(look, subjects(_moved(z, k, sign * steps[k])), run).radiance for sign in (1, -1)]
+                jacobian[look.rows, k] = look.pick(look.sunlit(here, (ends[0] - ends[1]) / (2 * steps[k])))
         scale = here.nuisance.get("calibration", 1.0)
         jacobian *= scale
-        for k in np.flatnonzero(~np.asarray(active)):
-            ends = []
-            for sign in (1.0, -1.0):
-                there = z.copy()
-                there[k] += sign * steps[k]
-                ends.append(subjects(there).nuisance.get("calibration", 1.0))
-            jacobian[:, k] += value * (ends[0] - ends[1]) / (2 * steps[k])
+        for k in np.flatnonzero(~np.asarray(active)).tolist():
+            ends = [subjects(_moved(z, k, sign * steps[k])).nuisance.get("calibration", 1.0) for sign in (1, -1)]
+            jacobian[:, k] = value * (ends[0] - ends[1]) / (2 * steps[k])
         return Linearisation(scale * value, scale * error, jacobian)
+
+
+def _moved(z: Array, k: int, by: float) -> Array:
+    there = z.copy()
+    there[k] += by
+    return there
+
+
+def _still(
+    look: Look, rays: tuple[Array, Array], subjects: Callable[[Array], Subject], z: Array, steps: Array, k: int
+) -> bool:
+    """Whether a parameter leaves the rays where they are."""
+    other = look.rays(subjects(_moved(z, k, steps[k])))
+    return all(np.array_equal(a, b) for a, b in zip(rays, other, strict=True))
+
+
+def _answer(look: Look, subject: Subject, run: Run) -> Any:
+    return radiance(
+        look.scene(subject), *look.rays(subject), look.wavelengths, run.solver, threads=run.threads, **run.options
+    )
 
 
 def radiance_table(
@@ -167,6 +132,7 @@ def radiance_table(
     sun_elevation_deg: ArrayLike,
     sun_azimuth_deg: ArrayLike = 180.0,
     altitude: ArrayLike = 0.0,
+    bandwidth_nm: float | None = None,
 ) -> Radiances:
     """Sky radiances in directions and at wavelengths, one datum a row.
 
@@ -186,6 +152,10 @@ def radiance_table(
         Where the Sun stood [degree], once or for each datum.
     altitude : array_like
         Of the observer above the ground [m], once or for each datum.
+    bandwidth_nm : float, optional
+        Width of the instrument's bands [nm].  Without it each wavelength stands for its cell, half-way to its neighbours
+        (docs/conventions.md), as in what `skyscatter.radiance` gives for a list of wavelengths; for a radiometer with
+        a few narrow bands say how narrow.
 
     Returns
     -------
@@ -210,11 +180,62 @@ def radiance_table(
     looks = [
         _look(
             {"elevation_deg": float(key[0]), "azimuth_deg": float(key[1])},
-            float(key[2]), direction, table["wavelength_nm"], rows,
+            float(key[2]), direction, table["wavelength_nm"], rows, bandwidth_nm,
         )
         for key, rows in groups(table["sun_elevation_deg"], table["sun_azimuth_deg"], table["altitude_m"])
     ]  # fmt: skip
     return Radiances(tuple(looks), values, deviation, labels=table)
+
+
+def limb_profile(
+    tangent_height_m: ArrayLike,
+    wavelength_nm: ArrayLike,
+    radiance: ArrayLike,
+    sigma: ArrayLike | None = None,
+    *,
+    altitude: float,
+    sun_elevation_deg: float,
+    sun_azimuth_deg: float = 180.0,
+    azimuth_deg: ArrayLike = 0.0,
+    noise: float | None = None,
+    bandwidth_nm: float | None = None,
+) -> Radiances:
+    """Radiances of a planet's limb, seen from above its air.
+
+    Parameters
+    ----------
+    tangent_height_m : array_like, shape (datum,)
+        Least height of the straight line of sight above the ground [m].
+    wavelength_nm, radiance, sigma, noise, bandwidth_nm
+        As for `radiance_table`.
+    altitude : float
+        Of the observer [m].
+    sun_elevation_deg, sun_azimuth_deg : float
+        Of the Sun at the observer [degree]: above the plane across the vertical there, which is not the limb's horizon.
+    azimuth_deg : array_like
+        Of the line of sight [degree], once or for each datum.
+
+    Returns
+    -------
+    Radiances
+    """
+    raw = np.asarray(radiance, float).ravel()
+    columns = {"tangent_height_m": tangent_height_m, "azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
+    table = {name: _column(name, column, raw.size) for name, column in columns.items()}
+    values, deviation = checked_data(raw, noise_of(raw, sigma, noise, "radiance"), "radiance")
+    if table["tangent_height_m"].min() < 0:
+        raise DomainError("tangent_height_m", float(table["tangent_height_m"].min()), "a height above the ground")
+    if not altitude > table["tangent_height_m"].max():
+        raise DomainError("altitude", altitude, "the observer is above all tangent points; say it: --altitude 600km")
+    lines = np.stack([table["tangent_height_m"], table["azimuth_deg"]], axis=1)
+    tangent, ray = np.unique(np.round(lines, _DECIMALS), axis=0, return_inverse=True)
+    wl, band = np.unique(table["wavelength_nm"], return_inverse=True)
+    look = LimbLook(
+        {"elevation_deg": float(sun_elevation_deg), "azimuth_deg": float(sun_azimuth_deg)}, float(altitude),
+        np.zeros((len(tangent), 3)), check_wavelengths(wl), ray.ravel(), band.ravel(), np.arange(values.size),
+        bandwidth=bandwidth_nm, tangent=tangent,
+    )  # fmt: skip
+    return Radiances((look,), values, deviation, kind="limb radiance", labels=table)
 
 
 def _column(name: str, column: Any, size: int) -> Array:
@@ -234,10 +255,17 @@ def groups(*columns: Array) -> list[tuple[Array, Integers]]:
     return [(key, np.flatnonzero(which == k)) for k, key in enumerate(keys)]
 
 
-def _look(sun: Mapping[str, float], altitude: float, direction: Array, wavelength: Array, rows: Integers) -> Look:
+def _look(
+    sun: Mapping[str, float],
+    altitude: float,
+    direction: Array,
+    wavelength: Array,
+    rows: Integers,
+    bandwidth: float | None,
+) -> Look:
     """Rows of one Sun as the rays and wavelengths that they need, each once."""
     rounded = np.round(direction[rows], 9)
     _, first, ray = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     wl, band = np.unique(wavelength[rows], return_inverse=True)
     directions = np.ascontiguousarray(direction[rows][first])
-    return Look(sun, altitude, directions, check_wavelengths(wl), ray.ravel(), band.ravel(), rows)
+    return Look(sun, altitude, directions, check_wavelengths(wl), ray.ravel(), band.ravel(), rows, bandwidth=bandwidth)
