@@ -16,7 +16,7 @@ import typer
 
 from skyscatter.cli import common, parse
 from skyscatter.errors import DomainError
-from skyscatter.units import metres
+from skyscatter.units import metres, nanometres
 
 METHODS = {"optimal-estimation": "optimal_estimation", "posterior": "posterior"}
 SOLVERS = ("orders", "path", "single")
@@ -38,8 +38,8 @@ class Request:
     json: str | None
     resume: Path | None
     quiet: bool
-    #: Of the observer and the Sun, for files that do not say.
-    place: dict[str, float]
+    #: Of `skyscatter.inversion.read_observation`: what files do not say, and what of them to use.
+    place: dict[str, Any]
     #: Of `skyscatter.fit`.
     options: dict[str, Any]
 
@@ -102,6 +102,19 @@ def invert(
     altitude: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Observer's height, where the data do not say, else 0.")
     ] = None,
+    place: Annotated[
+        str | None, typer.Option(metavar="LAT,LON", help="Place on Earth [degree], for fluxes by time.")
+    ] = None,
+    bandwidth: Annotated[
+        str | None,
+        typer.Option(metavar="NM", help="Width of the instrument's bands, else as far as half-way to the next."),
+    ] = None,
+    pixels: Annotated[
+        str | None, typer.Option(metavar="N", help="Pixels of an image to use at most, evenly spread, else 400.")
+    ] = None,
+    wavelengths: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Those of an image's wavelengths [nm] to use, else all.")
+    ] = None,
     seed: Annotated[str | None, typer.Option(metavar="N", help="Same seed, same numbers; else 0.")] = None,
     threads: common.Threads = None,
     output: Annotated[
@@ -142,7 +155,9 @@ def invert(
         json=as_json,
         resume=None if resume is None else parse.check_input(resume, "checkpoint"),
         quiet=quiet,
-        place=_place(sun_elevation, sun_azimuth, altitude),
+        place=_place(
+            sun_elevation, sun_azimuth, altitude, place=place, bandwidth=bandwidth, pixels=pixels, wavelengths=wavelengths
+        ),
         options=_options(
             solver=solver, method=method, noise=noise, model_error=model_error, tolerance=tolerance, samples=samples,
             max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads,
@@ -185,12 +200,19 @@ def _free(free: list[str], prior: list[str]) -> dict[str, Any]:
     return found
 
 
-def _place(elevation: str | None, azimuth: str | None, altitude: str | None) -> dict[str, float]:
-    given = {
+def _place(elevation: str | None, azimuth: str | None, altitude: str | None, **texts: str | None) -> dict[str, Any]:
+    bandwidth, place, wavelengths = texts["bandwidth"], texts["place"], texts["wavelengths"]
+    given: dict[str, Any] = {
         "sun_elevation_deg": None if elevation is None else parse.parse_degrees(elevation, "sun_elevation", 90.0, 0.0),
         "sun_azimuth_deg": None if azimuth is None else parse.parse_degrees(azimuth, "sun_azimuth", 360.0, 0.0),
         "altitude": None if altitude is None else metres(altitude, "altitude"),
+        "place": None if place is None else parse.parse_place(place),
+        "bandwidth_nm": None if bandwidth is None else nanometres(bandwidth, "bandwidth"),
+        "pixels": parse.parse_integer(texts["pixels"], "pixels", 1, "give a number of pixels, 1 or more"),
+        "wavelengths": None if wavelengths is None else parse.parse_wavelengths(wavelengths),
     }
+    if given["bandwidth_nm"] is not None and not given["bandwidth_nm"] > 0:
+        raise DomainError("bandwidth", bandwidth, "give a width above 0 in nm")
     return {name: value for name, value in given.items() if value is not None}
 
 

@@ -1,9 +1,9 @@
 """From spectra without gas bands to what a broadband instrument reads.
 
-The model's spectrum holds air, aerosol and ozone.  Water vapour and the mixed gases (O2, CO2, CH4, ...) are put on top, as
-factors: for each interval of the band model of `skyscatter.dehaze.gases` (data/gas_bands.csv) the transmittance along the
-Sun's beam.  Diffuse light, which has gone another way through the vapour, gets the same factor; under a clear sky that is
-a tenth of the light, mostly at wavelengths without strong bands.
+The model's spectrum holds air, aerosol and ozone.  Water vapour and the mixed gases (O2, CO2, CH4, ...) are put on
+top, as factors: for each interval of the band model of `skyscatter.dehaze.gases` (data/gas_bands.csv) the transmittance
+along the Sun's beam.  Diffuse light, which has gone another way through the vapour, gets the same factor; under a clear
+sky that is a tenth of the light, mostly at wavelengths without strong bands.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ PRECIPITABLE_WATER: dict[str, tuple[float, Distribution]] = {"precipitable_water
 #: Nodes [nm] between which the ratio of flux to sunlight is smooth once lines are left out; dense where air and ozone
 #: change it.
 NODES = (
-    290.0, 297.0, 303.0, 309.0, 315.0, 325.0, 340.0, 360.0, 385.0, 420.0, 460.0, 505.0, 550.0, 600.0, 660.0, 740.0, 860.0,
-    1050.0, 1350.0, 1700.0, 2490.0,
+    290.0, 297.0, 303.0, 309.0, 315.0, 325.0, 340.0, 360.0, 385.0, 420.0, 460.0, 505.0, 550.0, 600.0, 660.0, 740.0,
+    860.0, 1050.0, 1350.0, 1700.0, 2490.0,
 )  # fmt: skip
 
 

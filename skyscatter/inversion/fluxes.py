@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,9 @@ from skyscatter.inversion.parameters import Subject
 from skyscatter.inversion.radiances import CALIBRATION
 from skyscatter.inversion.stack import differences_forbid, stack
 from skyscatter.record import nearest
+from skyscatter.solvers.field import LOOSEST, Solution, solve_once, zenith_range
+from skyscatter.solvers.fluxes import fluxes as fluxes_of
+from skyscatter.solvers.run import worker_count
 
 Array = NDArray[np.float64]
 
@@ -28,6 +32,8 @@ TIME_OFFSET: Mapping[str, tuple[float, Distribution]] = {"time_offset_s": (0.0, 
 MOST_CHANNELS = 256
 #: The error that the solver's tolerance allows: fluxes carry no estimate of their own.
 DEFAULT_TOLERANCE = 0.01
+#: Offsets of the clock that are provided for, either way [s].
+LATEST = 300.0
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class Fluxes(Observation):
     Attributes
     ----------
     elevation : ndarray, shape (datum, 3)
-        The Sun's elevation [degree], its rate [degree s-1] and half its second derivative: where it is an instant later.
+        The Sun's elevation [degree], its rate [degree s-1] and half its second derivative, for clocks that are late.
     quantity : sequence of str, one of `QUANTITIES` for each datum
     wavelength : ndarray, shape (datum,)
         [nm]; NaN is broadband.
@@ -98,7 +104,7 @@ class Fluxes(Observation):
     def linearise(
         self, subjects: Callable[[Array], Subject], z: Array, steps: Array, active: Sequence[bool], run: Run
     ) -> Linearisation:
-        """See `Observation.linearise`: all copies of the scene in few solutions, nuisance parameters from one of them."""
+        """See `Observation.linearise`: all copies of the scene in few solutions, nuisance parameters from one."""
         shifts = [(k, sign) for k in range(z.size) for sign in (1.0, -1.0)]
         ends = [subjects(z + sign * steps[k] * (np.arange(z.size) == k)) for k, sign in shifts]
         here = subjects(z)
@@ -131,21 +137,19 @@ class Fluxes(Observation):
         return found
 
     def _field(self, scenes: Sequence[Any], wl: Array, run: Run) -> list[Callable[[Array], dict[str, Array]]]:
-        from skyscatter.solvers.field import solve
-
+        reach = LATEST * np.abs(self.elevation[:, 1]) if self.timed else 0.0
+        low = max(float((self.elevation[:, 0] - reach).min()) - 1.0, -90.0)
+        high = min(float((self.elevation[:, 0] + reach).max()) + 1.0, 90.0)
         stacked = stack(scenes, wl)
-        reach = 300.0 * np.abs(self.elevation[:, 1]) if self.timed else 0.0  # offsets of the clock up to five minutes
-        low, high = (self.elevation[:, 0] - reach).min(), (self.elevation[:, 0] + reach).max()
-        options = {k: v for k, v in run.options.items() if k == "max_order"}
-        solution = solve(
-            stacked.scene, stacked.channels.numbers, sun_elevations_deg=(max(low - 1, -90), min(high + 1, 90)),
-            tolerance=run.options.get("tolerance", DEFAULT_TOLERANCE), threads=run.threads, **options,
-        )  # fmt: skip
+        tolerance = float(run.options.get("tolerance", DEFAULT_TOLERANCE))
+        solution = _solution(
+            tuple(scenes), tuple(wl.tolist()), low, high, tolerance, run.options.get("max_order"), run.threads
+        )
 
         def of(copy: int) -> Callable[[Array], dict[str, Array]]:
             def fluxes(elevation: Array) -> dict[str, Array]:
-                at = np.clip(elevation, max(low - 1, -90), min(high + 1, 90))
-                answer = solution.fluxes(self.altitude, sun_elevation_deg=at)
+                zenith = np.radians(90.0 - np.clip(elevation, low, high))
+                answer = fluxes_of(solution.problem, solution.sums, np.full(zenith.shape, self.altitude), zenith)
                 part = {
                     name: stacked.channels.split(getattr(answer, name))[copy]
                     for name in ("direct", "diffuse_down", "diffuse_up")
@@ -182,6 +186,25 @@ class Fluxes(Observation):
                 ratio = spectra[name][np.ix_(broad, columns)] / sunlight[columns]
                 value[broad] = self.broadband.total(ratio, elevation[broad], water, star)
         return nuisance.get("calibration", 1.0) * value
+
+
+@lru_cache(maxsize=2)
+def _solution(
+    scenes: tuple[Any, ...],
+    wavelengths: tuple[float, ...],
+    low: float,
+    high: float,
+    tolerance: float,
+    max_order: int | None,
+    threads: int | None,
+) -> Solution:
+    """All scenes in one solution, for Suns between two elevations [degree]; kept for the next observation of the same."""
+    stacked = stack(scenes, wavelengths)
+    scene: Any = stacked.scene
+    zenith = zenith_range(scene, (low, high), tolerance)
+    return solve_once(
+        scene, stacked.channels.numbers, zenith, min(tolerance, LOOSEST), False, max_order, worker_count(threads)
+    )
 
 
 def flux_table(
@@ -261,7 +284,8 @@ def flux_table(
     one_kind = wl[np.isfinite(wl)].size in (0, values.size)
     return Fluxes(
         values, deviation, elevation, names, wl, float(altitude), distance_au,
-        (broadband or Broadband()) if broad else None, timed, bandwidth_nm, kind="irradiance" if one_kind else "irradiances",
+        (broadband or Broadband()) if broad else None, timed, bandwidth_nm,
+        kind="irradiance" if one_kind else "irradiances",
         unit="W m-2" if broad and one_kind else "W m-2 nm-1" if one_kind else "W m-2 (nm-1)",
     )  # fmt: skip
 

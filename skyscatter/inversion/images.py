@@ -76,7 +76,9 @@ def sky_image(
     -------
     Radiances
     """
-    name, picture = _loaded(image)
+    name, picture = _named(image), loaded(image)
+    if not isinstance(picture, SpectralImage):
+        raise DomainError("data", name, "has filters; skies are fitted as spectra")
     camera = camera_of(picture.recipe, name)
     scene = picture.recipe.get("scene", {})
     if "planet_radius" not in scene.get("medium", {}):
@@ -138,7 +140,7 @@ def nebula_image(
     -------
     Radiances
     """
-    name, picture = _loaded(image)
+    name, picture = _named(image), loaded(image)
     camera = _telescope(picture, name)
     shape = picture.radiance.shape[:2]
     usable = _usable(picture.radiance, mask) & ~_around_stars(picture.recipe, camera, shape)
@@ -157,18 +159,22 @@ def nebula_image(
     return Radiances((look,), values, sigma, kind="nebula image", labels=_labels(chosen, middles, ray, band))
 
 
-def _loaded(image: Any) -> tuple[str, Any]:
-    """Name for errors, and the picture."""
-    if not isinstance(image, (str, os.PathLike)):
-        return type(image).__name__, image
+def _named(image: Any) -> str:
+    """What to call a picture in errors."""
+    return str(image) if isinstance(image, (str, os.PathLike)) else type(image).__name__
+
+
+def loaded(image: Any) -> SpectralImage | FilterImage:
+    """A picture, from a file if it is none yet."""
+    if isinstance(image, (SpectralImage, FilterImage)):
+        return image
     path = Path(image)
-    if path.suffix.lower() == ".fits":
+    if path.suffix.lower() == ".fits" and path.is_file():
         from skyscatter.image.fits import open_fits
 
-        filters = open_fits(path, lambda hdus, _: "FILTERS" in hdus) if path.is_file() else False
-        if filters:
-            return str(path), FilterImage.load(path)
-    return str(path), SpectralImage.load(path)
+        if open_fits(path, lambda hdus, _: "FILTERS" in hdus):
+            return FilterImage.load(path)
+    return SpectralImage.load(path)
 
 
 def _telescope(picture: Any, name: str) -> Telescope:

@@ -89,7 +89,7 @@ class Radiances(Observation):
             )  # fmt: skip
             value[look.rows] = look.pick(look.sunlit(here, found.value))
             error[look.rows] = look.pick_error(look.sunlit(here, found.standard_error))
-            jacobian[np.ix_(look.rows, chosen)] = look.pick(look.sunlit(here, found.jacobian)).T
+            jacobian[np.ix_(look.rows, np.array(chosen, int))] = look.pick(look.sunlit(here, found.jacobian)).T
             for k in set(np.flatnonzero(active).tolist()) - set(chosen):
                 ends = [_answer(look, subjects(_moved(z, k, sign * steps[k])), run).radiance for sign in (1, -1)]
                 jacobian[look.rows, k] = look.pick(look.sunlit(here, (ends[0] - ends[1]) / (2 * steps[k])))
@@ -153,9 +153,9 @@ def radiance_table(
     altitude : array_like
         Of the observer above the ground [m], once or for each datum.
     bandwidth_nm : float, optional
-        Width of the instrument's bands [nm].  Without it each wavelength stands for its cell, half-way to its neighbours
-        (docs/conventions.md), as in what `skyscatter.radiance` gives for a list of wavelengths; for a radiometer with
-        a few narrow bands say how narrow.
+        Width of the instrument's bands [nm].  Without it each wavelength stands for its cell, half-way to its
+        neighbours (docs/conventions.md), as in what `skyscatter.radiance` gives for a list of wavelengths; for a
+        radiometer with a few narrow bands say how narrow.
 
     Returns
     -------
