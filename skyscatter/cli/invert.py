@@ -93,6 +93,12 @@ def invert(
         str | None, typer.Option(metavar="N", help="Highest order of scattering (orders, path).")
     ] = None,
     max_iterations: Annotated[str | None, typer.Option(metavar="N", help="Iterations at most, else 20.")] = None,
+    steps: Annotated[
+        str | None, typer.Option(metavar="N", help="Steps of each walker (posterior), else 1000 or more.")
+    ] = None,
+    no_emulator: Annotated[
+        bool, typer.Option("--no-emulator", help="Walk on the model itself, which takes long (posterior).")
+    ] = False,
     sun_elevation: Annotated[
         str | None, typer.Option(metavar="DEG", help="Sun's elevation [degree], where the data do not say.")
     ] = None,
@@ -156,11 +162,12 @@ def invert(
         resume=None if resume is None else parse.check_input(resume, "checkpoint"),
         quiet=quiet,
         place=_place(
-            sun_elevation, sun_azimuth, altitude, place=place, bandwidth=bandwidth, pixels=pixels, wavelengths=wavelengths
+            sun_elevation, sun_azimuth, altitude, place=place, bandwidth=bandwidth, pixels=pixels,
+            wavelengths=wavelengths,
         ),
         options=_options(
             solver=solver, method=method, noise=noise, model_error=model_error, tolerance=tolerance, samples=samples,
-            max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads,
+            max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads, steps=steps, no_emulator=no_emulator,
         ),
     )  # fmt: skip
     if not request.data:
@@ -216,7 +223,7 @@ def _place(elevation: str | None, azimuth: str | None, altitude: str | None, **t
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _options(**texts: str | None) -> dict[str, Any]:
+def _options(no_emulator: bool, **texts: str | None) -> dict[str, Any]:
     """Options of `skyscatter.fit` from what was typed."""
     solver, method = str(texts["solver"]), str(texts["method"])
     if solver not in SOLVERS:
@@ -226,6 +233,9 @@ def _options(**texts: str | None) -> dict[str, Any]:
     for name in MEANINGLESS[solver]:
         if texts[name] is not None:
             raise DomainError(name, texts[name], f"means nothing to the solver {solver}; leave it out")
+    if method != "posterior" and (no_emulator or texts["steps"] is not None):
+        name = "no_emulator" if no_emulator else "steps"
+        raise DomainError(name, texts.get(name, True), "belongs to the posterior; add --method posterior")
     integer = parse.parse_integer
     options: dict[str, Any] = {
         "noise": parse.parse_noise(texts["noise"]),
@@ -234,6 +244,8 @@ def _options(**texts: str | None) -> dict[str, Any]:
         "samples": integer(texts["samples"], "samples", 2, "give a number of walks, 2 or more"),
         "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "max_iterations": integer(texts["max_iterations"], "max_iterations", 1, "give a number, 1 or more"),
+        "steps": integer(texts["steps"], "steps", 10, "give a number of steps, 10 or more"),
+        "emulator": False if no_emulator else None,
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
     }

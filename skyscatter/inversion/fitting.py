@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ def fit(
     samples: int | None = None,
     max_order: int | None = None,
     max_iterations: int = 20,
+    steps: int = 1000,
+    emulator: bool | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -68,6 +71,12 @@ def fit(
         Of the solver; see `skyscatter.radiance`.
     max_iterations : int
         Of the optimal estimation.
+    steps : int
+        Of each walker through the posterior, at least.
+    emulator : bool, optional
+        Let a quadratic polynomial, fitted to runs of the model around the estimate and judged by others, stand for
+        the model in the posterior's walks (see `skyscatter.inversion.emulator`); False walks on the model itself.  True when
+        not given.
     seed : int
         Of ``path`` and of the sampling.
     threads : int, optional
@@ -94,18 +103,48 @@ def fit(
         raise DomainError("max_iterations", max_iterations, "a whole number, at least 1")
     if model_error is not None and not 0 <= model_error < 1:
         raise DomainError("model_error", model_error, "a relative standard deviation from 0 to below 1, such as 0.005")
+    _check_posterior(method, steps, emulator)
     chosen = load_model(os.fspath(model)) if isinstance(model, (str, os.PathLike)) else model
     observations = _observations(data, noise)
     run = Run(solver, _options(solver, tolerance, samples, max_order, seed), threads)
     parameters, subject = free_parameters(chosen, free, observations)
     forward = Forward(parameters, subject, observations, run, model_error)
-    settings = {
+    settings: dict[str, Any] = {
         "free": {p.name: str(p.prior) for p in parameters}, "solver": solver, "method": method, "seed": seed,
         "options": {k: v for k, v in run.options.items() if v is not None}, "model_error": model_error,
     }  # fmt: skip
+    walking = method == "posterior"
+    if walking:
+        settings |= {"steps": steps, "emulator": emulator is not False}
     state = FitState(resume, {"settings": settings, **_digest(forward)})
-    estimate = _estimate(forward, max_iterations, progress, state)
-    return _result(forward, estimate, method, settings)
+    kept = state.load() or {}
+    share = 0.2 if walking else 1.0
+    estimate = _estimate(forward, max_iterations, progress and _part(progress, 0.0, share), state, kept)
+    if not walking:
+        return _result(forward, estimate, method, settings)
+    from skyscatter.inversion.posterior import sample_posterior
+
+    found = sample_posterior(
+        forward, estimate, state, kept, steps=steps, seed=seed, emulated=emulator is not False,
+        progress=progress and _part(progress, share, 1.0),
+    )  # fmt: skip
+    return _sampled(forward, _result(forward, estimate, method, settings), found)
+
+
+def _check_posterior(method: str, steps: int, emulator: bool | None) -> None:
+    if method != "posterior":
+        if emulator is not None:
+            raise DomainError("emulator", emulator, "belongs to method posterior; leave it out")
+        return
+    if steps < 10:
+        raise DomainError("steps", steps, "a whole number, at least 10")
+    from skyscatter.inversion.posterior import require_emcee
+
+    require_emcee()  # before any time is spent
+
+
+def _part(progress: Callable[[float], None], low: float, high: float) -> Callable[[float], None]:
+    return lambda share: progress(low + (high - low) * share)
 
 
 def _options(
@@ -165,22 +204,49 @@ def _digest(forward: Forward) -> dict[str, Any]:
 
 
 def _estimate(
-    forward: Forward, max_iterations: int, progress: Callable[[float], None] | None, state: FitState
+    forward: Forward,
+    max_iterations: int,
+    progress: Callable[[float], None] | None,
+    state: FitState,
+    kept: dict[str, Any],
 ) -> Estimate:
-    kept = state.load() or {"z": forward.start(), "gamma": 0.0, "iterations": 0}
+    """The state of least cost; from where an earlier run stood, with what it kept in `kept`."""
 
     def keep(now: dict[str, Any]) -> None:
-        state.keep(**now)
+        kept.update(now)
+        state.keep(**kept)
         if progress is not None:
             progress(min(now["iterations"] / max_iterations, 1.0))
 
+    if "estimate_z" in kept:  # an earlier run came so far
+        return Estimate(**{f.name: _plain(kept[f"estimate_{f.name}"]) for f in fields(Estimate)})
+    begin = np.asarray(kept.get("z", forward.start()), float)
     found = optimal_estimation(
-        forward, np.array(kept["z"], float), max_iterations=max_iterations, gamma=float(kept["gamma"]),
-        done=int(kept["iterations"]), keep=keep,
+        forward, begin, max_iterations=max_iterations, gamma=float(kept.get("gamma", 0.0)),
+        done=int(kept.get("iterations", 0)), keep=keep,
     )  # fmt: skip
+    kept.update({f"estimate_{f.name}": np.asarray(getattr(found, f.name)) for f in fields(Estimate)})
+    state.keep(**kept)
     if progress is not None:
         progress(1.0)
     return found
+
+
+def _plain(value: Array) -> Any:
+    """An array from a file, or the number that it holds."""
+    return value if value.ndim else value.item()
+
+
+def _sampled(forward: Forward, plain: FitResult, found: Any) -> FitResult:
+    """The result with the posterior's mean and covariance in the place of the linear ones."""
+    z = found.samples.mean(axis=0)
+    fitted = forward.predict(z)
+    variance = forward.sigma**2 + fitted.error**2
+    return replace(
+        plain, z=z, covariance_z=np.atleast_2d(np.cov(found.samples, rowvar=False)), samples_z=found.samples,
+        diagnostics=found.diagnostics, fitted=fitted.value, model_error=fitted.error,
+        chi2=float(np.sum((forward.y - fitted.value) ** 2 / variance)), model=forward.subject_at(z).model,
+    )  # fmt: skip
 
 
 def _result(forward: Forward, estimate: Estimate, method: str, settings: Mapping[str, Any]) -> FitResult:

@@ -198,7 +198,7 @@ def _solution(
     max_order: int | None,
     threads: int | None,
 ) -> Solution:
-    """All scenes in one solution, for Suns between two elevations [degree]; kept for the next observation of the same."""
+    """All scenes in one solution, for Suns between two elevations [degree]; kept for other data of the same."""
     stacked = stack(scenes, wavelengths)
     scene: Any = stacked.scene
     zenith = zenith_range(scene, (low, high), tolerance)
