@@ -167,7 +167,8 @@ def invert(
         ),
         options=_options(
             solver=solver, method=method, noise=noise, model_error=model_error, tolerance=tolerance, samples=samples,
-            max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads, steps=steps, no_emulator=no_emulator,
+            max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads, steps=steps,
+            no_emulator=no_emulator,
         ),
     )  # fmt: skip
     if not request.data:

@@ -75,8 +75,8 @@ def fit(
         Of each walker through the posterior, at least.
     emulator : bool, optional
         Let a quadratic polynomial, fitted to runs of the model around the estimate and judged by others, stand for
-        the model in the posterior's walks (see `skyscatter.inversion.emulator`); False walks on the model itself.  True when
-        not given.
+        the model in the posterior's walks (see
+        `skyscatter.inversion.emulator`); False walks on the model itself.  True when not given.
     seed : int
         Of ``path`` and of the sampling.
     threads : int, optional

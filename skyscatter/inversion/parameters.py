@@ -135,6 +135,7 @@ def resolve(
     if at and not spectral:
         raise DomainError("free", name, f"{base} does not depend on wavelength; leave out @{wavelength}")
     value = get(subject)
+    put(subject, value)  # refuses what can be read but not be set
     limits, common = _usual(words[-1], value)
     if prior is None and common is None:
         raise DomainError("free", name, f"there is no usual prior; give bounds: {name}=LOW:HIGH")
