@@ -130,7 +130,7 @@ def resolve(
         ) from None
     if base in (nuisances or {}) and not at:
         neutral, usual = (nuisances or {})[base]
-        return _nuisance(base, neutral, usual if prior is None else as_prior(prior, name, (-INF, INF)))
+        return _nuisance(base, neutral, usual if prior is None else as_prior(prior, name, usual.support))
     get, put, amount, spectral = _access(name, words, reference, subject, nuisances or {})
     if at and not spectral:
         raise DomainError("free", name, f"{base} does not depend on wavelength; leave out @{wavelength}")

@@ -123,7 +123,13 @@ def _draws(result: FitResult) -> Array:
         return result.samples
     rng = np.random.default_rng(0)
     root = np.linalg.cholesky(result.covariance_z)
-    return result.values_of(result.z + rng.standard_normal((_DRAWS, len(result.names))) @ root.T)
+    states = result.z + rng.standard_normal((_DRAWS, len(result.names))) @ root.T
+    # The maps of priors are smooth: a few hundred exact values stand for all of them in a picture.
+    columns = []
+    for prior, z in zip(result.priors, states.T, strict=True):
+        nodes = np.linspace(z.min(), z.max(), 400)
+        columns.append(np.interp(z, nodes, [prior.value(float(x)) for x in nodes]))
+    return np.stack(columns, axis=1)
 
 
 def _one(ax: Any, values: Array, span: tuple[float, float]) -> None:

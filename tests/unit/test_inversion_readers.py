@@ -1,0 +1,250 @@
+"""Data from files, the command line around a fit, and results that are kept."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skyscatter
+from skyscatter.cli.main import main
+from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.inversion import FitResult, Normal, limb_profile, radiance_table, read_observation, sky_image
+from skyscatter.inversion.observations import Run
+from skyscatter.inversion.parameters import Subject
+
+AZIMUTH, ELEVATION = (a.ravel() for a in np.meshgrid([190.0, 220.0, 270.0, 350.0], [15.0, 40.0, 70.0]))
+WAVELENGTHS = np.array([450.0, 650.0])
+
+
+def sky(depth: float = 0.3) -> Any:
+    """Radiances (ray, wavelength) by single scattering: quick, and its inversion is as good a test."""
+    subject = Subject(skyscatter.load_model("earth-hazy"))
+    from skyscatter.inversion.parameters import resolve
+
+    model = resolve("haze.optical_depth", None, subject).put(subject, depth).model
+    scene = model.scene(sun_elevation_deg=35.0, altitude=100.0)
+    look = direction_from_azimuth_elevation(AZIMUTH, ELEVATION)
+    return skyscatter.radiance(scene, scene.observer.position, look, WAVELENGTHS, "single").radiance
+
+
+def write(path: Path, text: str) -> Path:
+    """A file with that text."""
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table of radiances with noise of 1 %."""
+    values = sky() * (1 + 0.01 * np.random.default_rng(1).standard_normal((12, 2)))
+    lines = ["# made for a test", "azimuth_deg,elevation_deg,wavelength_nm,radiance,sigma,sun_elevation_deg,altitude_m"]
+    for k in range(12):
+        for j in range(2):
+            row = (AZIMUTH[k], ELEVATION[k], WAVELENGTHS[j], values[k, j], 0.01 * values[k, j], 35.0, 100.0)
+            lines.append(",".join(map(repr, map(float, row))))
+    lines.append("0,30,450,,,35,100")  # not measured
+    return write(tmp_path_factory.mktemp("data") / "sky.csv", "\n".join(lines))
+
+
+def test_a_table_is_read_as_it_was_measured(csv: Path, tmp_path: Path) -> None:
+    """CSV and netCDF alike; the prediction at the truth is what was measured but for its noise."""
+    import xarray
+
+    data = read_observation(csv)
+    assert data.values.size == 24
+    assert data.sun == {"elevation_deg": 35.0, "azimuth_deg": 180.0}
+    subject = Subject(skyscatter.load_model("earth-hazy"))
+    from skyscatter.inversion.parameters import resolve
+
+    subject = resolve("haze.optical_depth", None, subject).put(subject, 0.3)
+    off = (data.predict(subject, Run("single")).value - data.values) / data.sigma
+    assert np.abs(off).max() < 4
+    assert 0.5 < off.std() < 1.5
+    columns = {name: ("datum", v) for name, v in data.coordinates().items()}
+    table = xarray.Dataset({**columns, "radiance": ("datum", data.values), "sigma": ("datum", data.sigma)})
+    table.to_netcdf(tmp_path / "sky.nc", engine="h5netcdf")
+    again = read_observation(tmp_path / "sky.nc")
+    np.testing.assert_array_equal(again.values, data.values)
+    np.testing.assert_array_equal(again.coordinates()["azimuth_deg"], data.coordinates()["azimuth_deg"])
+
+
+def test_narrow_bands_see_the_lines_where_they_are() -> None:
+    """Sunlight at 430 nm through 1 nm is that of the spectrum, not of a cell hundreds of nm wide."""
+    from skyscatter.spectra.solar import solar_irradiance
+
+    model = Subject(skyscatter.load_model("earth"))
+    common: dict[str, Any] = {"noise": 0.01, "sun_elevation_deg": 30.0}
+    wide = radiance_table([200, 200], [30, 30], [430.5, 700], [1, 1], **common).predict(model, Run("single")).value
+    thin = radiance_table([200, 200], [30, 30], [430.5, 700], [1, 1], **common, bandwidth_nm=1.0)
+    share = solar_irradiance([430.5, 700], band=1.0) / solar_irradiance([430.5, 700])
+    assert abs(share[0] - 1) > 0.1
+    np.testing.assert_allclose(thin.predict(model, Run("single")).value, wide * share, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("azimuth_deg,elevation_deg,wavelength_nm,radiance\n1,2,500,1", {"noise": 0.1}, "--sun-elevation"),
+        ("azimuth_deg,elevation_deg,wavelength_nm,radiance\n1,2,500,1", {"sun_elevation_deg": 3}, "no column sigma"),
+        ("azimuth_deg,elevation_deg,wavelenght_nm,radiance\n1,2,500,1", {}, "did you mean wavelength_nm?"),
+        ("azimuth_deg,elevation_deg,wavelength_nm,radiance\n1,2,500", {}, "row 1 has 3 cells"),
+        ("azimuth_deg,elevation_deg,wavelength_nm,radiance\n1,2,500,much", {}, "is no number"),
+        ("azimuth_deg,elevation_deg,wavelength_nm,radiance\n1,92,500,1", {"noise": 0.1, "sun_elevation_deg": 3}, "-90"),
+        ("colour,taste\n1,2", {}, "needs the columns azimuth_deg"),
+        ("azimuth_deg", {}, "at least one row"),
+        ("tangent_height_m,wavelength_nm,radiance\n2e4,500,1", {"noise": 0.1, "sun_elevation_deg": 3}, "--altitude"),
+        ("time,global\n2013-05-27T13:00Z,500", {"noise": 0.1}, "--place"),
+        ("sun_elevation_deg,flux\n30,500", {"noise": 0.1}, "column quantity"),
+        ("sun_elevation_deg,quantity,flux\n30,gobal,500", {"noise": 0.1}, "did you mean global?"),
+        ("sun_elevation_deg,global\n30,500", {"noise": 0.1, "pixels": 3}, "means nothing to"),
+    ],
+)
+def test_files_that_cannot_be_understood(tmp_path: Path, text: str, options: Any, words: str) -> None:
+    """One line that names the file or the option, and the remedy."""
+    with pytest.raises(DomainError) as caught:
+        read_observation(write(tmp_path / "data.csv", text), **options)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_not_there(tmp_path: Path) -> None:
+    """Nor of a kind that is read."""
+    with pytest.raises(MissingDataError):
+        read_observation(tmp_path / "none.csv")
+    with pytest.raises(DomainError, match=r"\.csv"):
+        read_observation(write(tmp_path / "data.txt", "x"))
+
+
+def test_a_limb_is_seen_at_its_tangent_heights() -> None:
+    """The lowest point of each line of sight, by geometry."""
+    data = limb_profile([1e4, 3e4], 500.0, [1.0, 1.0], noise=0.1, altitude=5e5, sun_elevation_deg=20.0)
+    origins, directions = data.looks[0].rays(Subject(skyscatter.load_model("earth")))
+    along = np.sum(origins * directions, axis=1)
+    height = np.sqrt(np.sum(origins**2, axis=1) - along**2) - 6371e3
+    np.testing.assert_allclose(np.sort(height), [1e4, 3e4], atol=1e-3)
+    with pytest.raises(DomainError, match="above all tangent points"):
+        limb_profile([1e4], 500.0, [1.0], noise=0.1, altitude=5e3, sun_elevation_deg=20.0)
+
+
+def test_a_sky_image_predicts_itself(tmp_path: Path) -> None:
+    """From a file, with fewer wavelengths than it has: its sunlight is that of its own cells."""
+    scene = skyscatter.load_model("earth-hazy").scene(sun_elevation_deg=35, altitude="1 km")
+    image = skyscatter.render(scene, skyscatter.Fisheye(width=12, height=12), [430, 500, 570, 640], solver="single")
+    image.save(tmp_path / "sky.nc")
+    data = read_observation(tmp_path / "sky.nc", noise=0.01, wavelengths=[430, 640], pixels=40)
+    predicted = data.predict(Subject(skyscatter.load_model("earth-hazy")), Run("single"))
+    np.testing.assert_allclose(predicted.value, data.values, rtol=1e-12)
+    assert 40 <= data.values.size <= 80
+    with pytest.raises(DomainError, match="noise"):
+        sky_image(image)
+    with pytest.raises(DomainError, match="nothing is left"):
+        sky_image(image, noise=0.1, mask=np.ones((12, 12), bool))
+
+
+def test_a_fit_on_the_command_line(csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Data, names and priors in; JSON, pictures and the fitted model out; the truth within four deviations."""
+    out = {name: tmp_path / name for name in ("fit.json", "corner.png", "residual.png", "fitted.toml")}
+    status = main([
+        "invert", "earth-hazy", "--data", str(csv), "--solver", "single", "--free", "haze.optical_depth=0:2",
+        "--free", "haze.asymmetry", "--free", "calibration", "--prior", "calibration=1~0.02",
+        "-o", str(out["fit.json"]), "--corner", str(out["corner.png"]), "--residual", str(out["residual.png"]),
+        "--save-model", str(out["fitted.toml"]), "--json", "-",
+    ])  # fmt: skip
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    summary = json.loads(captured.out)
+    assert summary["converged"]
+    assert "haze.optical_depth" in captured.err
+    off = summary["estimate"]["haze.optical_depth"] - 0.3
+    assert abs(off) < 4 * summary["standard_deviation"]["haze.optical_depth"] < 0.1
+    result = FitResult.load(out["fit.json"])
+    assert result.priors[2] == Normal(1.0, 0.02, 0.0)
+    assert result.estimate == summary["estimate"]
+    np.testing.assert_array_equal(result.covariance.tolist(), np.array(result.covariance))
+    truth = {"haze.optical_depth": 0.3, "haze.asymmetry": 0.6997, "calibration": 1.0}
+    assert result.distance(truth) < 16.3  # 99.9 % of chi2 with three degrees of freedom
+    low, high = result.interval()["haze.optical_depth"]
+    assert low < result.estimate["haze.optical_depth"] < high
+    assert 0.01 < result.probability < 0.99
+    model = skyscatter.load_model(out["fitted.toml"])
+    assert model == result.model
+    from PIL import Image
+
+    for name in ("corner.png", "residual.png"):
+        with Image.open(out[name]) as picture:
+            assert min(picture.size) > 300
+    assert not list(tmp_path.glob("*.partial.npz"))
+    (tmp_path / "broken.json").write_text("{}")
+    with pytest.raises(SkyscatterError, match="not the result of a fit"):
+        FitResult.load(tmp_path / "broken.json")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--free", "haze.optical_dept"], "did you mean optical_depth?"),
+        ([], "name at least one parameter"),
+        (["--free", "haze.g", "--method", "guess"], "choose one of optimal-estimation"),
+        (["--free", "haze.g", "--solver", "single", "--tolerance", "1%"], "means nothing to the solver single"),
+        (["--free", "haze.optical_depth", "--prior", "haze.asymmetry=0.7~0.1"], "is not free"),
+        (["--free", "haze.optical_depth=0:1", "--prior", "haze.optical_depth=0.7~0.1"], "has bounds already"),
+        (["--free", "haze.optical_depth", "--steps", "100"], "belongs to the posterior"),
+        (["--free", "haze.optical_depth", "--noise", "1%"], "bring their own sigma"),
+        (["--free", "haze.optical_depth", "--pixels", "9"], "means nothing to"),
+        (["--free", "haze.optical_depth", "-o", "fit.txt"], "the extension must be one of .json"),
+        (["--free", "haze.optical_depth", "--resume", "none.npz"], "there is no such checkpoint"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_status_2(
+    csv: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    """Before anything is computed."""
+    assert main(["invert", "earth-hazy", "--data", str(csv), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_an_interrupted_fit_goes_on(
+    csv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C in the second iteration leaves a state from which the rest is found, with the same answer."""
+    import skyscatter.inversion.radiances as radiances
+
+    arguments = ["invert", "earth-hazy", "--data", str(csv), "--solver", "single", "--free", "haze.optical_depth=0:4"]
+    whole, part = tmp_path / "whole.json", tmp_path / "part.json"
+    assert main([*arguments, "-o", str(whole), "-q"]) == 0
+    original, calls = radiances.differentiate, []
+
+    def stopping(*given: Any, **options: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return original(*given, **options)
+
+    monkeypatch.setattr(radiances, "differentiate", stopping)
+    assert main([*arguments, "-o", str(part)]) == 130
+    assert "interrupted before anything" in capsys.readouterr().err
+    calls.clear()
+    calls.append(1)  # the first one of this run is the second call: let the first iteration be kept
+    monkeypatch.setattr(radiances, "differentiate", original)
+    monkeypatch.setattr(radiances, "_answer", _raise)
+    assert main([*arguments, "-o", str(part)]) == 130
+    said = capsys.readouterr().err
+    assert "go on with" in said
+    state = tmp_path / "part.json.partial.npz"
+    assert state.is_file()
+    monkeypatch.undo()
+    assert main([*arguments, "-o", str(part), "--resume", str(state), "-q"]) == 0
+    assert not state.exists()
+    a, b = (FitResult.load(p) for p in (whole, part))
+    assert b.estimate["haze.optical_depth"] == pytest.approx(a.estimate["haze.optical_depth"], abs=1e-3)
+
+
+def _raise(*_: Any, **__: Any) -> Any:
+    raise KeyboardInterrupt
