@@ -1,7 +1,7 @@
 """A turbidity for one clear day from a pyranometer: global irradiance at Ithaca, 27 May 2013 (Kider et al. 2014).
 
 Quiet five-minute means of broadband global irradiance are fitted by the optical depth of the aerosol, with everything
-else that such a number hangs on free within what was known of it: calibration of the instrument, water vapour, the
+else that such a number hangs on free within what was known of it: calibration and cosine response of the instrument, water vapour, the
 aerosol's albedo and Angstrom exponent, the albedo of the ground, and the clock.  Beside it stands what a Sun photometer of
 AERONET saw at Egbert, Ontario, 330 km away, on the same day.
 """
@@ -39,6 +39,7 @@ PRIORS: dict[str, Any] = {
     "ground.albedo": Normal(0.08, 0.03),  # at 550 nm; the spectrum of vegetation
     "precipitable_water": None,  # lognormal about 1.5 g cm-2, a factor of 1.8
     "calibration": Normal(1.0, 0.02),
+    "cosine_error": Normal(0.0, 0.01),  # at 60 degrees from the zenith
     "time_offset_s": Normal(0.0, 60.0),
 }
 
@@ -129,10 +130,11 @@ def describe(result: Any, fitted: Any, quiet: Any, beside: list[list[Any]], took
         f"{result.degrees_of_freedom:.1f} of {len(names)} numbers are told by the data. {took:.0f} s."
     )
     honest = (
-        f"The calibration, assumed known to {100 * scale:g} %, is what limits it: a global irradiance loses only the "
-        "part of the scattered light that goes back to space and what is absorbed, so that one per cent of it is worth some "
-        "0.1 of optical depth for a bright aerosol. The shape of the day helps little between 45 and 70 degrees of "
-        "elevation."
+        f"What a pyranometer can say: the aerosol takes from the global irradiance only what it absorbs and what it sends "
+        f"back to space, a per cent or two for 0.1 of optical depth. The calibration, assumed known to {100 * scale:g} %, "
+        "and the cosine response, assumed right to 1 % at 60 degrees, are worth as much; so is the albedo of the aerosol. "
+        "Without the direct beam apart the optical depth is therefore known to its order of magnitude, and the interval "
+        "above is as wide as these priors make it."
     )
     head = ["parameter", "prior", "estimate", "from the data", "correlation with the optical depth"]
     second = table(["Egbert, UTC", "AOD 440 nm", "exponent", "AOD 550 nm"], beside)

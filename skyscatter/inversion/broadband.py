@@ -39,7 +39,7 @@ class Broadband:
     Attributes
     ----------
     low, high : float
-        The instrument's band [nm].  Beyond 2490 nm, where the table of gases ends, vapour leaves 0.4 % of what reaches
+        The instrument's band [nm].  Beyond 2490 nm, where the table of gases ends, there is 0.8 % of what reaches
         the ground of the standard spectrum ASTM G173.
     pressure_hpa : float
         At the ground; scales the mixed gases.

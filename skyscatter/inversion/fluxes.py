@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 QUANTITIES = ("direct", "diffuse", "global", "up", "net")
 #: A clock that is set by hand is right to about a minute.
 TIME_OFFSET: Mapping[str, tuple[float, Distribution]] = {"time_offset_s": (0.0, Normal(0.0, 60.0))}
+#: Relative error of a reading with the Sun 60 degrees from the zenith, growing as 1 - its cosine: ISO 9060 allows
+#: pyranometers 10 to 30 W m-2 of 1000 in the direct beam.
+COSINE_ERROR: Mapping[str, tuple[float, Distribution]] = {"cosine_error": (0.0, Normal(0.0, 0.02))}
 #: Copies of a scene times wavelengths that are solved together at most.
 MOST_CHANNELS = 256
 #: The error that the solver's tolerance allows: fluxes carry no estimate of their own.
@@ -72,7 +75,7 @@ class Fluxes(Observation):
     @property
     def nuisances(self) -> Mapping[str, tuple[float, Distribution]]:  # type: ignore[override]
         """Calibration, and what else the data are uncertain in."""
-        found = dict(CALIBRATION)
+        found = dict(CALIBRATION) | dict(COSINE_ERROR)
         if self.broadband is not None:
             found |= PRECIPITABLE_WATER
         if self.timed:
@@ -185,7 +188,8 @@ class Fluxes(Observation):
                 water = nuisance.get("precipitable_water", PRECIPITABLE_WATER["precipitable_water"][0])
                 ratio = spectra[name][np.ix_(broad, columns)] / sunlight[columns]
                 value[broad] = self.broadband.total(ratio, elevation[broad], water, star)
-        return nuisance.get("calibration", 1.0) * value
+        slant = 2.0 * (1.0 - np.sin(np.radians(elevation)))
+        return nuisance.get("calibration", 1.0) * (1.0 + nuisance.get("cosine_error", 0.0) * slant) * value
 
 
 @lru_cache(maxsize=2)

@@ -129,5 +129,5 @@ def noise_of(values: Array, sigma: Any, noise: float | None, name: str) -> Array
     if not 0 < noise < 1:
         raise DomainError("noise", noise, "a relative standard deviation between 0 and 1, such as 0.02")
     # A share of a value that may be next to nothing would make it the surest of all.
-    floor = 1e-3 * float(np.nanmax(np.abs(values)))
+    floor = 1e-2 * float(np.nanmedian(np.abs(values)))
     return noise * np.maximum(np.abs(values), floor)
