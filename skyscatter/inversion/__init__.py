@@ -21,6 +21,7 @@ _HOMES = {
     "read_observation": "skyscatter.inversion.readers",
     "sky_image": "skyscatter.inversion.images",
     "Uniform": "skyscatter.inversion.distributions",
+    "with_values": "skyscatter.inversion.parameters",
 }
 __all__ = list(_HOMES)
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from skyscatter.inversion.fitting import fit
     from skyscatter.inversion.fluxes import flux_table
     from skyscatter.inversion.images import nebula_image, sky_image
+    from skyscatter.inversion.parameters import with_values
     from skyscatter.inversion.radiances import limb_profile, radiance_table
     from skyscatter.inversion.readers import read_observation
 

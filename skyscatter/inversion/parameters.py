@@ -99,8 +99,31 @@ def apply(parameters: Sequence[Parameter], subject: Subject, values: Sequence[fl
     return subject
 
 
+def with_values(model: Any, values: Mapping[str, float]) -> Any:
+    """A model with other numbers, by the names of free parameters.
+
+    Parameters
+    ----------
+    model : Model or NebulaModel
+    values : mapping
+        Name -> number, such as ``{"haze.optical_depth": 0.3, "ground.albedo": 0.2}``.
+
+    Raises
+    ------
+    DomainError
+        For a name that the model does not have, or a number that it cannot have.
+    """
+    subject = Subject(model)
+    found = [resolve(name, None, subject, usual_needed=False) for name in values]
+    return apply(found, subject, [float(v) for v in values.values()]).model
+
+
 def resolve(
-    name: str, prior: Any, subject: Subject, nuisances: Mapping[str, tuple[float, Distribution]] | None = None
+    name: str,
+    prior: Any,
+    subject: Subject,
+    nuisances: Mapping[str, tuple[float, Distribution]] | None = None,
+    usual_needed: bool = True,
 ) -> Parameter:
     """The parameter of a name.
 
@@ -114,6 +137,8 @@ def resolve(
         Model and Sun from which the name is read.
     nuisances : mapping, optional
         Name -> (neutral value, usual prior) of the nuisance parameters that the data have.
+    usual_needed : bool
+        Refuse names that have no usual prior, where none is given.
 
     Raises
     ------
@@ -137,6 +162,8 @@ def resolve(
     value = get(subject)
     put(subject, value)  # refuses what can be read but not be set
     limits, common = _usual(words[-1], value)
+    if prior is None and common is None and not usual_needed:
+        common = Normal(value, 1.0)  # never used
     if prior is None and common is None:
         raise DomainError("free", name, f"there is no usual prior; give bounds: {name}=LOW:HIGH")
     chosen = as_prior(common if prior is None else prior, name, limits)
