@@ -40,8 +40,8 @@ class Remembered:
     """A forward model that keeps what it has computed: all draws begin at one state."""
 
     def __init__(self, forward: Forward, y: Any, kept: dict[bytes, Any]) -> None:
-        self.forward, self.y, self.sigma, self.kept = forward, y, forward.sigma, kept
-        self.predict = forward.predict
+        self.forward, self.y, self.kept = forward, y, kept
+        self.predict, self.noise_variance = forward.predict, forward.noise_variance
 
     def linearise(self, z: Any, steps: Any) -> Any:
         """As of `Forward`."""

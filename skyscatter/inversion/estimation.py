@@ -10,7 +10,8 @@ the curvature:
 
     z' = z + (S^-1 + gamma D)^-1 [K^T S_e^-1 (y - F(z)) - z],        S^-1 = K^T S_e^-1 K + I
 
-S_e is diagonal: the variance of the noise plus that which the solver states for itself.
+S_e is diagonal: the variance of the noise plus that which the solver states for itself.  Where it depends on F
+(noise that is a share of the signal) it is that of the latest F, and steps are judged with one S_e for both their ends.
 """
 
 from __future__ import annotations
@@ -45,9 +46,8 @@ class Problem(Protocol):
     def y(self) -> Array:
         """The data (datum,)."""
 
-    @property
-    def sigma(self) -> Array:
-        """Standard deviation of their noise (datum,)."""
+    def noise_variance(self, value: Array) -> Array:
+        """Variance of their noise (datum,) where the model says `value`."""
 
     def predict(self, z: Array) -> Prediction:
         """The model at z."""
@@ -149,7 +149,9 @@ def optimal_estimation(
         nearly = shift < SHORT * start.size
         there = _try(problem, here, step, gamma, nearly)
         # Within the model's own rounding (solvers state theirs) equal costs are no failure.
-        if there is not None and there.cost <= here.cost + (0.1 if nearly else 0.0):
+        if there is not None and _cost(problem, there.linear.value, there.z, here.variance) <= here.cost + (
+            0.1 if nearly else 0.0
+        ):
             converged = nearly and gamma < 1.0
             here, gamma = there, (gamma / 10 if gamma > 1e-3 else 0.0)
         else:
@@ -175,13 +177,17 @@ def _point(problem: Problem, z: Array, steps: Array) -> Point:
 def _judge(problem: Problem, z: Array, linear: Linearisation) -> Point:
     if not (np.all(np.isfinite(linear.value)) and np.all(np.isfinite(linear.jacobian))):
         raise ConvergenceError("the forward model is not finite there; narrow the bounds of the parameters")
-    variance = problem.sigma**2 + linear.error**2
+    variance = problem.noise_variance(linear.value) + linear.error**2
     residual = problem.y - linear.value
     weighted = linear.jacobian / variance[:, None]
     return Point(
-        z, linear, variance, float(np.sum(residual**2 / variance) + z @ z),
+        z, linear, variance, _cost(problem, linear.value, z, variance),
         weighted.T @ residual - z, weighted.T @ linear.jacobian + np.eye(z.size),
     )  # fmt: skip
+
+
+def _cost(problem: Problem, value: Array, z: Array, variance: Array) -> float:
+    return float(np.sum((problem.y - value) ** 2 / variance) + z @ z)
 
 
 def _step(here: Point, gamma: float) -> Array:
@@ -202,8 +208,7 @@ def _try(problem: Problem, here: Point, step: Array, gamma: float, nearly: bool)
         return _judge(problem, z, Linearisation(there.value, there.error, here.linear.jacobian))
     if gamma > 0:
         there = problem.predict(z)
-        variance = problem.sigma**2 + there.error**2
-        if not np.sum((problem.y - there.value) ** 2 / variance) + z @ z <= here.cost:
+        if not _cost(problem, there.value, z, here.variance) <= here.cost:
             return None
     deviation = np.sqrt(np.diag(np.linalg.inv(here.inverse)))
     return _point(problem, z, np.clip(deviation, LEAST_STEP, LARGEST_STEP))

@@ -241,11 +241,13 @@ def _sampled(forward: Forward, plain: FitResult, found: Any) -> FitResult:
     """The result with the posterior's mean and covariance in the place of the linear ones."""
     z = found.samples.mean(axis=0)
     fitted = forward.predict(z)
-    variance = forward.sigma**2 + fitted.error**2
+    noise = forward.noise_variance(fitted.value)
     return replace(
         plain, z=z, covariance_z=np.atleast_2d(np.cov(found.samples, rowvar=False)), samples_z=found.samples,
         diagnostics=found.diagnostics, fitted=fitted.value, model_error=fitted.error,
-        chi2=float(np.sum((forward.y - fitted.value) ** 2 / variance)), model=forward.subject_at(z).model,
+        noise=np.sqrt(noise),
+        chi2=float(np.sum((forward.y - fitted.value) ** 2 / (noise + fitted.error**2))),
+        model=forward.subject_at(z).model,
     )  # fmt: skip
 
 
@@ -254,7 +256,8 @@ def _result(forward: Forward, estimate: Estimate, method: str, settings: Mapping
         names=tuple(p.name for p in forward.parameters), units=tuple(p.unit for p in forward.parameters),
         priors=tuple(p.prior for p in forward.parameters), z=estimate.z, covariance_z=estimate.covariance,
         averaging_kernel_z=estimate.averaging_kernel, noise_covariance_z=estimate.noise_covariance,
-        smoothing_covariance_z=estimate.smoothing_covariance, measured=forward.y, noise=forward.sigma,
+        smoothing_covariance_z=estimate.smoothing_covariance, measured=forward.y,
+        noise=np.sqrt(forward.noise_variance(estimate.value)),
         fitted=estimate.value, model_error=estimate.model_error, chi2=estimate.chi2, iterations=estimate.iterations,
         converged=estimate.converged, method=method, solver=forward.run.solver,
         model=forward.subject_at(estimate.z).model,

@@ -67,6 +67,7 @@ class Fluxes(Observation):
     distance_au: float | None = None
     broadband: Broadband | None = None
     timed: bool = False
+    relative: bool = False
     bandwidth: float | None = None
     kind: str = "irradiance"
     unit: str = "W m-2 nm-1"
@@ -288,7 +289,7 @@ def flux_table(
     one_kind = wl[np.isfinite(wl)].size in (0, values.size)
     return Fluxes(
         values, deviation, elevation, names, wl, float(altitude), distance_au,
-        (broadband or Broadband()) if broad else None, timed, bandwidth_nm,
+        (broadband or Broadband()) if broad else None, timed, noise is not None, bandwidth_nm,
         kind="irradiance" if one_kind else "irradiances",
         unit="W m-2" if broad and one_kind else "W m-2 nm-1" if one_kind else "W m-2 (nm-1)",
     )  # fmt: skip

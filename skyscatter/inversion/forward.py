@@ -44,8 +44,14 @@ class Forward:
 
     @property
     def sigma(self) -> Array:
-        """Standard deviation of their noise (datum,)."""
+        """Standard deviation of their noise (datum,), as it came with the data."""
         return np.concatenate([o.sigma for o in self.observations])
+
+    def noise_variance(self, value: Array) -> Array:
+        """Variance of the noise (datum,) where the model says `value` (datum,)."""
+        ends = np.cumsum([o.values.size for o in self.observations])[:-1]
+        parts = np.split(value, ends)
+        return np.concatenate([o.noise_at(v) ** 2 for o, v in zip(self.observations, parts, strict=True)])
 
     def values(self, z: Array) -> Array:
         """Values of the parameters (parameter,) at a state."""

@@ -104,7 +104,7 @@ def sky_image(
     share = solar_irradiance(picture.wavelengths)[columns] / solar_irradiance(wl) if wavelengths is not None else None
     seen = np.ascontiguousarray(directions[chosen[:, 0], chosen[:, 1]])
     look = Look(sun, height, seen, wl, ray, band, rows, share=_own_sunlight(scene, share))
-    return Radiances((look,), values, sigma, kind="sky image", labels=_labels(chosen, wl, ray, band))
+    return Radiances((look,), values, sigma, noise is not None, kind="sky image", labels=_labels(chosen, wl, ray, band))
 
 
 def _own_sunlight(scene: dict[str, Any], share: Array | None) -> Array | None:
@@ -156,7 +156,9 @@ def nebula_image(
     values, sigma = _pixels(picture, chosen, columns, noise)
     rows, ray, band = _indices(len(chosen), columns.size)
     look = SpaceLook({}, 0.0, np.zeros((len(chosen), 3)), wl, ray, band, rows, response, camera=camera, pixels=chosen)
-    return Radiances((look,), values, sigma, kind="nebula image", labels=_labels(chosen, middles, ray, band))
+    return Radiances(
+        (look,), values, sigma, noise is not None, kind="nebula image", labels=_labels(chosen, middles, ray, band)
+    )
 
 
 def _named(image: Any) -> str:

@@ -45,6 +45,8 @@ class Observation:
 
     values: Array  #: (datum,)
     sigma: Array  #: standard deviation of independent noise (datum,)
+    #: Whether the noise was stated as a share: then it is one of what should have been measured, not of what was.
+    relative: bool = False
     unit: str
     kind: str  #: in words, for tables and plots
     #: Nuisance parameters: name -> (neutral value, usual prior).
@@ -54,6 +56,17 @@ class Observation:
     def sun(self) -> dict[str, float]:
         """Where the Sun stood, if all data have the same; else empty."""
         return {}
+
+    def noise_at(self, value: Array) -> Array:
+        """Standard deviation of the noise (datum,) where a model says `value` (datum,).
+
+        A share of the measured value would give the lowest readings the greatest weight, and lead every estimate astray
+        by the square of the share.
+        """
+        if not self.relative:
+            return self.sigma
+        floor = least_value(self.values)
+        return np.asarray(self.sigma * np.maximum(np.abs(value), floor) / np.maximum(np.abs(self.values), floor))
 
     def coordinates(self) -> dict[str, Array]:
         """What tells the data apart, by name, each (datum,)."""
@@ -128,6 +141,9 @@ def noise_of(values: Array, sigma: Any, noise: float | None, name: str) -> Array
         raise DomainError("noise", None, f"the data have no column sigma; say how noisy each {name} is, such as 0.02")
     if not 0 < noise < 1:
         raise DomainError("noise", noise, "a relative standard deviation between 0 and 1, such as 0.02")
-    # A share of a value that may be next to nothing would make it the surest of all.
-    floor = 1e-2 * float(np.nanmedian(np.abs(values)))
-    return noise * np.maximum(np.abs(values), floor)
+    return noise * np.maximum(np.abs(values), least_value(values))
+
+
+def least_value(values: Array) -> float:
+    """Below this a share of a value is taken of this instead: one next to nothing would be the surest of all."""
+    return 1e-2 * float(np.nanmedian(np.abs(values)))

@@ -39,6 +39,7 @@ class Radiances(Observation):
     looks: tuple[Look, ...]
     values: Array
     sigma: Array
+    relative: bool = False
     kind: str = "sky radiance"
     unit: str = "W m-2 sr-1 nm-1"
     labels: Mapping[str, Array] = field(default_factory=dict)
@@ -184,7 +185,7 @@ def radiance_table(
         )
         for key, rows in groups(table["sun_elevation_deg"], table["sun_azimuth_deg"], table["altitude_m"])
     ]  # fmt: skip
-    return Radiances(tuple(looks), values, deviation, labels=table)
+    return Radiances(tuple(looks), values, deviation, noise is not None, labels=table)
 
 
 def limb_profile(
@@ -235,7 +236,7 @@ def limb_profile(
         np.zeros((len(tangent), 3)), check_wavelengths(wl), ray.ravel(), band.ravel(), np.arange(values.size),
         bandwidth=bandwidth_nm, tangent=tangent,
     )  # fmt: skip
-    return Radiances((look,), values, deviation, kind="limb radiance", labels=table)
+    return Radiances((look,), values, deviation, noise is not None, kind="limb radiance", labels=table)
 
 
 def _column(name: str, column: Any, size: int) -> Array:
