@@ -129,10 +129,16 @@ def describe(result: Any, fitted: Any, quiet: Any, beside: list[list[Any]], took
         f"{result.measured.size} data; the residual is {100 * np.sqrt(np.mean(residual**2)):.2f} % rms. "
         f"{result.degrees_of_freedom:.1f} of {len(names)} numbers are told by the data. {took:.0f} s."
     )
+    apart = (
+        f"The photometer's numbers lie {'below' if max(depths) < low else 'above'} the interval; it stood elsewhere, and the "
+        "shape of the day, which carries ours, is the instrument's cosine response as much as the aerosol. "
+        if max(depths) < low or min(depths) > high
+        else ""
+    )
     honest = (
-        f"What a pyranometer can say: the aerosol takes from the global irradiance only what it absorbs and what it sends "
-        f"back to space, a per cent or two for 0.1 of optical depth. The calibration, assumed known to {100 * scale:g} %, "
-        "and the cosine response, assumed right to 1 % at 60 degrees, are worth as much; so is the albedo of the aerosol. "
+        f"{apart}What a pyranometer can say: the aerosol takes from the global irradiance only what it absorbs and what it "
+        f"sends back to space, a per cent or two for 0.1 of optical depth. The calibration, assumed known to {100 * scale:g} "
+        "%, and the cosine response, assumed right to 1 % at 60 degrees, are worth as much; so is the albedo of the aerosol. "
         "Without the direct beam apart the optical depth is therefore known to its order of magnitude, and the interval "
         "above is as wide as these priors make it."
     )
