@@ -1,10 +1,10 @@
 """How often the truth lies inside the stated 95 % region: aerosol and ground from sky radiances of another solver.
 
 The data are radiances by ``path`` (walks, whose own standard error is stated below) with fresh noise in each draw; the
-retrieval, optimal estimation, uses ``orders`` and knows nothing of how the data were made.  A draw counts as inside if the
-truth's squared distance from the estimate, in the metric of the estimate's covariance, is below the 95 % quantile of chi2
-with as many degrees of freedom as parameters.  S_e holds the noise and, in quadrature, the error that ``orders`` states
-for itself at its tolerance.
+retrieval, optimal estimation, uses ``orders`` and knows nothing of how the data were made.  A draw counts as inside if
+the truth's squared distance from the estimate, in the metric of the estimate's covariance, is below the 95 % quantile
+of chi2 with as many degrees of freedom as parameters.  S_e holds the noise and, in quadrature, the error that
+``orders`` states for itself at its tolerance.
 """
 
 from __future__ import annotations
@@ -137,7 +137,8 @@ def main() -> None:
         f"{100 * np.median(error / exact):.2f} %), noise {100 * NOISE:g} %. Retrieval by `orders` (tolerance "
         f"{100 * given.tolerance:g} %). At the truth the solvers differ by {100 * off.mean():+.2f} % in the mean and "
         f"{100 * np.sqrt(np.mean(off**2)):.2f} % rms, the noise of the walks included; `orders` states "
-        f"{100 * stated:.2f} % (median), which S_e holds beside the noise: {100 * np.hypot(NOISE, stated):.2f} % in all.",
+        f"{100 * stated:.2f} % (median), which S_e holds beside the noise: "
+        f"{100 * np.hypot(NOISE, stated):.2f} % in all.",
         body, lines,
     ])  # fmt: skip
     print(text)
@@ -164,9 +165,12 @@ def summary(forward: Forward, truth: Any, draws: list[Any], first: Estimate) -> 
     low, high = binom.ppf([0.025, 0.975], len(found), 0.95) / len(found)
     chi = np.array([f.chi2 for f in found])
     body = (
-        f"**The truth lies inside the joint 95 % region in {100 * inside.mean():.1f} % of {len(found)} draws** (a perfect "
-        f"region: {100 * low:.1f} to {100 * high:.1f} % in 95 of 100 such experiments). Without noise the estimate is off by "
-        f"{np.sqrt(off):.2f} standard deviations, what the two solvers differ by. chi2 is {chi.mean():.1f} in the mean for "
+        f"**The truth lies inside the joint 95 % region in {100 * inside.mean():.1f} % of {len(found)} "
+        f"draws** (a perfect "
+        f"region: {100 * low:.1f} to {100 * high:.1f} % in 95 of 100 such experiments). Without noise the "
+        f"estimate is off by "
+        f"{np.sqrt(off):.2f} standard deviations, what the two solvers differ by. chi2 is "
+        f"{chi.mean():.1f} in the mean for "
         f"{forward.y.size} data and {n} parameters; {sum(f.converged for f in found)} of {len(found)} converged, in "
         f"{np.mean([f.iterations for f in found]):.1f} iterations and {np.mean(times):.1f} s each."
     )

@@ -1,9 +1,9 @@
 """A turbidity for one clear day from a pyranometer: global irradiance at Ithaca, 27 May 2013 (Kider et al. 2014).
 
 Quiet five-minute means of broadband global irradiance are fitted by the optical depth of the aerosol, with everything
-else that such a number hangs on free within what was known of it: calibration and cosine response of the instrument, water vapour, the
-aerosol's albedo and Angstrom exponent, the albedo of the ground, and the clock.  Beside it stands what a Sun photometer of
-AERONET saw at Egbert, Ontario, 330 km away, on the same day.
+else that such a number hangs on free within what was known of it: calibration and cosine response of the instrument,
+water vapour, the aerosol's albedo and Angstrom exponent, the albedo of the ground, and the clock.  Beside it stands
+what a Sun photometer of AERONET saw at Egbert, Ontario, 330 km away, on the same day.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PLACE = (42.44337, -76.48163)  # Rhodes Hall, Cornell
 START = datetime(2013, 5, 27, 13, 29, tzinfo=UTC)
 PRESSURE = 985.0  # [hPa] at 250 m above the sea, a normal day
 BIN = 5.0  # minutes
-#: A mean is used if the readings in it lie on a straight line to this [W m-2]; what a fast thermopile shows without clouds.
+#: A mean is used if the readings in it lie on a straight line to this [W m-2], as without clouds.
 QUIET = 3.5
 #: After the first disturbed hour of the afternoon clouds stay in the sky, before the Sun or beside it.
 LAST_MINUTE = 390.0
@@ -122,24 +122,33 @@ def describe(result: Any, fitted: Any, quiet: Any, beside: list[list[Any]], took
     depths = [row[3] for row in beside]
     residual = result.residual / result.measured
     words = (
-        f"{int(quiet.sum())} of {quiet.size} five-minute means are quiet and before the clouds of the afternoon. Aerosol "
-        f"optical depth at 550 nm: **{result.estimate['aerosol.optical_depth']:.3f}**, 68 % between {sure[0]:.3f} and "
-        f"{sure[1]:.3f}, 95 % between {low:.3f} and {high:.3f}. The photometer at Egbert, 330 km away, saw {min(depths):.3f} "
-        f"to {max(depths):.3f} (its depth at 440 nm carried to 550 nm by its exponent). chi2 is {result.chi2:.1f} for "
+        f"{int(quiet.sum())} of {quiet.size} five-minute means are quiet and before the clouds of the "
+        f"afternoon. Aerosol "
+        f"optical depth at 550 nm: **{result.estimate['aerosol.optical_depth']:.3f}**, 68 % between "
+        f"{sure[0]:.3f} and "
+        f"{sure[1]:.3f}, 95 % between {low:.3f} and {high:.3f}. The photometer at Egbert, 330 km away, "
+        f"saw {min(depths):.3f} "
+        f"to {max(depths):.3f} (its depth at 440 nm carried to 550 nm by its exponent). chi2 is "
+        f"{result.chi2:.1f} for "
         f"{result.measured.size} data; the residual is {100 * np.sqrt(np.mean(residual**2)):.2f} % rms. "
         f"{result.degrees_of_freedom:.1f} of {len(names)} numbers are told by the data. {took:.0f} s."
     )
     apart = (
-        f"The photometer's numbers lie {'below' if max(depths) < low else 'above'} the interval; it stood elsewhere, and the "
+        f"The photometer's numbers lie {'below' if max(depths) < low else 'above'} the interval; it stood "
+        f"elsewhere, and the "
         "shape of the day, which carries ours, is the instrument's cosine response as much as the aerosol. "
         if max(depths) < low or min(depths) > high
         else ""
     )
     honest = (
-        f"{apart}What a pyranometer can say: the aerosol takes from the global irradiance only what it absorbs and what it "
-        f"sends back to space, a per cent or two for 0.1 of optical depth. The calibration, assumed known to {100 * scale:g} "
-        "%, and the cosine response, assumed right to 1 % at 60 degrees, are worth as much; so is the albedo of the aerosol. "
-        "Without the direct beam apart the optical depth is therefore known to its order of magnitude, and the interval "
+        f"{apart}What a pyranometer can say: the aerosol takes from the global irradiance only what it "
+        f"absorbs and what it "
+        f"sends back to space, a per cent or two for 0.1 of optical depth. The calibration, assumed known "
+        f"to {100 * scale:g} "
+        "%, and the cosine response, assumed right to 1 % at 60 degrees, are worth as much; so is the "
+        "albedo of the aerosol. "
+        "Without the direct beam apart the optical depth is therefore known to its order of magnitude, "
+        "and the interval "
         "above is as wide as these priors make it."
     )
     head = ["parameter", "prior", "estimate", "from the data", "correlation with the optical depth"]
