@@ -50,6 +50,15 @@ class Emulator:
     variance: Array
     sigma: Array
 
+    @property
+    def radius(self) -> float:
+        """Of the ball of runs, in standard deviations."""
+        return _radius(self.middle.size)
+
+    def distance(self, states: Array) -> Array:
+        """How many standard deviations states (state, parameter) are from the middle, (state,)."""
+        return np.asarray(np.linalg.norm(_scaled(states, self.middle, self.root), axis=1))
+
     def __call__(self, states: Array) -> Array:
         """Data (state, datum) at states (state, parameter)."""
         return np.asarray(_terms(_scaled(states, self.middle, self.root)) @ self.coefficients)
@@ -83,7 +92,7 @@ def build_emulator(
     n = estimate.z.size
     root = np.asarray(np.linalg.cholesky(estimate.covariance), float)
     terms = _terms(np.zeros((1, n))).shape[1]
-    design = _ball(n, RUNS_PER_COEFFICIENT * terms, seed) * (np.sqrt(n) + REACH)
+    design = _ball(n, RUNS_PER_COEFFICIENT * terms, seed) * _radius(n)
     states = np.clip(estimate.z + design @ root.T, -FARTHEST, FARTHEST)
     runs = kept.get("design_values", np.zeros((0, estimate.value.size)))
     for k in range(len(runs), len(states)):
@@ -99,6 +108,10 @@ def build_emulator(
     left_out = (values - matrix @ coefficients) / np.maximum(1 - hat, 1e-3)[:, None]
     variance = np.mean(left_out**2, axis=0)
     return Emulator(estimate.z, root, coefficients, variance, np.sqrt(estimate.variance))
+
+
+def _radius(n: int) -> float:
+    return float(np.sqrt(n) + REACH)
 
 
 def _scaled(states: Array, middle: Array, root: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.errors import DomainError
+from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.inversion.estimation import Estimate, optimal_estimation
 from skyscatter.inversion.fitresult import FitResult
 from skyscatter.inversion.fitstate import FitState
@@ -122,6 +122,11 @@ def fit(
     estimate = _estimate(forward, max_iterations, progress and _part(progress, 0.0, share), state, kept)
     if not walking:
         return _result(forward, estimate, method, settings)
+    if emulator is not False and not estimate.converged:
+        raise ConvergenceError(
+            f"the estimate around which the model would be emulated has not converged in {estimate.iterations} "
+            "iterations; allow more (max_iterations), or look first at what method optimal_estimation finds"
+        )
     from skyscatter.inversion.posterior import sample_posterior
 
     found = sample_posterior(

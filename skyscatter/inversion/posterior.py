@@ -28,6 +28,8 @@ BLOCK, REAL_BLOCK = 500, 5
 WALKERS_PER_PARAMETER = 6
 #: Steps beyond which the mean wanders no more: so many autocorrelation times (the rule of emcee's documentation).
 LONG_ENOUGH = 50
+#: Walkers stay within so many times the radius of the emulator's runs.
+BEYOND = 1.25
 #: Draws of the posterior at which an emulator is judged by the model itself.
 JUDGED = 5
 
@@ -100,6 +102,7 @@ def sample_posterior(
     samples, diagnostics = _summary(chain, accepted)
     if emulator is not None:
         diagnostics |= emulator.judge(forward, samples[:: max(len(samples) // JUDGED, 1)][:JUDGED])
+        diagnostics["share_beyond_the_emulator"] = float(np.mean(emulator.distance(samples) > emulator.radius))
     tell(1.0)
     return Posterior(samples, diagnostics)
 
@@ -111,7 +114,10 @@ def _log_density(forward: Forward, estimate: Estimate, emulator: Emulator | None
         values = np.array([forward.predict(z).value for z in states]) if emulator is None else emulator(states)
         extra = 0.0 if emulator is None else emulator.variance
         misfit = np.sum((y - values) ** 2 / (variance + extra), axis=1)
-        return np.asarray(-0.5 * (misfit + np.sum(states**2, axis=1)))
+        density = np.asarray(-0.5 * (misfit + np.sum(states**2, axis=1)))
+        if emulator is not None:  # far from its runs a polynomial says anything
+            density[emulator.distance(states) > BEYOND * emulator.radius] = -np.inf
+        return density
 
     return of
 

@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from skyscatter.inversion.fitresult import FitResult
 
 
+#: Error of an emulator [standard deviations of a datum] above which a fit says so.
+TRUSTED = 0.33
+
+
 def rounded(value: float, deviation: float) -> str:
     """A number with the digits that its standard deviation leaves a meaning: two of the latter."""
     if not (np.isfinite(value) and deviation > 0):
@@ -40,4 +44,25 @@ def table(result: FitResult) -> str:
     )
     state = "converged" if result.converged else "NOT converged"
     lines.append(f"{result.method.replace('_', ' ')} with {result.solver}, {result.iterations} iterations, {state}")
+    lines += sampling(result)
     return "\n".join(lines)
+
+
+def sampling(result: FitResult) -> list[str]:
+    """How the walk through the posterior went, and whether it can be trusted; nothing for optimal estimation."""
+    found = result.diagnostics
+    if "acceptance" not in found:
+        return []
+    lines = [
+        f"{found['walkers']} walkers, {found['steps']} steps, acceptance {found['acceptance']:.2f}, "
+        f"{found['effective_samples']:.0f} independent samples"
+    ]
+    if not found["long_enough"]:
+        lines.append("WARNING: the chain is shorter than 50 autocorrelation times; allow more steps")
+    if "emulator_error_in_sigma" in found:
+        off, beyond = found["emulator_error_in_sigma"], found["share_beyond_the_emulator"]
+        lines.append(f"emulator: off by {off:.2g} standard deviations of a datum at draws of the posterior")
+        # An error of every datum by a third of its deviation changes chi2 by a tenth of the data's number.
+        if off > TRUSTED or beyond > 0.05:
+            lines.append("WARNING: the emulator is not to be trusted that far; walk on the model itself (no emulator)")
+    return lines

@@ -171,3 +171,22 @@ def test_noise_that_is_a_share_leads_nowhere_astray() -> None:
     off = np.array([f.z[0] / np.sqrt(f.covariance[0, 0]) for f in found])
     assert abs(off.mean()) < 3 / np.sqrt(len(off))
     assert off.std() == pytest.approx(1, abs=3 / np.sqrt(2 * len(off)))
+
+
+def test_an_emulator_that_fails_says_so() -> None:
+    """A model with a kink, which no quadratic follows: the report warns; a straight one does not."""
+    from types import SimpleNamespace
+
+    from skyscatter.inversion.report import sampling
+
+    class Kinked(Toy):
+        def predict(self, z: Any) -> Prediction:
+            x = MATRIX @ z
+            return Prediction(x + 60 * np.maximum(np.abs(z[0] - 1) - 0.02, 0), np.zeros(30))
+
+    for kind, warns in ((Kinked, True), (Toy, False)):
+        toy: Any = kind(MATRIX @ np.array([1.0, 0.0, 0.0, 0.0]))
+        estimate = optimal_estimation(toy, np.array([1.0, 0.0, 0.0, 0.0]))
+        found = sample_posterior(toy, estimate, FitState(None, {}), {}, steps=400, seed=2, emulated=True)
+        lines: Any = sampling(SimpleNamespace(diagnostics=found.diagnostics))  # type: ignore[arg-type]
+        assert any("emulator is not to be trusted" in line for line in lines) == warns
