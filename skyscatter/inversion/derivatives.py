@@ -163,7 +163,11 @@ def _groups(
 
 
 def _solve_together(
-    copies: Sequence[AnyScene], rays: tuple[ArrayLike, ArrayLike], wavelengths: ArrayLike, solver: str, options: dict[str, Any]
+    copies: Sequence[AnyScene],
+    rays: tuple[ArrayLike, ArrayLike],
+    wavelengths: ArrayLike,
+    solver: str,
+    options: dict[str, Any],
 ) -> tuple[Array, Array]:
     """Radiances and standard errors (copy, ..., wavelength), of copies with one geometry or of a pair without."""
     if any(differences_forbid(copies[0], other) for other in copies[1:]):
