@@ -117,7 +117,7 @@ planet = skyscatter.Model(
 try:
     skyscatter.Planet(name="Fogbow", radius="-4000 km")
 except ValueError as error:
-    print("A wrong radius:", str(error).splitlines()[-2].strip()[:100])
+    print("A wrong radius:", str(error).splitlines()[2].split("[")[0].strip())
 
 scene = planet.scene(sun_elevation_deg=12, sun_azimuth_deg=180)
 here = scene.observer.position
@@ -182,14 +182,14 @@ for ax in (left, right):
 plt.show()
 
 # %%
-up = np.arange(15.0, 45.0, 0.5)
+up = np.arange(20.0, 38.1, 0.5)
 north = np.stack([0 * up, np.cos(np.radians(up)), np.sin(np.radians(up))], axis=-1)
 profile = skyscatter.radiance(scene, here, north, wavelengths).radiance
 red = np.argmin(np.abs(wavelengths - 650))
-fall = profile[:, red] / np.polyval(np.polyfit(up, profile[:, red], 2), up)  # without the slow change of the sky
-top = float(up[fall.argmax()])
+slow = np.interp(up, up[[0, -1]], profile[[0, -1], red])  # the sky beside the bow
+top = float(up[(profile[:, red] / slow).argmax()])
 print(f"the bow in red light stands {top:.1f}° high; from the table, 180° - 139° - 12° = 29°")
-assert abs(top - 29) < 2
+assert abs(top - 29) < 1.5
 
 # %% [markdown]
 # ## A nebula: densities in three dimensions
@@ -198,7 +198,8 @@ assert abs(top - 29) < 2
 # `a.carved_by(b)`, `a.rotated(...)`, `a.warped(...)`. For a density that no shape has, compute it with numpy on a
 # grid and hand over the array, or, for large ones, the name of a file. Ours is a disk with two spiral arms,
 #
-# $$ n = e^{-(r/a)^2}\left[0.1 + \cos^4\!\left(\phi - k\ln r\right)\right] e^{-z^2/2h(r)^2}, \qquad h = 0.03\,\mathrm{pc} + 0.06\,r . $$
+# $$ n = e^{-(r/0.5\,\mathrm{pc})^2}\left[0.1 + \cos^4\!\left(\phi - k\ln r\right)\right]
+#    e^{-z^2/2h(r)^2}, \qquad h = 0.03\,\mathrm{pc} + 0.06\,r . $$
 
 # %%
 PARSEC = 3.0857e16  # m
