@@ -205,7 +205,7 @@ assert np.all(albedos * crossing(sphere) < 0.1)
 
 # %%
 size = 16 if quick else 120
-wavelengths = np.arange(400.0, 721.0, 80.0 if quick else 40.0)
+wavelengths = np.arange(400.0, 721.0, 160.0 if quick else 40.0)
 hazy = skyscatter.load_model("earth-hazy").scene(sun_elevation_deg=30)
 camera = skyscatter.Fisheye(width=size, height=size)
 pair = [skyscatter.render(hazy, camera, wavelengths, solver) for solver in ("single", "orders")]

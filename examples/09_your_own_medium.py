@@ -84,7 +84,7 @@ assert np.allclose(over_sphere, 1, rtol=1e-9)
 # there is `TabulatedAbsorption(file="my_gas.csv", ...)`.)
 
 # %%
-wavelengths = np.array([440.0, 510, 580, 650]) if quick else np.arange(400.0, 701.0, 25.0)
+wavelengths = np.array([440.0, 510, 580, 650]) if quick else np.arange(400.0, 701.0, 40.0)
 nodes = np.arange(400.0, 701.0, 20.0)
 green = 3e-24 * np.exp(-0.5 * ((nodes - 545) / 40) ** 2)  # m2
 gas = TabulatedAbsorption(
@@ -117,7 +117,7 @@ planet = skyscatter.Model(
 try:
     skyscatter.Planet(name="Fogbow", radius="-4000 km")
 except ValueError as error:
-    print("A wrong radius:", str(error).splitlines()[2].split("[")[0].strip())
+    print("A wrong radius:", str(error).splitlines()[1].split("[")[0].strip())
 
 scene = planet.scene(sun_elevation_deg=12, sun_azimuth_deg=180)
 here = scene.observer.position
@@ -164,7 +164,7 @@ for line in planet.to_toml().splitlines()[:22]:
 # limb.
 
 # %%
-size = (32, 20) if quick else (300, 190)
+size = (32, 20) if quick else (240, 150)
 camera = skyscatter.Perspective(width=size[0], height=size[1], azimuth_deg=0, elevation_deg=25, fov_deg=100)
 bow = skyscatter.render(scene, camera, wavelengths)
 away = planet.scene(sun_elevation_deg=35, sun_azimuth_deg=240, altitude="9000 km")
@@ -255,13 +255,13 @@ nebula.save("pinwheel.toml")
 assert skyscatter.load_model("pinwheel.toml") == nebula
 
 # %%
-pixels = 24 if quick else 160
+pixels = 24 if quick else 112
 fig, axes = plt.subplots(1, 3, figsize=(10.5, 3.7), layout="constrained")
 for ax, inclination in zip(axes, (0, 55, 90), strict=True):
     turned = nebula.scene(inclination_deg=inclination)
     telescope = skyscatter.Telescope.from_length(pixels, pixels, "2.2 pc", turned.view.distance)
-    image = skyscatter.render(turned, telescope, [450.0, 550.0, 650.0], "path", samples=4 if quick else 24)
-    ax.imshow(image.picture(exposure=-3.5))
+    image = skyscatter.render(turned, telescope, [450.0, 550.0, 650.0], "path", samples=4 if quick else 16)
+    ax.imshow(image.picture(exposure=-6))
     ax.set_title(f"inclination {inclination}°")
     ax.set_axis_off()
 plt.show()
