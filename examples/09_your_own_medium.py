@@ -227,7 +227,7 @@ print(f"column at {point} pc: {column:.4f} pc, by formula {np.sqrt(2 * np.pi) * 
 assert abs(column / (np.sqrt(2 * np.pi) * middle * thick) - 1) < (0.1 if quick else 0.02)
 
 # %% [markdown]
-# Around it a broken bubble, from shapes: a shell, made patchy by turbulence, and opened along the axis by a cone.
+# Around it a broken bubble, from shapes: a shell, made patchy by turbulence, and opened along the axis by two lobes.
 
 # %%
 shell = fields.GaussianShell(radius="0.8 pc", width="0.04 pc")

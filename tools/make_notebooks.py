@@ -4,7 +4,8 @@ python tools/make_notebooks.py                  # those whose .ipynb does not sa
 python tools/make_notebooks.py 01 09 --force    # these two, whatever they say
 python tools/make_notebooks.py --check          # only name those that differ, or hold errors; 1 if there are any
 
-The .py (jupytext's percent format) is the source; the .ipynb is made from it. Needs the extra `notebooks`.
+The .py (jupytext's percent format) is the source; the .ipynb is made from it, without running it where only prose has
+changed. Needs the extra `notebooks`.
 """
 
 from __future__ import annotations
@@ -55,12 +56,12 @@ def read(source: Path) -> Any:
     return book
 
 
-def differences(source: Path) -> list[str]:
-    """What is wrong with the .ipynb of a .py, one line each: cells that differ, errors, no pictures."""
+def differences(source: Path, book: Any = None) -> list[str]:
+    """What is wrong with the .ipynb of a .py, or with `book` in its place: other cells, errors, no pictures."""
     kept = source.with_suffix(".ipynb")
-    if not kept.is_file():
+    if book is None and not kept.is_file():
         return [f"{kept.name}: missing"]
-    mine, theirs = read(source), nbformat.read(kept, as_version=4)
+    mine, theirs = read(source), book or nbformat.read(kept, as_version=4)
     if len(mine.cells) != len(theirs.cells):
         return [f"{kept.name}: {len(theirs.cells)} cells, {source.name} has {len(mine.cells)}"]
     pairs = enumerate(zip(mine.cells, theirs.cells, strict=True))
@@ -75,6 +76,20 @@ def differences(source: Path) -> list[str]:
     if not any("image/png" in out.get("data", {}) for out in outputs):
         wrong.append(f"{kept.name}: has no picture")
     return wrong
+
+
+def with_kept_outputs(source: Path) -> Any:
+    """The notebook with new prose and the outputs that are kept of it; None if its code has changed."""
+    kept = source.with_suffix(".ipynb")
+    book = read(source)
+    if not kept.is_file():
+        return None
+    codes = [[cell for cell in b.cells if cell.cell_type == "code"] for b in (book, nbformat.read(kept, as_version=4))]
+    if [cell.source for cell in codes[0]] != [cell.source for cell in codes[1]]:
+        return None
+    for mine, theirs in zip(*codes, strict=True):
+        mine.outputs, mine.execution_count = theirs.outputs, theirs.execution_count
+    return book
 
 
 def execute(source: Path) -> None:
@@ -93,6 +108,12 @@ def execute(source: Path) -> None:
     for cell in book.cells:
         tidy(cell)
     book.metadata = read(source).metadata
+    write(source, book)
+    print(f"{source.stem} took {time.perf_counter() - begin:.0f} s", flush=True)
+
+
+def write(source: Path, book: Any) -> None:
+    """Keep a notebook beside its .py, whole or not at all."""
     target = source.with_suffix(".ipynb")
     text = nbformat.writes(book) + "\n"
     with tempfile.NamedTemporaryFile("w", dir=EXAMPLES, suffix=".part", delete=False, encoding="utf-8") as part:
@@ -101,7 +122,7 @@ def execute(source: Path) -> None:
     os.replace(part.name, target)
     size = len(text.encode())
     note = f"; above {HEAVY / 1000:.0f} kB, draw smaller pictures" if size > HEAVY else ""
-    print(f"{target.name}: {time.perf_counter() - begin:.0f} s, {size / 1000:.0f} kB{note}", flush=True)
+    print(f"{target.name}: {size / 1000:.0f} kB{note}", flush=True)
 
 
 def tidy(cell: Any) -> None:
@@ -140,8 +161,11 @@ def main() -> None:
         print("\n".join(lines) or f"{len(wrong)} notebooks are in order")
         raise SystemExit(bool(lines))
     for source, found in wrong.items():
-        if found or options.force:
+        book = None if options.force else with_kept_outputs(source)
+        if options.force or (found and (book is None or differences(source, book))):
             execute(source)
+        elif found:
+            write(source, book)
 
 
 if __name__ == "__main__":

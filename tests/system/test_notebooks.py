@@ -77,3 +77,15 @@ def test_a_changed_cell_is_noticed(tool: ModuleType, tmp_path: Path) -> None:
     assert tool.differences(copy) == []
     copy.write_text(copy.read_text(encoding="utf-8").replace("assert ", "assert not ", 1), encoding="utf-8")
     assert "is not that of" in tool.differences(copy)[0]
+
+
+def test_new_prose_keeps_pictures_and_new_code_does_not(tool: ModuleType, tmp_path: Path) -> None:
+    source = SOURCES[0]
+    copy = tmp_path / source.name
+    copy.with_suffix(".ipynb").write_bytes(source.with_suffix(".ipynb").read_bytes())
+    text = source.read_text(encoding="utf-8")
+    copy.write_text(text.replace("# %% [markdown]\n# #", "# %% [markdown]\n# More about\n# #", 1), encoding="utf-8")
+    assert tool.differences(copy)
+    assert tool.differences(copy, tool.with_kept_outputs(copy)) == []
+    copy.write_text(text.replace("assert ", "assert not ", 1), encoding="utf-8")
+    assert tool.with_kept_outputs(copy) is None
