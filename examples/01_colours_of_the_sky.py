@@ -77,7 +77,7 @@ ax.legend()
 plt.show()
 print(f"air at {wavelengths[at_550]:.0f} nm: by hand {by_hand[at_550]:.4f}, skyscatter {tau[at_550]:.4f}")
 
-# By hand the refractive index has no dispersion: 4 % too little in the blue, 1 % too much in the red.
+# By hand the refractive index has no dispersion: 4 % too little at 380 nm, right at 550 nm, 2 % too much at 780 nm.
 assert abs(by_hand[at_550] / tau[at_550] - 1) < 0.02
 
 # %% [markdown]

@@ -154,8 +154,8 @@ expected = 1 - np.exp(-depths)
 deviation = (everything[:, -1] - expected) / errors[:, -1]
 print("light that gets out / light that must:", (everything[:, -1] / expected).round(3))
 print("in standard errors:                   ", deviation.round(1))
-# Five of them: one chance in ten thousand for a right code, by the t distribution of 15 degrees of freedom. The
-# first order, and the integral over the disk, are good to a thousandth.
+# Beyond five of them a right code is once in 6000 cases, by the t distribution of 15 degrees of freedom. The first
+# order, and the integral over the disk, are good to a thousandth.
 assert np.all(np.abs(everything[:, -1] - expected) < 5 * errors[:, -1] + 1e-3 * expected)
 
 # %%
