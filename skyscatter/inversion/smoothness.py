@@ -1,0 +1,287 @@
+"""Smooth functions behind noisy linear data: Gaussian-process priors whose settings the data decide.
+
+The data are y = P f + N b + noise, with the unknown function f = A g, g a Gaussian process of unit variance with the
+covariance of Matern (Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, eq. 4.14), and nuisances b
+(a constant of f, a background) of which nothing is known beforehand.  Length and order of the covariance, A and, where
+it is not given, the noise sigma are not chosen but weighed: each combination on a grid counts by its marginal
+likelihood with b integrated out (Patterson & Thompson 1971, Biometrika 58, 545; Wahba 1985, Ann. Stat. 13, 1378).  The
+posterior is then a mixture of Gaussians, whose variance holds the noise, what smoothing takes away (Wahba 1983, J. R.
+Stat. Soc. B 45, 133; Nychka 1988, J. Am. Stat. Assoc. 83, 1134), and the doubt about the settings themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: How often f can be differentiated, and half of one: broken lines, one derivative, two, all of them.
+ORDERS = (0.5, 1.5, 2.5, np.inf)
+_LENGTHS = 12  #: lengths of the covariance that are weighed
+_RATIOS = np.linspace(-6.0, 26.0, 129)  #: log10 of A^2 / sigma^2 in units of the data
+_NEGLIGIBLE = 1e-5  #: settings with less than this share of the weight are left out
+
+
+def matern(distance: Array, order: float) -> Array:
+    """Matern's covariance of unit variance at distances in units of its length.
+
+    Rasmussen & Williams (2006), eq. 4.16, for an order that is half of an odd number; infinity gives exp(-d^2 / 2).
+    """
+    if np.isinf(order):
+        return np.asarray(np.exp(-0.5 * distance**2))
+    p = round(order - 0.5)
+    x = np.sqrt(2 * order) * distance
+    powers = [factorial(p + i) / (factorial(i) * factorial(p - i)) * (2 * x) ** (p - i) for i in range(p + 1)]
+    return np.asarray(factorial(p) / factorial(2 * p) * sum(powers) * np.exp(-x))
+
+
+def covariance(nodes: Array, length: float, order: float, even: bool) -> Array:
+    """Covariance (node, node) of g; with `even`, of a function that is mirrored at nought."""
+    c = matern(np.abs(nodes[:, None] - nodes[None, :]) / length, order)
+    if even:
+        c = c + matern((nodes[:, None] + nodes[None, :]) / length, order)
+    return c
+
+
+@lru_cache(maxsize=80)
+def _root(nodes_bytes: bytes, length: float, order: float, even: bool) -> Array:
+    """Matrix L with L L^T the covariance; by eigenvectors, for smooth covariances are all but singular."""
+    values, vectors = np.linalg.eigh(covariance(np.frombuffer(nodes_bytes), length, order, even))
+    keep = values > 1e-15 * values[-1]
+    return np.ascontiguousarray(vectors[:, keep] * np.sqrt(values[keep]))
+
+
+def lengths_for(nodes: Array) -> Array:
+    """Lengths that are weighed: from two spacings of the nodes to thrice their extent."""
+    extent = nodes[-1] - nodes[0]
+    spacing = extent / (len(nodes) - 1)
+    return np.geomspace(2 * spacing, 3 * extent, _LENGTHS)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One covariance with the data seen through it: what `Smooth` keeps of it."""
+
+    length: float
+    order: float
+    root: Array  # (node, mode)
+    left: Array  # (point, rank) singular vectors of the whitened, nuisance-free design
+    singular: Array  # (rank,)
+    right: Array  # (rank, mode)
+
+
+class Smooth:
+    """The linear problem for one geometry and one relative noise; any number of data sets may be put to it.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (node,)
+        Where f is asked for.
+    design : ndarray, shape (point, node)
+        P, the data that f gives.
+    sigma : ndarray, shape (point,)
+        Standard deviation of the noise, or its shape up to a factor.
+    nuisances : ndarray, shape (point, nuisance)
+        N.
+    shifts : ndarray, shape (node, nuisance)
+        What each nuisance adds to f: ones for a constant, nought for a background.
+    even : bool
+        Whether f is mirrored at nought.
+    orders : sequence of float
+    lengths : ndarray, optional
+    """
+
+    def __init__(
+        self,
+        nodes: Array,
+        design: Array,
+        sigma: Array,
+        nuisances: Array,
+        shifts: Array,
+        even: bool = True,
+        orders: Sequence[float] = ORDERS,
+        lengths: Array | None = None,
+    ) -> None:
+        self.nodes, self.shifts, self.sigma = nodes, shifts, sigma
+        self.design = design / sigma[:, None]
+        self.nuisances = nuisances / sigma[:, None]
+        self.basis, self.triangle = np.linalg.qr(self.nuisances)
+        self.free = self.design - self.basis @ (self.basis.T @ self.design)
+        key = np.ascontiguousarray(nodes).tobytes()
+        scales = lengths_for(nodes) if lengths is None else lengths
+        self.settings = [self._setting(key, float(n), o, even) for o in orders for n in scales]
+
+    def _setting(self, key: bytes, length: float, order: float, even: bool) -> Setting:
+        root = _root(key, length, order, even)
+        left, singular, right = np.linalg.svd(self.free @ root, full_matrices=False)
+        keep = singular > 1e-14 * singular[0]
+        return Setting(length, order, root, left[:, keep], singular[keep], right[keep])
+
+    @property
+    def freedoms(self) -> int:
+        """Data less nuisances."""
+        return len(self.sigma) - self.nuisances.shape[1]
+
+    def posterior(self, data: Array, known_noise: bool) -> Posterior:
+        """What the data say, all settings weighed.
+
+        Parameters
+        ----------
+        data : ndarray, shape (point,)
+        known_noise : bool
+            Whether `sigma` is the noise itself; else the noise is `sigma` times an unknown factor.
+        """
+        y = data / self.sigma
+        y = y - self.basis @ (self.basis.T @ y)
+        total = float(y @ y)
+        parts = [self._evidence(s, y, total, known_noise) for s in self.settings]
+        log = np.array([part.log_evidence for part in parts])
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        return Posterior(self, data / self.sigma, tuple(parts), weight, known_noise)
+
+    def _evidence(self, setting: Setting, y: Array, total: float, known_noise: bool) -> Evidence:
+        beta = setting.left.T @ y
+        ratio = 10.0**_RATIOS / setting.singular[0] ** 2
+        v = 1.0 + ratio[:, None] * setting.singular**2
+        rest = max(total - float(beta @ beta), 0.0)
+        # Never below what rounding leaves of the data, so that data without noise have a finite likelihood.
+        misfit = np.maximum((beta**2 / v).sum(axis=1) + rest, 1e-30 * total + 1e-300)
+        spread = -0.5 * np.log(v).sum(axis=1)
+        n = self.freedoms
+        log = spread - (0.5 * misfit if known_noise else 0.5 * n * np.log(misfit))
+        return Evidence(beta, ratio, misfit, log)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Marginal likelihood of one covariance for each ratio A^2 / sigma^2, and what it is made of."""
+
+    beta: Array  # (rank,) data in the singular vectors
+    ratio: Array  # (ratio,)
+    misfit: Array  # (ratio,)
+    log_evidence: Array  # (ratio,)
+
+
+@dataclass(frozen=True)
+class Node:
+    """One setting with one ratio: a Gaussian."""
+
+    weight: float
+    setting: int
+    ratio: float
+    variance: float  #: of the noise in units of sigma^2
+    mean: Array  #: of f (node,)
+    shrink: Array  #: 1 / (1 + ratio singular^2), (rank,)
+
+
+class Posterior:
+    """A mixture of Gaussians over f and the nuisances."""
+
+    def __init__(
+        self, problem: Smooth, data: Array, parts: tuple[Evidence, ...], weight: Array, known_noise: bool
+    ) -> None:
+        self.problem, self.data, self.parts, self.known_noise = problem, data, parts, known_noise
+        self.weight = weight
+        kept = np.argwhere(weight > _NEGLIGIBLE)
+        scale = weight[tuple(kept.T)].sum()
+        self.maps = {int(j): self._map(int(j)) for j in np.unique(kept[:, 0])}
+        self.offset = np.linalg.solve(problem.triangle, problem.basis.T @ data)
+        self.nodes = [self._node(int(j), int(k), weight[j, k] / scale) for j, k in kept]
+
+    def _map(self, j: int) -> tuple[Array, Array]:
+        """From whitened modes to f with the nuisances that then fit best: seen modes, and the unseen rest."""
+        setting, problem = self.problem.settings[j], self.problem
+        root = setting.root
+        if problem.shifts.any():
+            back = np.linalg.solve(problem.triangle, problem.basis.T @ (problem.design @ root))
+            root = root - problem.shifts @ back
+        seen = root @ setting.right.T
+        return seen, root - seen @ setting.right
+
+    def _node(self, j: int, k: int, weight: float) -> Node:
+        part, setting = self.parts[j], self.problem.settings[j]
+        ratio = float(part.ratio[k])
+        shrink = 1.0 / (1.0 + ratio * setting.singular**2)
+        variance = 1.0 if self.known_noise else float(part.misfit[k]) / max(self.problem.freedoms - 2, 1)
+        mean = self.maps[j][0] @ (ratio * setting.singular * shrink * part.beta) + self.problem.shifts @ self.offset
+        return Node(weight, j, ratio, variance, mean, shrink)
+
+    def node_root(self, node: Node) -> Array:
+        """Matrix R with R R^T the covariance of f in one Gaussian of the mixture."""
+        seen, unseen = self.maps[node.setting]
+        parts = [np.sqrt(node.ratio) * seen * np.sqrt(node.shrink), np.sqrt(node.ratio) * unseen]
+        if self.problem.shifts.any():
+            parts.append(self.problem.shifts @ np.linalg.inv(self.problem.triangle))
+        root: Array = np.sqrt(node.variance) * np.hstack(parts)
+        return root
+
+    @property
+    def mean(self) -> Array:
+        """Mean of f (node,)."""
+        result: Array = sum(node.weight * node.mean for node in self.nodes)  # type: ignore[assignment]
+        return result
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of f (node, node), doubt about the settings included."""
+        apart = np.stack([np.sqrt(node.weight) * (node.mean - self.mean) for node in self.nodes])
+        total = apart.T @ apart
+        for j, (seen, unseen) in self.maps.items():
+            mine = [node for node in self.nodes if node.setting == j]
+            within = sum(node.weight * node.variance * node.ratio * node.shrink for node in mine)
+            total += (seen * within) @ seen.T
+            total += sum(node.weight * node.variance * node.ratio for node in mine) * (unseen @ unseen.T)
+        if self.problem.shifts.any():
+            part = self.problem.shifts @ np.linalg.inv(self.problem.triangle)
+            total += sum(node.weight * node.variance for node in self.nodes) * (part @ part.T)
+        return np.asarray(total)
+
+    @property
+    def noise(self) -> float:
+        """Noise in units of the problem's `sigma` (1 where that is the noise itself)."""
+        return float(np.sqrt(sum(node.weight * node.variance for node in self.nodes)))
+
+    @property
+    def freedoms(self) -> float:
+        """Effective degrees of freedom of the fit: trace of the matrix from data to fitted data, nuisances included."""
+        count = self.problem.nuisances.shape[1]
+        return count + sum(node.weight * float((1.0 - node.shrink).sum()) for node in self.nodes)
+
+    def average(self, name: str) -> float:
+        """Geometric mean over the mixture of the covariance's "length", or of f's "amplitude" A."""
+        logs = {
+            "length": lambda n: np.log(self.problem.settings[n.setting].length),
+            "amplitude": lambda n: 0.5 * np.log(n.ratio * n.variance),
+        }[name]
+        return float(np.exp(sum(node.weight * logs(node) for node in self.nodes)))
+
+    def nuisances(self, f: Array) -> Array:
+        """Nuisances (nuisance,) that fit best beside a given f from which their own shifts are taken off."""
+        back = np.linalg.solve(self.problem.triangle, self.problem.basis.T)
+        return np.asarray(back @ (self.data - self.problem.design @ f))
+
+    def draws(self, count: int, rng: np.random.Generator) -> list[tuple[Node, Array]]:
+        """Samples of f, grouped by the Gaussian they come from: pairs of it and an array (sample, node).
+
+        The Gaussians are chosen by systematic sampling of their weights, so that they are represented evenly.
+        """
+        edges = np.cumsum([node.weight for node in self.nodes])
+        chosen = np.searchsorted(edges / edges[-1], (np.arange(count) + rng.random()) / count)
+        groups = []
+        for i in np.unique(chosen):
+            node = self.nodes[int(i)]
+            root = self.node_root(node)
+            white = rng.standard_normal((int((chosen == i).sum()), root.shape[1]))
+            if not self.known_noise:  # Student's t: the noise has its own doubt
+                half = 0.5 * self.problem.freedoms
+                scale = (half - 1.0) / rng.gamma(half, size=(len(white), 1)) if half > 1 else 1.0
+                white = white * np.sqrt(scale)
+            groups.append((node, node.mean + white @ root.T))
+        return groups
