@@ -22,7 +22,7 @@ from skyscatter.inversion.splines import nodes_for, projection_matrix, spline_va
 Array = NDArray[np.float64]
 
 ONE_SIGMA = 0.6826894921370859  #: share of a Gaussian within one standard deviation
-_REPLICATES = 24  #: fits to made-up data from which the width of the band is found
+_REPLICATES = 40  #: fits to made-up data from which the width of the band is found
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def abel_invert(
     fitted = problem.design @ mean
     back = float(posterior.nuisances(mean)[1]) if background else 0.0
     model = (fitted + back / noise if background else fitted) * noise
-    factor = _band_factor(problem, posterior, mean, model, nonnegative, rng, lambda share: report(0.5 + 0.5 * share))
+    factor = band_factor(problem, posterior, mean, model, nonnegative, rng, lambda share: report(0.5 + 0.5 * share))
     return _result(y, data, posterior, mean, covariance, model, factor, back)
 
 
@@ -249,7 +249,7 @@ def nonnegative_moments(
     return mean, np.cov(after.T) + posterior.covariance / samples
 
 
-def _band_factor(
+def band_factor(
     problem: Smooth,
     posterior: Posterior,
     mean: Array,
@@ -263,12 +263,26 @@ def _band_factor(
     The truth is the estimate itself, the data its projection with noise (a parametric bootstrap, after Hall & Horowitz
     2013, Ann. Stat. 41, 1892).  Where densities are flat almost everywhere and steep in a few places, one standard
     deviation is too much almost everywhere.
+
+    Parameters
+    ----------
+    problem : Smooth
+    posterior : Posterior
+    mean : ndarray, shape (node,)
+        The estimate.
+    model : ndarray, shape (point,)
+        What it gives in place of the data, nuisances included.
+    nonnegative : bool
+    rng : numpy.random.Generator
+    report : callable
+        Called with the share done.
     """
     needed = []
     for i in range(_REPLICATES):
         made = model + posterior.noise * problem.sigma * rng.standard_normal(len(model))
-        again = problem.posterior(made, posterior.known_noise)
-        spread = np.sqrt(np.maximum(np.diagonal(again.covariance), 1e-300))
+        more = posterior.noise**2 * float(rng.chisquare(problem.more_points)) if problem.more_points else 0.0
+        again = problem.posterior(made, posterior.known_noise, more)
+        spread = np.sqrt(np.maximum(again.variance, 1e-300))
         estimate = np.maximum(again.mean, 0.0) if nonnegative else again.mean
         needed.append(np.abs(estimate - mean) / spread)
         report((i + 1) / _REPLICATES)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import factorial
 
 import numpy as np
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 #: How often f can be differentiated, and half of one: broken lines, one derivative, two, all of them.
 ORDERS = (0.5, 1.5, 2.5, np.inf)
 _LENGTHS = 12  #: lengths of the covariance that are weighed
-_RATIOS = np.linspace(-6.0, 26.0, 129)  #: log10 of A^2 / sigma^2 in units of the data
+_RATIOS = np.linspace(-2.0, 26.0, 113)  #: log10 of (A s)^2 / sigma^2, with s the greatest singular value
 _NEGLIGIBLE = 1e-5  #: settings with less than this share of the weight are left out
 
 
@@ -57,6 +57,25 @@ def _root(nodes_bytes: bytes, length: float, order: float, even: bool) -> Array:
     return np.ascontiguousarray(vectors[:, keep] * np.sqrt(values[keep]))
 
 
+def compressed(design: Array, nuisances: Array, data: Array) -> tuple[Array, Array, Array, int, float]:
+    """Many data, whitened, as few as there are unknowns, with the same likelihood.
+
+    Returns
+    -------
+    design, nuisances, data : ndarray
+        Of as many rows as there are unknowns in all (or fewer).
+    more_points : int
+        Data that are left over, and
+    more_misfit : float
+        their sum of squares.
+    """
+    count = nuisances.shape[1]
+    q, r = np.linalg.qr(np.hstack([nuisances, design]))
+    kept = q.T @ data
+    left = data - q @ kept
+    return r[:, count:], r[:, :count], kept, len(data) - len(kept), float(left @ left)
+
+
 def lengths_for(nodes: Array) -> Array:
     """Lengths that are weighed: from two spacings of the nodes to thrice their extent."""
     extent = nodes[-1] - nodes[0]
@@ -70,10 +89,14 @@ class Setting:
 
     length: float
     order: float
-    root: Array  # (node, mode)
     left: Array  # (point, rank) singular vectors of the whitened, nuisance-free design
     singular: Array  # (rank,)
     right: Array  # (rank, mode)
+    ratio: Array  # (ratio,) A^2 / sigma^2
+    shrink: Array  # (ratio, rank) 1 / (1 + ratio singular^2)
+    half_log: Array  # (ratio,) half the logarithm of the product of `shrink`
+    seen: Array  # (node, rank) from whitened modes to f, with the nuisances that then fit best
+    unseen: Array  # (node, mode) the same for what the data do not see at all
 
 
 class Smooth:
@@ -95,6 +118,8 @@ class Smooth:
         Whether f is mirrored at nought.
     orders : sequence of float
     lengths : ndarray, optional
+    more_points : int
+        Data beyond these that no f and no nuisance can change; see `compressed`.
     """
 
     def __init__(
@@ -107,7 +132,9 @@ class Smooth:
         even: bool = True,
         orders: Sequence[float] = ORDERS,
         lengths: Array | None = None,
+        more_points: int = 0,
     ) -> None:
+        self.more_points = more_points
         self.nodes, self.shifts, self.sigma = nodes, shifts, sigma
         self.design = design / sigma[:, None]
         self.nuisances = nuisances / sigma[:, None]
@@ -121,14 +148,24 @@ class Smooth:
         root = _root(key, length, order, even)
         left, singular, right = np.linalg.svd(self.free @ root, full_matrices=False)
         keep = singular > 1e-14 * singular[0]
-        return Setting(length, order, root, left[:, keep], singular[keep], right[keep])
+        left, singular, right = left[:, keep], singular[keep], right[keep]
+        ratio = 10.0**_RATIOS / singular[0] ** 2
+        shrink = 1.0 / (1.0 + ratio[:, None] * singular**2)
+        if self.shifts.any():
+            back = np.linalg.solve(self.triangle, self.basis.T @ (self.design @ root))
+            root = root - self.shifts @ back
+        seen = root @ right.T
+        return Setting(
+            length, order, left, singular, right, ratio, shrink, 0.5 * np.log(shrink).sum(axis=1), seen,
+            root - seen @ right,
+        )  # fmt: skip
 
     @property
     def freedoms(self) -> int:
         """Data less nuisances."""
-        return len(self.sigma) - self.nuisances.shape[1]
+        return len(self.sigma) + self.more_points - self.nuisances.shape[1]
 
-    def posterior(self, data: Array, known_noise: bool) -> Posterior:
+    def posterior(self, data: Array, known_noise: bool, more_misfit: float = 0.0) -> Posterior:
         """What the data say, all settings weighed.
 
         Parameters
@@ -136,10 +173,12 @@ class Smooth:
         data : ndarray, shape (point,)
         known_noise : bool
             Whether `sigma` is the noise itself; else the noise is `sigma` times an unknown factor.
+        more_misfit : float
+            Sum of squares of the `more_points`, in units of sigma.
         """
         y = data / self.sigma
         y = y - self.basis @ (self.basis.T @ y)
-        total = float(y @ y)
+        total = float(y @ y) + more_misfit
         parts = [self._evidence(s, y, total, known_noise) for s in self.settings]
         log = np.array([part.log_evidence for part in parts])
         weight = np.exp(log - log.max())
@@ -148,15 +187,12 @@ class Smooth:
 
     def _evidence(self, setting: Setting, y: Array, total: float, known_noise: bool) -> Evidence:
         beta = setting.left.T @ y
-        ratio = 10.0**_RATIOS / setting.singular[0] ** 2
-        v = 1.0 + ratio[:, None] * setting.singular**2
         rest = max(total - float(beta @ beta), 0.0)
         # Never below what rounding leaves of the data, so that data without noise have a finite likelihood.
-        misfit = np.maximum((beta**2 / v).sum(axis=1) + rest, 1e-30 * total + 1e-300)
-        spread = -0.5 * np.log(v).sum(axis=1)
+        misfit = np.maximum(setting.shrink @ beta**2 + rest, 1e-30 * total + 1e-300)
         n = self.freedoms
-        log = spread - (0.5 * misfit if known_noise else 0.5 * n * np.log(misfit))
-        return Evidence(beta, ratio, misfit, log)
+        log = setting.half_log - (0.5 * misfit if known_noise else 0.5 * n * np.log(misfit))
+        return Evidence(beta, misfit, log)
 
 
 @dataclass(frozen=True)
@@ -164,7 +200,6 @@ class Evidence:
     """Marginal likelihood of one covariance for each ratio A^2 / sigma^2, and what it is made of."""
 
     beta: Array  # (rank,) data in the singular vectors
-    ratio: Array  # (ratio,)
     misfit: Array  # (ratio,)
     log_evidence: Array  # (ratio,)
 
@@ -191,57 +226,51 @@ class Posterior:
         self.weight = weight
         kept = np.argwhere(weight > _NEGLIGIBLE)
         scale = weight[tuple(kept.T)].sum()
-        self.maps = {int(j): self._map(int(j)) for j in np.unique(kept[:, 0])}
         self.offset = np.linalg.solve(problem.triangle, problem.basis.T @ data)
         self.nodes = [self._node(int(j), int(k), weight[j, k] / scale) for j, k in kept]
 
-    def _map(self, j: int) -> tuple[Array, Array]:
-        """From whitened modes to f with the nuisances that then fit best: seen modes, and the unseen rest."""
-        setting, problem = self.problem.settings[j], self.problem
-        root = setting.root
-        if problem.shifts.any():
-            back = np.linalg.solve(problem.triangle, problem.basis.T @ (problem.design @ root))
-            root = root - problem.shifts @ back
-        seen = root @ setting.right.T
-        return seen, root - seen @ setting.right
-
     def _node(self, j: int, k: int, weight: float) -> Node:
         part, setting = self.parts[j], self.problem.settings[j]
-        ratio = float(part.ratio[k])
-        shrink = 1.0 / (1.0 + ratio * setting.singular**2)
+        ratio, shrink = float(setting.ratio[k]), setting.shrink[k]
         variance = 1.0 if self.known_noise else float(part.misfit[k]) / max(self.problem.freedoms - 2, 1)
-        mean = self.maps[j][0] @ (ratio * setting.singular * shrink * part.beta) + self.problem.shifts @ self.offset
+        mean = setting.seen @ (ratio * setting.singular * shrink * part.beta) + self.problem.shifts @ self.offset
         return Node(weight, j, ratio, variance, mean, shrink)
 
     def node_root(self, node: Node) -> Array:
         """Matrix R with R R^T the covariance of f in one Gaussian of the mixture."""
-        seen, unseen = self.maps[node.setting]
-        parts = [np.sqrt(node.ratio) * seen * np.sqrt(node.shrink), np.sqrt(node.ratio) * unseen]
+        setting = self.problem.settings[node.setting]
+        parts = [np.sqrt(node.ratio) * setting.seen * np.sqrt(node.shrink), np.sqrt(node.ratio) * setting.unseen]
         if self.problem.shifts.any():
             parts.append(self.problem.shifts @ np.linalg.inv(self.problem.triangle))
         root: Array = np.sqrt(node.variance) * np.hstack(parts)
         return root
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """Mean of f (node,)."""
-        result: Array = sum(node.weight * node.mean for node in self.nodes)  # type: ignore[assignment]
-        return result
+        return np.asarray(sum(node.weight * node.mean for node in self.nodes))
 
-    @property
+    def _roots(self) -> list[Array]:
+        """Matrices the sum of whose R R^T is the covariance of f."""
+        roots = [np.stack([np.sqrt(node.weight) * (node.mean - self.mean) for node in self.nodes], axis=1)]
+        for j in sorted({node.setting for node in self.nodes}):
+            mine, setting = [node for node in self.nodes if node.setting == j], self.problem.settings[j]
+            within = sum(node.weight * node.variance * node.ratio * node.shrink for node in mine)
+            beyond = sum(node.weight * node.variance * node.ratio for node in mine)
+            roots += [setting.seen * np.sqrt(within), setting.unseen * np.sqrt(beyond)]
+        if self.problem.shifts.any():
+            roots.append(self.noise * self.problem.shifts @ np.linalg.inv(self.problem.triangle))
+        return roots
+
+    @cached_property
     def covariance(self) -> Array:
         """Covariance of f (node, node), doubt about the settings included."""
-        apart = np.stack([np.sqrt(node.weight) * (node.mean - self.mean) for node in self.nodes])
-        total = apart.T @ apart
-        for j, (seen, unseen) in self.maps.items():
-            mine = [node for node in self.nodes if node.setting == j]
-            within = sum(node.weight * node.variance * node.ratio * node.shrink for node in mine)
-            total += (seen * within) @ seen.T
-            total += sum(node.weight * node.variance * node.ratio for node in mine) * (unseen @ unseen.T)
-        if self.problem.shifts.any():
-            part = self.problem.shifts @ np.linalg.inv(self.problem.triangle)
-            total += sum(node.weight * node.variance for node in self.nodes) * (part @ part.T)
-        return np.asarray(total)
+        return np.asarray(sum(root @ root.T for root in self._roots()))
+
+    @cached_property
+    def variance(self) -> Array:
+        """Diagonal of the covariance (node,), at a small part of its cost."""
+        return np.asarray(sum(np.einsum("ij,ij->i", root, root) for root in self._roots()))
 
     @property
     def noise(self) -> float:
