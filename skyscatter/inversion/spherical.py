@@ -209,7 +209,7 @@ def _fit_centre(
         at = at + move
         if border_distance(geometry.pixels.values.shape, (at[0], at[1])) <= 0:
             raise ConvergenceError("the centre runs out of the image; give centre, or mask what is not the object")
-        if np.linalg.norm(move) < 1e-3 + 0.02 * np.sqrt(np.trace(np.linalg.pinv(hessian))):
+        if np.linalg.norm(move) < 1e-3 + 0.1 * np.sqrt(np.trace(np.linalg.pinv(hessian))):
             break
     else:
         raise ConvergenceError("the centre was not found in 12 steps; give centre, or mask what is not the object")
