@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _ORDERS = (0.5, 1.5, 2.5, np.inf)
 _ACROSS, _ALONG = 7, 7  #: lengths that are weighed
-_RATIOS = np.linspace(-2.0, 12.0, 57)  #: log10 of the greatest signal to noise, squared
+_RATIOS = np.linspace(-2.0, 12.0, 43)  #: log10 of the greatest signal to noise, squared
 _SUBPIXELS = 4  #: of a row, over which a pixel is averaged
 _TOLD = 1e-3  #: signal to noise, squared, below which a combination is left at nought, with its variance
 _MOST_MODES = 2000  #: that the linear algebra takes in seconds
@@ -147,12 +147,12 @@ def invert_axisymmetric(
         raise DomainError("edge", edge, "must lie four pixels or more from the axis")
     nodes = np.linspace(0.0, reach, int(np.clip(round(reach), 8, _MOST_NODES)) + 1)
     filled = _filled(pixels, place)
-    prior = _best_prior(filled, nodes, place, pixels.known_noise, background)
+    prior = _best_prior(filled, nodes, place, background)
     (progress or (lambda share: None))(0.4)
     error = 0.0
     if fit_axis:
-        place, error = _fit_axis(filled, nodes, place, prior, pixels.known_noise, background)
-        prior = _best_prior(_filled(pixels, place), nodes, place, pixels.known_noise, background)
+        place, error = _fit_axis(filled, nodes, place, prior, background)
+        prior = _best_prior(_filled(pixels, place), nodes, place, background)
     (progress or (lambda share: None))(0.8)
     result = _solve(pixels, nodes, place, error, prior, background, pixel_size, samples, seed)
     (progress or (lambda share: None))(1.0)
@@ -174,7 +174,7 @@ def _design(nodes: Array, columns: int, place: float) -> Array:
 
 
 class _Filled(NamedTuple):
-    """An image with a value everywhere and one noise: enough to find the prior, not the density."""
+    """An image with a value everywhere and one noise, the root mean square: enough to find the prior and the axis."""
 
     values: Array
     sigma: float
@@ -196,8 +196,7 @@ def _filled(pixels: Pixels, place: float) -> _Filled:
 
         _, (y, x) = distance_transform_edt(~have, return_indices=True)
         values = values[y, x]
-    weight = (1.0 / pixels.sigma[used] ** 2).mean()
-    return _Filled(values, float(weight**-0.5), int(used.sum()))
+    return _Filled(values, float(np.sqrt((pixels.sigma[used] ** 2).mean())), int(used.sum()))
 
 
 def _eigen(nodes: Array, rows: int, order: float, across: float, along: float) -> tuple[Array, Array, Array]:
@@ -210,29 +209,32 @@ def _eigen(nodes: Array, rows: int, order: float, across: float, along: float) -
     return root, np.maximum(t, 0.0), q
 
 
-def _evidence(filled: _Filled, left: Array, singular: Array, t: Array, q: Array, known: bool, back: bool) -> tuple[Array, Array]:
-    """Logarithm of the marginal likelihood for each ratio, and the noise squared; the background is integrated out."""
+def _evidence(filled: _Filled, left: Array, singular: Array, t: Array, q: Array, back: bool) -> tuple[Array, Array]:
+    """Logarithm of the marginal likelihood for each ratio, and the noise squared; the background is integrated out.
+
+    The noise is found here even where `sigma` is given, for it stands for all pixels.
+    """
     y = filled.values / filled.sigma
-    level = np.ones_like(y)
     transformed = q.T @ y @ left
-    ones = q.T @ level @ left
+    ones = np.outer(q.sum(axis=0), left.sum(axis=0))
     strength = np.outer(t, singular**2)
-    ratio = 10.0**_RATIOS / strength.max()
-    gain = 1.0 / (1.0 + ratio[:, None, None] * strength) - 1.0  # of the modes, less 1
-    yy = (y**2).sum() + np.einsum("kij,ij->k", gain, transformed**2)
-    log = -0.5 * np.log1p(ratio[:, None, None] * strength).sum(axis=(1, 2))
+    told = strength > 1e-14 * strength.max()  # the rest changes nothing at any ratio
+    strength, transformed, ones = strength[told], transformed[told], ones[told]
+    total = 1.0 + 10.0 ** _RATIOS[:, None] / strength.max() * strength
+    gain = 1.0 / total - 1.0  # of the modes, less 1
+    yy = (y**2).sum() + gain @ transformed**2
+    log = -0.5 * np.log(total).sum(axis=1)
     freedoms = filled.count
     if back:
-        one = y.size + np.einsum("kij,ij->k", gain, ones**2)
-        cross = y.sum() + np.einsum("kij,ij->k", gain, ones * transformed)
+        one = y.size + gain @ ones**2
+        cross = y.sum() + gain @ (ones * transformed)
         yy, log, freedoms = yy - cross**2 / one, log - 0.5 * np.log(one), freedoms - 1
     # Filled pixels say nothing new: sums over all pixels are scaled to those that count.
     yy = np.maximum(yy, 1e-30 * (y**2).sum() + 1e-300) * filled.count / y.size
-    log = log - (0.5 * yy if known else 0.5 * freedoms * np.log(yy))
-    return log, np.ones_like(yy) if known else yy / freedoms
+    return log - 0.5 * freedoms * np.log(yy), yy / freedoms
 
 
-def _best_prior(filled: _Filled, nodes: Array, place: float, known: bool, background: bool) -> _Prior:
+def _best_prior(filled: _Filled, nodes: Array, place: float, background: bool) -> _Prior:
     """The prior of the greatest marginal likelihood."""
     rows, columns = filled.values.shape
     design = _design(nodes, columns, place) / filled.sigma
@@ -245,7 +247,7 @@ def _best_prior(filled: _Filled, nodes: Array, place: float, known: bool, backgr
             root = _eigen(nodes, 2, order, float(across), 1.0)[0]
             left, singular, _ = np.linalg.svd(design @ root, full_matrices=False)
             for along, t, q in alongs:
-                log, noise = _evidence(filled, left, singular, t, q, known, background)
+                log, noise = _evidence(filled, left, singular, t, q, background)
                 k = int(np.argmax(log))
                 if best is None or log[k] > best.log_evidence:
                     ratio = 10.0 ** _RATIOS[k] / (t.max() * singular[0] ** 2)
@@ -255,7 +257,7 @@ def _best_prior(filled: _Filled, nodes: Array, place: float, known: bool, backgr
 
 
 def _fit_axis(
-    filled: _Filled, nodes: Array, place: float, prior: _Prior, known: bool, background: bool
+    filled: _Filled, nodes: Array, place: float, prior: _Prior, background: bool
 ) -> tuple[float, float]:
     """Place of the axis with the greatest marginal likelihood, and its standard deviation."""
     from scipy.optimize import minimize_scalar
@@ -265,7 +267,7 @@ def _fit_axis(
 
     def cost(x: float) -> float:
         left, singular, _ = np.linalg.svd(_design(nodes, columns, x) / filled.sigma @ root, full_matrices=False)
-        log, _ = _evidence(filled, left, singular, t, q, known, background)
+        log, _ = _evidence(filled, left, singular, t, q, background)
         return -float(np.logaddexp.reduce(log))
 
     low, high = max(place - 3.0, 0.0), min(place + 3.0, columns - 1.0)
@@ -366,9 +368,9 @@ def _normal_equations(
             part = np.column_stack([part, np.ones(len(part))])
         matrix += (part.T * w) @ part
         right += part.T @ (w * pixels.values[row])
-    noise2 = prior.noise**2
+    noise2 = 1.0 if pixels.known_noise else prior.noise**2
     precision = matrix / noise2
     precision[np.arange(len(i)), np.arange(len(i))] += 1.0
     inverse = np.linalg.inv(precision)
     inverse = 0.5 * (inverse + inverse.T)
-    return inverse @ (right / noise2), inverse, float(prior.noise)
+    return inverse @ (right / noise2), inverse, float(np.sqrt(noise2))
