@@ -290,7 +290,14 @@ def band_factor(
 
 
 def _result(
-    y: Array, data: Array, posterior: Posterior, mean: Array, covariance: Array, model: Array, factor: float, back: float
+    y: Array,
+    data: Array,
+    posterior: Posterior,
+    mean: Array,
+    covariance: Array,
+    model: Array,
+    factor: float,
+    back: float,
 ) -> AbelResult:
     problem = posterior.problem
     weights = {order: 0.0 for order in {s.order for s in problem.settings}}

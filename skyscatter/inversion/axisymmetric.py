@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
-from skyscatter.inversion.images import Pixels, checked_image, symmetric_centre
+from skyscatter.inversion.pixels import Pixels, checked_image, symmetric_centre
 from skyscatter.inversion.smoothness import covariance
 from skyscatter.inversion.splines import projection_matrix
 
@@ -76,6 +76,20 @@ class AxisymmetricResult:
     degrees_of_freedom: float
 
 
+class _Across(NamedTuple):
+    """Geometry across the axis."""
+
+    nodes: Array  # [pixel]
+    subpixels: int
+
+    def design(self, columns: int, place: float) -> Array:
+        """From densities at the nodes to a row of pixels, averaged over their width; shape (column, node)."""
+        offsets = (np.arange(self.subpixels) + 0.5) / self.subpixels - 0.5
+        distance = np.abs(np.arange(columns)[:, None] + offsets - place)
+        matrix = projection_matrix(self.nodes, np.minimum(distance, self.nodes[-1]).ravel())
+        return matrix.reshape(columns, self.subpixels, len(self.nodes)).mean(axis=1)
+
+
 class _Prior(NamedTuple):
     order: float
     across: float
@@ -95,6 +109,7 @@ def invert_axisymmetric(
     edge: float | None = None,
     pixel_size: float = 1.0,
     background: bool = True,
+    averaged: bool = True,
     samples: int = 128,
     seed: int = 0,
     progress: Callable[[float], Any] | None = None,
@@ -122,6 +137,8 @@ def invert_axisymmetric(
         Length of a pixel's side, in any unit.
     background : bool
         Whether a uniform background is fitted.
+    averaged : bool
+        Whether pixels are averages across the axis, as a detector's; False for values at their middles, as rendered.
     samples, seed, progress
         As in `abel_invert`.
 
@@ -146,15 +163,16 @@ def invert_axisymmetric(
     if not reach >= 4:
         raise DomainError("edge", edge, "must lie four pixels or more from the axis")
     nodes = np.linspace(0.0, reach, int(np.clip(round(reach), 8, _MOST_NODES)) + 1)
+    geometry = _Across(nodes, _SUBPIXELS if averaged else 1)
     filled = _filled(pixels, place)
-    prior = _best_prior(filled, nodes, place, background)
+    prior = _best_prior(filled, geometry, place, background)
     (progress or (lambda share: None))(0.4)
     error = 0.0
     if fit_axis:
-        place, error = _fit_axis(filled, nodes, place, prior, background)
-        prior = _best_prior(_filled(pixels, place), nodes, place, background)
+        place, error = _fit_axis(filled, geometry, place, prior, background)
+        prior = _best_prior(_filled(pixels, place), geometry, place, background)
     (progress or (lambda share: None))(0.8)
-    result = _solve(pixels, nodes, place, error, prior, background, pixel_size, samples, seed)
+    result = _solve(pixels, geometry, place, error, prior, background, pixel_size, samples, seed)
     (progress or (lambda share: None))(1.0)
     return result if axis == "y" else _turned(result)
 
@@ -165,26 +183,18 @@ def _turned(result: AxisymmetricResult) -> AxisymmetricResult:
     return replace(result, fitted_image=result.fitted_image.T, residual=result.residual.T)
 
 
-def _design(nodes: Array, columns: int, place: float) -> Array:
-    """From densities at the nodes to a row of pixels, averaged over their width; shape (column, node)."""
-    offsets = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
-    distance = np.abs(np.arange(columns)[:, None] + offsets - place)
-    matrix = projection_matrix(nodes, np.minimum(distance, nodes[-1]).ravel())
-    return matrix.reshape(columns, _SUBPIXELS, len(nodes)).mean(axis=1)
-
-
 class _Filled(NamedTuple):
     """An image with a value everywhere and one noise, the root mean square: enough to find the prior and the axis."""
 
     values: Array
     sigma: float
-    count: int  # pixels that truly count
+    points: int  # pixels that truly count
 
 
 def _filled(pixels: Pixels, place: float) -> _Filled:
     """Pixels that are left out take the value of their mirror image, or else of the nearest in their row."""
     values, used = pixels.values.copy(), pixels.used
-    rows, columns = values.shape
+    columns = values.shape[1]
     mirror = np.rint(2 * place - np.arange(columns)).astype(int)
     valid = (mirror >= 0) & (mirror < columns)
     mirror = np.clip(mirror, 0, columns - 1)
@@ -224,20 +234,21 @@ def _evidence(filled: _Filled, left: Array, singular: Array, t: Array, q: Array,
     gain = 1.0 / total - 1.0  # of the modes, less 1
     yy = (y**2).sum() + gain @ transformed**2
     log = -0.5 * np.log(total).sum(axis=1)
-    freedoms = filled.count
+    freedoms = filled.points
     if back:
         one = y.size + gain @ ones**2
         cross = y.sum() + gain @ (ones * transformed)
         yy, log, freedoms = yy - cross**2 / one, log - 0.5 * np.log(one), freedoms - 1
     # Filled pixels say nothing new: sums over all pixels are scaled to those that count.
-    yy = np.maximum(yy, 1e-30 * (y**2).sum() + 1e-300) * filled.count / y.size
+    yy = np.maximum(yy, 1e-30 * (y**2).sum() + 1e-300) * filled.points / y.size
     return log - 0.5 * freedoms * np.log(yy), yy / freedoms
 
 
-def _best_prior(filled: _Filled, nodes: Array, place: float, background: bool) -> _Prior:
+def _best_prior(filled: _Filled, geometry: _Across, place: float, background: bool) -> _Prior:
     """The prior of the greatest marginal likelihood."""
     rows, columns = filled.values.shape
-    design = _design(nodes, columns, place) / filled.sigma
+    nodes = geometry.nodes
+    design = geometry.design(columns, place) / filled.sigma
     best: _Prior | None = None
     for order in _ORDERS:
         alongs = [
@@ -256,17 +267,15 @@ def _best_prior(filled: _Filled, nodes: Array, place: float, background: bool) -
     return best
 
 
-def _fit_axis(
-    filled: _Filled, nodes: Array, place: float, prior: _Prior, background: bool
-) -> tuple[float, float]:
+def _fit_axis(filled: _Filled, geometry: _Across, place: float, prior: _Prior, background: bool) -> tuple[float, float]:
     """Place of the axis with the greatest marginal likelihood, and its standard deviation."""
     from scipy.optimize import minimize_scalar
 
     rows, columns = filled.values.shape
-    root, t, q = _eigen(nodes, rows, prior.order, prior.across, prior.along)
+    root, t, q = _eigen(geometry.nodes, rows, prior.order, prior.across, prior.along)
 
     def cost(x: float) -> float:
-        left, singular, _ = np.linalg.svd(_design(nodes, columns, x) / filled.sigma @ root, full_matrices=False)
+        left, singular, _ = np.linalg.svd(geometry.design(columns, x) / filled.sigma @ root, full_matrices=False)
         log, _ = _evidence(filled, left, singular, t, q, background)
         return -float(np.logaddexp.reduce(log))
 
@@ -310,13 +319,13 @@ def _modes(nodes: Array, design: Array, rows: int, prior: _Prior, sigma: float) 
 
 
 def _solve(
-    pixels: Pixels, nodes: Array, place: float, error: float, prior: _Prior, background: bool,
+    pixels: Pixels, geometry: _Across, place: float, error: float, prior: _Prior, background: bool,
     pixel_size: float, samples: int, seed: int,
 ) -> AxisymmetricResult:  # fmt: skip
     """The density with every pixel's own noise."""
     rows, columns = pixels.values.shape
     weight = np.where(pixels.used, pixels.sigma**-2, 0.0)
-    design = _design(nodes, columns, place)
+    nodes, design = geometry.nodes, geometry.design(columns, place)
     modes = _modes(nodes, design, rows, prior, float((weight.sum() / pixels.used.sum()) ** -0.5))
     vector, inverse, noise = _normal_equations(pixels, weight, design @ modes.across, modes, prior, background)
     count = len(modes.pairs[0])
@@ -343,7 +352,7 @@ def _solve(
         noise = float(np.sqrt(np.nansum((residual / pixels.sigma) ** 2) / left))
     f, s = estimate / pixel_size, sd / pixel_size
     return AxisymmetricResult(
-        radius=nodes * pixel_size, along=np.arange(rows) * pixel_size, density=f, standard_deviation=s,
+        radius=nodes * pixel_size, along=np.asarray(np.arange(rows) * pixel_size, float), density=f, standard_deviation=s,
         lower=np.maximum(f - s, 0.0), upper=f + s, axis_position=place, axis_error=error, background=float(level),
         background_error=float(np.sqrt(inverse[count, count])) if background else 0.0,
         fitted_image=fitted, residual=residual, noise=noise, order=prior.order,

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
-from skyscatter.inversion.images import Pixels, border_distance, check_centre, checked_image, symmetric_centre
+from skyscatter.inversion.pixels import Pixels, border_distance, check_centre, checked_image, symmetric_centre
 
 Array = NDArray[np.float64]
 Profile = Literal["uniform", "gaussian"]
@@ -146,15 +146,15 @@ def _gaussian_column(q: Array, width: float, end: float) -> Array:
     edges = low[:, None] + (end - low)[:, None] * np.linspace(0.0, 1.0, _PANELS + 1)
     along = np.sqrt(np.maximum(edges**2 - q[:, None] ** 2, 0.0))
     half, middle = 0.5 * np.diff(along, axis=1), 0.5 * (along[:, 1:] + along[:, :-1])
-    l = middle[..., None] + half[..., None] * _GAUSS_X
-    value = np.exp(-0.5 * ((np.sqrt(l**2 + q[:, None, None] ** 2) - 1.0) / width) ** 2)
+    places = middle[..., None] + half[..., None] * _GAUSS_X
+    value = np.exp(-0.5 * ((np.sqrt(places**2 + q[:, None, None] ** 2) - 1.0) / width) ** 2)
     result: Array = 2 * np.einsum("ijk,ij,k->i", value, half, _GAUSS_W)
     return result
 
 
 def shell_image(
     shape: tuple[int, int], parameters: dict[str, float], profile: Profile = "uniform", *, pixel_size: float = 1.0,
-    psf: float = 0.0,
+    psf: float = 0.0, averaged: bool = True,
 ) -> Array:  # fmt: skip
     """Image of a shell with the parameters of `ShellFit`, pixels averaged over their area.
 
@@ -168,6 +168,8 @@ def shell_image(
     pixel_size : float
     psf : float
         Standard deviation of a Gaussian point spread [pixel].
+    averaged : bool
+        Whether pixels are averages over their area, as a detector's; False for values at their middles, as rendered.
 
     Returns
     -------
@@ -177,7 +179,8 @@ def shell_image(
     missing = [name for name in NAMES if name not in p]
     if missing:
         raise DomainError("parameters", missing[0], "is missing")
-    offsets = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+    count = _SUBPIXELS if averaged else 1
+    offsets = (np.arange(count) + 0.5) / count - 0.5
     x = ((np.arange(shape[1])[:, None] + offsets).ravel() - p["x"]) * pixel_size
     up = -((np.arange(shape[0])[:, None] + offsets).ravel() - p["y"]) * pixel_size
     sine, cosine = np.sin(np.radians(p["position_angle_deg"])), np.cos(np.radians(p["position_angle_deg"]))
@@ -186,7 +189,7 @@ def shell_image(
     column = shell_column(np.hypot(major / p["major"], minor / p["minor"]), p["thickness"], profile)
     if "gradient_x" in p or "gradient_y" in p:
         column = column * (1.0 + p.get("gradient_x", 0.0) * x[None, :] + p.get("gradient_y", 0.0) * up[:, None])
-    column = column.reshape(shape[0], _SUBPIXELS, shape[1], _SUBPIXELS).mean(axis=(1, 3))
+    column = column.reshape(shape[0], count, shape[1], count).mean(axis=(1, 3))
     if psf > 0:
         from scipy.ndimage import gaussian_filter
 
@@ -205,6 +208,7 @@ def fit_shell(
     centre: tuple[float, float] | None = None,
     pixel_size: float = 1.0,
     psf: float = 0.0,
+    averaged: bool = True,
     robust: bool = False,
     progress: Callable[[float], Any] | None = None,
 ) -> ShellFit:
@@ -229,6 +233,8 @@ def fit_shell(
         Length of a pixel's side, in any unit.
     psf : float
         Standard deviation of the image's point spread [pixel].
+    averaged : bool
+        Whether pixels are averages over their area, as a detector's; False for values at their middles, as rendered.
     robust : bool
         Count large deviations by their size, not their square (soft L1), so that stars that were not masked matter
         little.
@@ -260,14 +266,14 @@ def fit_shell(
     best: Any = None
     for number, thickness in enumerate(_STARTS):
         start = _start(pixels, place, thickness, profile, gradient, scale)
-        found = _least_squares(pixels, start, profile, psf, scale, robust)
+        found = _least_squares(pixels, start, profile, {"psf": psf, "averaged": averaged}, scale, robust)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
         if progress:
             progress((number + 1) / len(_STARTS))
     if best is None:
         raise ConvergenceError("no shell was found in the image; give centre, or mask what is not the shell")
-    return _fit_result(pixels, best, profile, psf, scale, pixel_size)
+    return _fit_result(pixels, best, profile, {"psf": psf, "averaged": averaged}, scale, pixel_size)
 
 
 #  Inner parameters: x, y, ln sqrt(ab), e1, e2 with e = ln(major / minor) (cos, sin)(2 position angle), ln thickness,
@@ -277,7 +283,16 @@ def fit_shell(
 def _outer(v: Array, scale: float) -> dict[str, float]:
     e = float(np.hypot(v[3], v[4]))
     angle = float(np.degrees(0.5 * np.arctan2(v[4], v[3]))) % 180.0
-    values = [v[0], v[1], np.exp(v[2] + 0.5 * e), np.exp(v[2] - 0.5 * e), angle, np.exp(v[5]), v[6] * scale, v[7] * scale]
+    values = [
+        v[0],
+        v[1],
+        np.exp(v[2] + 0.5 * e),
+        np.exp(v[2] - 0.5 * e),
+        angle,
+        np.exp(v[5]),
+        v[6] * scale,
+        v[7] * scale,
+    ]
     return dict(zip((*NAMES, *GRADIENTS), [float(x) for x in (*values, *v[8:])], strict=False))
 
 
@@ -308,7 +323,7 @@ def _start(
 
 
 def _least_squares(
-    pixels: Pixels, start: Array, profile: Profile, psf: float, scale: float, robust: bool
+    pixels: Pixels, start: Array, profile: Profile, optics: dict[str, Any], scale: float, robust: bool
 ) -> Any:
     from scipy.optimize import least_squares
 
@@ -316,7 +331,7 @@ def _least_squares(
     noise = pixels.sigma[used] if pixels.known_noise else np.full(int(used.sum()), 0.1 * scale)
 
     def difference(v: Array) -> Array:
-        model = shell_image(shape, _outer(v, scale), profile, psf=psf)
+        model = shell_image(shape, _outer(v, scale), profile, **optics)
         return np.asarray((model[used] - pixels.values[used]) / noise)
 
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
@@ -343,11 +358,11 @@ def _scales(start: Array) -> Array:
 
 
 def _fit_result(
-    pixels: Pixels, found: Any, profile: Profile, psf: float, scale: float, pixel_size: float
+    pixels: Pixels, found: Any, profile: Profile, optics: dict[str, Any], scale: float, pixel_size: float
 ) -> ShellFit:
     shape, used = pixels.values.shape, pixels.used
     inner = _outer(found.x, scale)
-    fitted = shell_image(shape, inner, profile, psf=psf)
+    fitted = shell_image(shape, inner, profile, **optics)
     residual = np.where(used, pixels.values - fitted, np.nan)
     covariance = np.linalg.pinv(found.jac.T @ found.jac)
     noise = float(np.sqrt(np.nanmean((residual / pixels.sigma) ** 2)))
@@ -357,7 +372,7 @@ def _fit_result(
     units = np.array([1, 1, pixel_size, pixel_size, 1, 1, 1, 1, 1 / pixel_size, 1 / pixel_size])[: len(found.x)]
     slope = _slopes(found.x, scale) * units[:, None]
     outer = slope @ covariance @ slope.T
-    values = {name: value * units[k] for k, (name, value) in enumerate(inner.items())}
+    values = {name: float(value * units[k]) for k, (name, value) in enumerate(inner.items())}
     errors = {name: float(np.sqrt(outer[k, k])) for k, name in enumerate(values)}
     return ShellFit(values, errors, outer, profile, fitted, residual, noise, pixel_size)
 
@@ -405,7 +420,7 @@ def deproject(
         raise DomainError("spheroid", spheroid, 'must be "oblate" or "prolate"')
     prolate = spheroid == "prolate"
     seen, error = fit.ratio
-    tilt = np.radians(np.linspace(0.0, 90.0, 361))[:, None] + np.zeros((1, 1))
+    tilt = np.radians(np.linspace(0.0, 90.0, 361))[:, None]
     flat = np.linspace(0.05, 1.0, 761)[None, :]
     eta = 1 / flat if prolate else flat
     prior = np.sin(tilt) * np.ones_like(flat)
@@ -420,14 +435,14 @@ def deproject(
     if not posterior.sum() > 1e-12 * prior.sum():
         raise DomainError("axis_ratio", axis_ratio, f"no such spheroid is seen with the axis ratio {seen:.3f}")
     mean, variance = _moments(posterior)
-    i_mean, i_sd = mean(np.degrees(tilt)), np.sqrt(variance(np.degrees(tilt)))
-    r_mean, r_sd = mean(eta), np.sqrt(variance(eta))
+    i_mean, i_sd = mean(np.degrees(tilt)), float(np.sqrt(variance(np.degrees(tilt))))
+    r_mean, r_sd = mean(eta), float(np.sqrt(variance(eta)))
     depth = eta / b
     both = mean((np.degrees(tilt) - i_mean) * (eta - r_mean))
     information = 1.0 - variance(eta) / max(_moments(prior)[1](eta), 1e-300)
     p = fit.parameters
     return Deprojection(
-        inclination_deg=(i_mean, i_sd), axis_ratio=(r_mean, r_sd), depth=(mean(depth), np.sqrt(variance(depth))),
+        inclination_deg=(i_mean, i_sd), axis_ratio=(r_mean, r_sd), depth=(mean(depth), float(np.sqrt(variance(depth)))),
         inclination_range=_range(np.degrees(tilt)[:, 0], posterior.sum(axis=1)),
         axis_ratio_range=_range(eta[0], posterior.sum(axis=0)),
         correlation=both / max(i_sd * r_sd, 1e-300), information=information,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.inversion.abel import band_factor, nonnegative_moments
-from skyscatter.inversion.images import Pixels, border_distance, check_centre, checked_image, symmetric_centre
+from skyscatter.inversion.pixels import Pixels, border_distance, check_centre, checked_image, symmetric_centre
 from skyscatter.inversion.smoothness import ORDERS, Posterior, Smooth, compressed
 from skyscatter.inversion.splines import projection_matrix
 
@@ -76,6 +76,7 @@ class _Geometry(NamedTuple):
     nodes: Array  # [pixel]
     table: Array  # (distance, node) projections
     background: bool
+    subpixels: int
 
 
 def invert_spherical(
@@ -87,13 +88,14 @@ def invert_spherical(
     edge: float | None = None,
     pixel_size: float = 1.0,
     background: bool = True,
+    averaged: bool = True,
     samples: int = 256,
     seed: int = 0,
     progress: Callable[[float], Any] | None = None,
 ) -> SphericalResult:
     """Density of a spherical, optically thin object from its image.
 
-    Pixels are averages over their area.  The centre is where the data's marginal likelihood is greatest, its covariance
+    The centre is where the data's marginal likelihood is greatest, its covariance
     the inverse of the second derivatives there.
 
     Parameters
@@ -113,6 +115,8 @@ def invert_spherical(
         Length of a pixel's side, in any unit.
     background : bool
         Whether a uniform background is fitted.
+    averaged : bool
+        Whether pixels are averages over their area, as a detector's; False for values at their middles, as rendered.
     samples, seed, progress
         As in `abel_invert`.
 
@@ -132,7 +136,13 @@ def invert_spherical(
     if not reach >= 6:
         raise DomainError("edge", edge, "must lie six pixels or more from the centre")
     nodes = np.linspace(0.0, reach, int(np.clip(round(reach), 12, _MOST_NODES)) + 1)
-    geometry = _Geometry(pixels, nodes, projection_matrix(nodes, np.linspace(0.0, reach, _TABLE)), background)
+    geometry = _Geometry(
+        pixels,
+        nodes,
+        projection_matrix(nodes, np.linspace(0.0, reach, _TABLE)),
+        background,
+        _SUBPIXELS if averaged else 1,
+    )
     first = _posterior(geometry, start)
     report(0.2)
     spread = np.zeros((2, 2))
@@ -152,7 +162,7 @@ def _weights(geometry: _Geometry, centre: tuple[float, float]) -> Any:
     from scipy.sparse import csr_matrix
 
     y, x = np.nonzero(geometry.pixels.used)
-    offsets = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+    offsets = (np.arange(geometry.subpixels) + 0.5) / geometry.subpixels - 0.5
     dy, dx = (d.ravel() for d in np.meshgrid(offsets, offsets, indexing="ij"))
     distance = np.hypot(x[:, None] + dx - centre[0], y[:, None] + dy - centre[1])
     at = distance / geometry.nodes[-1] * (_TABLE - 1)
@@ -161,7 +171,7 @@ def _weights(geometry: _Geometry, centre: tuple[float, float]) -> Any:
     inside = distance < geometry.nodes[-1]
     row = np.broadcast_to(np.arange(len(x))[:, None], distance.shape)
     entries = [(np.where(inside, 1 - share, 0.0), low), (np.where(inside, share, 0.0), low + 1)]
-    value = np.concatenate([v.ravel() for v, _ in entries]) / _SUBPIXELS**2
+    value = np.concatenate([v.ravel() for v, _ in entries]) / geometry.subpixels**2
     column = np.concatenate([c.ravel() for _, c in entries])
     return csr_matrix((value, (np.concatenate([row.ravel()] * 2), column)), shape=(len(x), _TABLE))
 
@@ -177,9 +187,7 @@ def _posterior(
     if geometry.background:
         nuisances.append(1.0 / sigma)
         shifts.append(np.zeros(len(nodes)))
-    few, nuis, data, more, misfit = compressed(
-        design, np.column_stack(nuisances), pixels.values[pixels.used] / sigma
-    )
+    few, nuis, data, more, misfit = compressed(design, np.column_stack(nuisances), pixels.values[pixels.used] / sigma)
     scales = np.geomspace(2 * nodes[1], 3 * nodes[-1], _LENGTHS) if lengths is None else lengths
     problem = Smooth(
         nodes, few, np.ones(len(few)), nuis, np.column_stack(shifts), True, orders, scales, more_points=more
@@ -187,9 +195,7 @@ def _posterior(
     return problem.posterior(data, pixels.known_noise, misfit)
 
 
-def _fit_centre(
-    geometry: _Geometry, start: tuple[float, float], first: Posterior
-) -> tuple[tuple[float, float], Array]:
+def _fit_centre(geometry: _Geometry, start: tuple[float, float], first: Posterior) -> tuple[tuple[float, float], Array]:
     """Newton's method for the centre, with the likeliest covariance; and the covariance of the centre."""
     best = first.problem.settings[max(first.nodes, key=lambda node: node.weight).setting]
 
@@ -197,14 +203,16 @@ def _fit_centre(
         part = _posterior(geometry, (x, y), (best.order,), np.array([best.length])).parts[0].log_evidence
         return -float(np.logaddexp.reduce(part))
 
-    at, step = np.array(start), 0.25
+    at: Array = np.array(start)
+    step = 0.25
     for _ in range(12):
         gradient, hessian = _derivatives(cost, at, step)
+        size = float(np.linalg.norm(gradient))
         if np.linalg.eigvalsh(hessian)[0] <= 0:  # far from the centre: downhill by half a pixel
-            move = -0.5 * gradient / max(np.linalg.norm(gradient), 1e-300)
+            move = -0.5 * gradient / max(size, 1e-300)
         else:
             move = -np.linalg.solve(hessian, gradient)
-            move *= min(1.0, 2.0 / max(np.linalg.norm(move), 1e-300))
+            move = move * min(1.0, 2.0 / max(float(np.linalg.norm(move)), 1e-300))
             step = float(np.clip(np.linalg.norm(move), 0.02, 0.25))
         at = at + move
         if border_distance(geometry.pixels.values.shape, (at[0], at[1])) <= 0:
@@ -213,7 +221,7 @@ def _fit_centre(
             break
     else:
         raise ConvergenceError("the centre was not found in 12 steps; give centre, or mask what is not the object")
-    return (float(at[0]), float(at[1])), np.linalg.inv(hessian)
+    return (float(at[0]), float(at[1])), np.asarray(np.linalg.inv(hessian))
 
 
 def _derivatives(cost: Callable[[float, float], float], at: Array, h: float) -> tuple[Array, Array]:

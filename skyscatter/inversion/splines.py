@@ -29,7 +29,9 @@ def _primitives(radius: Array, impact: Array) -> Array:
     # asinh(l / y) is the logarithm without its cancellation for small l; y^2 times it vanishes at y = 0.
     log = np.arcsinh(np.divide(length, impact, out=np.zeros_like(length), where=impact > 0))
     q = radius * length + square * log
-    return np.stack([2 * length, q, 2 * length**3 / 3 + 2 * square * length, radius**3 * length / 2 + 0.75 * square * q])
+    return np.stack(
+        [2 * length, q, 2 * length**3 / 3 + 2 * square * length, radius**3 * length / 2 + 0.75 * square * q]
+    )
 
 
 def spline_pieces(nodes: Array) -> Array:
@@ -83,7 +85,9 @@ def _projection_matrix(nodes_bytes: bytes, impact_bytes: bytes) -> Array:
     unit = nodes[-1]  # in units of the edge no power overflows
     pieces = spline_pieces(nodes / unit)
     y = impact / unit
-    at_nodes = _primitives(np.maximum(nodes[None, :] / unit, y[:, None]), np.broadcast_to(y[:, None], (len(y), len(nodes))))
+    at_nodes = _primitives(
+        np.maximum(nodes[None, :] / unit, y[:, None]), np.broadcast_to(y[:, None], (len(y), len(nodes)))
+    )
     matrix: Array = np.einsum("kpi,kij->pj", np.diff(at_nodes, axis=2), pieces, optimize=True) * unit
     return matrix
 
@@ -93,7 +97,9 @@ def spline_values(nodes: Array, radius: Array) -> Array:
     from scipy.interpolate import CubicSpline
 
     inside = radius <= nodes[-1] * (1 + 1e-12)
-    values: Array = np.where(inside[:, None], CubicSpline(nodes, np.eye(len(nodes)))(np.minimum(radius, nodes[-1])), 0.0)
+    values: Array = np.where(
+        inside[:, None], CubicSpline(nodes, np.eye(len(nodes)))(np.minimum(radius, nodes[-1])), 0.0
+    )
     return values
 
 
