@@ -289,6 +289,19 @@ def band_factor(
     return float(np.quantile(np.concatenate(needed), ONE_SIGMA))
 
 
+def background_error(posterior: Posterior, mean: Array, covariance: Array) -> float:
+    """Standard deviation of the second nuisance, the background, beside a density with this mean and covariance.
+
+    Densities that may not be negative push the background down; as much as they do counts as an error of its own.
+    """
+    problem = posterior.problem
+    through = np.linalg.solve(problem.triangle, problem.basis.T @ problem.design)
+    inverse = posterior.noise * np.linalg.inv(problem.triangle)
+    variance = (inverse @ inverse.T + through @ covariance @ through.T)[1, 1]
+    pushed = posterior.nuisances(mean)[1] - posterior.nuisances(posterior.mean)[1]
+    return float(np.hypot(np.sqrt(variance), pushed))
+
+
 def _result(
     y: Array,
     data: Array,
@@ -308,11 +321,7 @@ def _result(
     spread = at @ covariance @ at.T
     sd = np.sqrt(np.maximum(np.diagonal(spread), 0.0))
     low, high = density - factor * sd, density + factor * sd
-    error = 0.0
-    if problem.nuisances.shape[1] > 1:
-        through = np.linalg.solve(problem.triangle, problem.basis.T @ problem.design)
-        inverse = posterior.noise * np.linalg.inv(problem.triangle)
-        error = float(np.sqrt((inverse @ inverse.T + through @ covariance @ through.T)[1, 1]))
+    error = background_error(posterior, mean, covariance) if problem.nuisances.shape[1] > 1 else 0.0
     return AbelResult(
         radius=y, density=density, standard_deviation=sd, covariance=spread,
         lower=np.maximum(low, 0.0) if (mean >= 0).all() else low, upper=high, band_factor=factor,

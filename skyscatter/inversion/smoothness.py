@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 ORDERS = (0.5, 1.5, 2.5, np.inf)
 _LENGTHS = 12  #: lengths of the covariance that are weighed
 _RATIOS = np.linspace(-2.0, 26.0, 113)  #: log10 of (A s)^2 / sigma^2, with s the greatest singular value
-_NEGLIGIBLE = 1e-5  #: settings with less than this share of the weight are left out
+_NEGLIGIBLE = 1e-4  #: settings with less than this share of the weight are left out
 
 
 def matern(distance: Array, order: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
-from skyscatter.inversion.abel import band_factor, nonnegative_moments
+from skyscatter.inversion.abel import background_error, band_factor, nonnegative_moments
 from skyscatter.inversion.pixels import Pixels, border_distance, check_centre, checked_image, symmetric_centre
 from skyscatter.inversion.smoothness import ORDERS, Posterior, Smooth, compressed
 from skyscatter.inversion.splines import projection_matrix
@@ -203,7 +203,7 @@ def _fit_centre(geometry: _Geometry, start: tuple[float, float], first: Posterio
         part = _posterior(geometry, (x, y), (best.order,), np.array([best.length])).parts[0].log_evidence
         return -float(np.logaddexp.reduce(part))
 
-    at: Array = np.array(start)
+    at: Any = np.array(start)
     step = 0.25
     for _ in range(12):
         gradient, hessian = _derivatives(cost, at, step)
@@ -221,7 +221,8 @@ def _fit_centre(geometry: _Geometry, start: tuple[float, float], first: Posterio
             break
     else:
         raise ConvergenceError("the centre was not found in 12 steps; give centre, or mask what is not the object")
-    return (float(at[0]), float(at[1])), np.asarray(np.linalg.inv(hessian))
+    spread: Array = np.linalg.inv(hessian).astype(float)
+    return (float(at[0]), float(at[1])), spread
 
 
 def _derivatives(cost: Callable[[float, float], float], at: Array, h: float) -> tuple[Array, Array]:
@@ -259,9 +260,7 @@ def _result(
     if geometry.background:
         level = float(back[1])
         model = model + problem.nuisances[:, 1] * level
-        through = np.linalg.solve(problem.triangle, problem.basis.T @ problem.design)
-        inverse = posterior.noise * np.linalg.inv(problem.triangle)
-        level_error = float(np.sqrt((inverse @ inverse.T + through @ covariance @ through.T)[1, 1]))
+        level_error = background_error(posterior, mean, covariance)
     factor = band_factor(problem, posterior, mean, model, True, rng, lambda share: report(0.5 + 0.5 * share))
     everywhere = geometry._replace(pixels=pixels._replace(used=np.ones_like(pixels.used)))
     fitted = (_weights(everywhere, centre) @ (geometry.table @ mean)).reshape(pixels.values.shape) + level
