@@ -194,6 +194,7 @@ def gas_from_line_image(
     _check_share("filling_factor", filling_factor)
     if not (np.isfinite(extinction) and extinction >= 0):
         raise DomainError("extinction", extinction, "magnitudes of 0 or above")
+    effective_recombination(line, temperature)  # refuses what it does not know before anything is computed
     size, doubt = _pixel_length(pixel_angle, distance, distance_error)
     bright = 10.0 ** (0.4 * extinction)
     scale = _scale(brightness)

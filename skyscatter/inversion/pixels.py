@@ -76,9 +76,11 @@ def checked_image(
 def symmetric_centre(pixels: Pixels) -> tuple[float, float]:
     """Centre (x, y) about which half a turn changes the image least, to about half a pixel.
 
-    The image less its border's median, correlated with itself turned by half a turn.
+    The image less its border's median, correlated with itself turned by half a turn; its brightest hundredth, where
+    stars are, is cut to the same value.
     """
-    values, used = pixels.values, pixels.used
+    used = pixels.used
+    values = np.minimum(pixels.values, np.percentile(pixels.values[used], 99))
     border = np.concatenate([values[e][used[e]] for e in (0, -1)] + [values[:, e][used[:, e]] for e in (0, -1)])
     level = float(np.median(border)) if border.size else float(np.median(values[used]))
     signal = np.where(used, values - level, 0.0)

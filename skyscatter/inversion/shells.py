@@ -260,7 +260,7 @@ def fit_shell(
     if not (np.isfinite(psf) and psf >= 0):
         raise DomainError("psf", psf, "must be 0 or above")
     place = symmetric_centre(pixels) if centre is None else check_centre("centre", centre, pixels.values.shape)
-    scale = float(np.std(pixels.values[pixels.used]))
+    scale = float(np.std(_capped(pixels)[pixels.used]))
     if not scale > 0:
         raise DomainError("image", float(pixels.values[pixels.used][0]), "is the same everywhere: there is no shell")
     best: Any = None
@@ -296,11 +296,16 @@ def _outer(v: Array, scale: float) -> dict[str, float]:
     return dict(zip((*NAMES, *GRADIENTS), [float(x) for x in (*values, *v[8:])], strict=False))
 
 
+def _capped(pixels: Pixels) -> Array:
+    """The image with its brightest fiftieth, where stars are, cut to the same value."""
+    return np.minimum(pixels.values, np.percentile(pixels.values[pixels.used], 98))
+
+
 def _start(
     pixels: Pixels, place: tuple[float, float], thickness: float, profile: Profile, gradient: bool, scale: float
 ) -> Array:
     """A shell with the image's second moments."""
-    values, used = pixels.values, pixels.used
+    values, used = _capped(pixels), pixels.used
     y, x = np.nonzero(used)
     level = float(np.percentile(values[used], 20))
     weight = np.maximum(values[used] - level - scale, 0.0)
