@@ -184,7 +184,7 @@ def _turned(result: AxisymmetricResult) -> AxisymmetricResult:
 
 
 class _Filled(NamedTuple):
-    """An image with a value everywhere and one noise, the root mean square: enough to find the prior and the axis."""
+    """An image with a value everywhere and one noise, the root mean square: enough for the prior."""
 
     values: Array
     sigma: float

@@ -32,6 +32,7 @@ _TABLE = 600
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(12)
 _PANELS = 24
 _STARTS = (0.12, 0.3, 0.6)  #: relative thicknesses from which the fit sets out
+_FIRST, _LAST = 12, 80  #: steps at most, from each of these, and from the best of what they led to
 NAMES = ("x", "y", "major", "minor", "position_angle_deg", "thickness", "brightness", "background")
 GRADIENTS = ("gradient_x", "gradient_y")
 
@@ -263,17 +264,21 @@ def fit_shell(
     scale = float(np.std(_capped(pixels)[pixels.used]))
     if not scale > 0:
         raise DomainError("image", float(pixels.values[pixels.used][0]), "is the same everywhere: there is no shell")
+    optics = {"psf": psf, "averaged": averaged}
     best: Any = None
     for number, thickness in enumerate(_STARTS):
         start = _start(pixels, place, thickness, profile, gradient, scale)
-        found = _least_squares(pixels, start, profile, {"psf": psf, "averaged": averaged}, scale, robust)
-        if found is not None and (best is None or found.cost < best.cost):
+        found = _least_squares(pixels, start, profile, optics, scale, robust, _FIRST)
+        if best is None or found.cost < best.cost:
             best = found
         if progress:
-            progress((number + 1) / len(_STARTS))
-    if best is None:
+            progress((number + 1) / (len(_STARTS) + 1))
+    best = _least_squares(pixels, best.x, profile, optics, scale, robust, _LAST)
+    if not _is_shell(best, pixels.values.shape):
         raise ConvergenceError("no shell was found in the image; give centre, or mask what is not the shell")
-    return _fit_result(pixels, best, profile, {"psf": psf, "averaged": averaged}, scale, pixel_size)
+    if progress:
+        progress(1.0)
+    return _fit_result(pixels, best, profile, optics, scale, pixel_size)
 
 
 #  Inner parameters: x, y, ln sqrt(ab), e1, e2 with e = ln(major / minor) (cos, sin)(2 position angle), ln thickness,
@@ -328,7 +333,7 @@ def _start(
 
 
 def _least_squares(
-    pixels: Pixels, start: Array, profile: Profile, optics: dict[str, Any], scale: float, robust: bool
+    pixels: Pixels, start: Array, profile: Profile, optics: dict[str, Any], scale: float, robust: bool, steps: int
 ) -> Any:
     from scipy.optimize import least_squares
 
@@ -350,11 +355,15 @@ def _least_squares(
     step = np.full(len(start), 1e-4)
     found = least_squares(
         difference, inside, bounds=(low, high), x_scale=_scales(start), loss="soft_l1" if robust else "linear",
-        diff_step=step, max_nfev=80, xtol=1e-7, ftol=1e-9, gtol=None,
+        diff_step=step, max_nfev=steps, xtol=1e-6, ftol=1e-8, gtol=None,
     )  # fmt: skip
-    radius = np.exp(found.x[2])
+    return found
+
+
+def _is_shell(found: Any, shape: tuple[int, int]) -> bool:
+    """Whether a fit came to an end, with a bright shell of more than a pixel within the image."""
     reach = border_distance(shape, (float(found.x[0]), float(found.x[1])))
-    return found if found.status > 0 and found.x[6] > 0 and reach > 0 and radius > 1.5 else None
+    return bool(found.status > 0 and found.x[6] > 0 and reach > 0 and np.exp(found.x[2]) > 1.5)
 
 
 def _scales(start: Array) -> Array:

@@ -51,7 +51,7 @@ def test_projection_equals_columns_of_fields() -> None:
     got = inversion.abel_project(r, field.profile(r), y)
     start = np.stack([y, 0 * y, 0 * y - 2], axis=1)
     # The spline's error, (h / width)^4 / 384 = 3e-6, with some allowance for the longest line of sight.
-    np.testing.assert_allclose(got, field.column(start, start + [0, 0, 4]), atol=1e-5)
+    np.testing.assert_allclose(got, field.column(start, start + np.array([0, 0, 4])), atol=1e-5)
 
 
 def test_inverse_without_noise() -> None:
@@ -68,7 +68,8 @@ def test_inverse_with_noise(pair: Pair) -> None:
     error = np.sqrt(((found.density - truth) ** 2).mean()) / truth.max()
     # A jump is lost over the few points that the noise leaves unresolved: its square root of 2 %.
     assert error < (0.03 if pair.smooth or pair.name == "cone" else 0.15)
-    assert (found.density >= 0).all() and (found.lower >= 0).all()
+    assert (found.density >= 0).all()
+    assert (found.lower >= 0).all()
     # 100 points tell the noise to 1 / sqrt(200) = 7 %; four of these.
     assert abs(found.noise[0] / sigma - 1) < 0.3
     np.testing.assert_allclose(found.fitted_projection + found.residual, data, atol=1e-12)
@@ -152,7 +153,9 @@ def test_projection_onto_the_positive() -> None:
     # The conditions of Karush, Kuhn and Tucker: multipliers where f is 0, none elsewhere.
     w = np.linalg.solve(covariance, f - sample)
     scale = np.abs(w).max()
-    assert (f >= 0).all() and (w > -1e-5 * scale).all() and np.abs(w * f).max() < 1e-4 * scale
+    assert (f >= 0).all()
+    assert (w > -1e-5 * scale).all()
+    assert np.abs(w * f).max() < 1e-4 * scale
 
 
 def test_reference_pairs(reference: object) -> None:
@@ -198,20 +201,22 @@ def test_bad_input(change: dict[str, object], named: str) -> None:
 
 
 def test_bad_projection_input() -> None:
-    with pytest.raises(DomainError, match="^impact = "):
+    with pytest.raises(DomainError, match=r"^impact = "):
         inversion.abel_project(RADIUS, RADIUS, [-0.1])
-    with pytest.raises(DomainError, match="^edge = "):
+    with pytest.raises(DomainError, match=r"^edge = "):
         inversion.abel_project(RADIUS, RADIUS, edge=2.0)
 
 
 def test_progress_reaches_the_end() -> None:
     seen: list[float] = []
     inversion.abel_invert(*GOOD, progress=seen.append)
-    assert seen == sorted(seen) and seen[-1] == 1.0
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
 
 
 def test_plummer_truth_is_its_own_field() -> None:
     pair, y = plummer(0.15), np.linspace(0.0, 0.9, 10)
     field = fields.Plummer(radius=0.15, cut=1.0)
     start = np.stack([y, 0 * y, 0 * y - 2], axis=1)
-    np.testing.assert_allclose(pair.projection(y), field.column(start, start + [0, 0, 4]), rtol=1e-6, atol=1e-9)
+    columns = field.column(start, start + np.array([0, 0, 4]))
+    np.testing.assert_allclose(pair.projection(y), columns, rtol=1e-6, atol=1e-9)

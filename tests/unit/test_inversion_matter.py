@@ -73,7 +73,7 @@ def test_line_images_in_other_units(line: tuple[np.ndarray, float, Any]) -> None
     )
     np.testing.assert_allclose(seen.electron_density, np.sqrt(2) * plain.electron_density, rtol=2e-3, atol=1e6)
     assert seen.mass == pytest.approx(plain.mass / np.sqrt(2), rel=5e-3)
-    with pytest.raises(UnitsError, match="^image = "):
+    with pytest.raises(UnitsError, match=r"^image = "):
         inversion.gas_from_line_image(image * u.m, angle, "1 kpc")
 
 
@@ -151,7 +151,7 @@ def test_bad_input(change: dict[str, Any], named: str) -> None:
 
 
 def test_bad_background() -> None:
-    with pytest.raises(DomainError, match="^background = "):
+    with pytest.raises(DomainError, match=r"^background = "):
         inversion.extinction_map(np.ones((9, 9)), 0.0)
-    with pytest.raises(DomainError, match="^emissivity = "):
+    with pytest.raises(DomainError, match=r"^emissivity = "):
         inversion.electrons_from_emissivity(-1.0)
