@@ -123,7 +123,7 @@ def judged(folder: Path) -> tuple[list[str], dict[int, Any]]:
         ])  # fmt: skip
     mean = ["mean", float(np.mean([row[1] for row in rows])), float(np.mean([row[2] for row in rows])), "", "", "", ""]
     return [
-        "Reference pairs with 1 % noise: root mean square error over maximum (strength of the regularisation in brackets).",
+        "Reference pairs with 1 % noise: root mean square error over maximum (strength in brackets).",
         table(["method", *head, "mean", "median"], noisy),
         "Reference pairs without noise: median error over maximum (no regularisation).",
         table(["method", *head], clean),

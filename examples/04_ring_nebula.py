@@ -71,7 +71,7 @@ if (folder / "M57_dss_300.fits").is_file():
     n = 140 // block
     plate = plate[: n * block, : n * block].reshape(n, block, n, block).mean(axis=(1, 3))
     scale *= block
-    source = "M 57, photographic plate (Digitized Sky Survey)"
+    source = "M 57, plate (DSS)"
 else:
     print("The plate is not here (set SKYSCATTER_REFERENCE): a made-up picture takes its place.")
     made = shell_scene(0.11 * PARSEC, 0.03 * PARSEC, 1.45, 60.0, 5e8)

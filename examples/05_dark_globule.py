@@ -91,8 +91,8 @@ pc = cloud.radius / PARSEC
 middle.fill_between(pc, cloud.lower / 1e6, cloud.upper / 1e6, color="tab:orange", alpha=0.4, lw=0, label="68 % band")
 middle.plot(pc, cloud.hydrogen_density / 1e6, color="tab:red", label="estimate")
 middle.plot(pc, truth / 1e6, "k--", lw=1, label="truth")
-middle.set(xlabel="radius [pc]", ylabel="hydrogen nucleons [cm⁻³]", yscale="symlog")
-middle.set_ylim(0, 2 * truth.max() / 1e6)
+middle.set(xlabel="radius [pc]", ylabel="hydrogen nucleons [cm⁻³]", yscale="log")
+middle.set_ylim(1e-3 * truth.max() / 1e6, 3 * truth.max() / 1e6)
 middle.legend()
 drawn = right.imshow(cloud.inversion.residual / error, vmin=-4, vmax=4, cmap="RdBu_r", extent=(half, -half, -half, half))
 right.set(title="residual / noise", xlabel="east [arcmin]")
@@ -108,10 +108,13 @@ plt.show()
 r = np.linspace(0, 0.06 * PARSEC, 4000)
 dust = MIXTURES[mixture]
 true_mass = dust.per_hydrogen * np.trapezoid(4 * np.pi * r**2 * per_volume * ball.profile(r), r)
-print(f"dust, from the profile: {cloud.dust_mass / SOLAR_MASS:.5f} ± {cloud.dust_mass_error / SOLAR_MASS:.5f} solar masses")
-print(f"dust, from the map:     {cloud.map_dust_mass / SOLAR_MASS:.5f} ± {cloud.map_dust_mass_error / SOLAR_MASS:.5f}")
-print(f"truth:                  {true_mass / SOLAR_MASS:.5f}")
-print(f"gas, {dust.gas_to_dust:g} times as much: {cloud.gas_mass / SOLAR_MASS:.2f} ± {cloud.gas_mass_error / SOLAR_MASS:.2f}")
+for label, mass, doubt in (
+    ("dust, from the profile", cloud.dust_mass, cloud.dust_mass_error),
+    ("dust, from the map", cloud.map_dust_mass, cloud.map_dust_mass_error),
+    (f"gas, {dust.gas_to_dust:g} times as much", cloud.gas_mass, cloud.gas_mass_error),
+):
+    print(f"{label:30s} {mass / SOLAR_MASS:.5f} solar masses ± {100 * doubt / mass:.2f} %")
+print(f"{'dust, truth':30s} {true_mass / SOLAR_MASS:.5f} solar masses")
 assert abs(cloud.dust_mass - true_mass) < 4 * cloud.dust_mass_error < 0.2 * true_mass
 
 # %% [markdown]

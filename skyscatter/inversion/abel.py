@@ -282,11 +282,24 @@ def band_factor(
         made = model + posterior.noise * problem.sigma * rng.standard_normal(len(model))
         more = posterior.noise**2 * float(rng.chisquare(problem.more_points)) if problem.more_points else 0.0
         again = problem.posterior(made, posterior.known_noise, more)
-        spread = np.sqrt(np.maximum(again.variance, 1e-300))
-        estimate = np.maximum(again.mean, 0.0) if nonnegative else again.mean
+        estimate, spread = again.mean, np.sqrt(np.maximum(again.variance, 1e-300))
+        if nonnegative:
+            estimate, spread = _clipped_moments(estimate, spread)
         needed.append(np.abs(estimate - mean) / spread)
         report((i + 1) / _REPLICATES)
     return float(np.quantile(np.concatenate(needed), ONE_SIGMA))
+
+
+def _clipped_moments(mean: Array, sd: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation of max(x, 0) for normal x: what non-negativity does to each number on its own."""
+    from scipy.special import ndtr
+
+    z = mean / sd
+    share, height = ndtr(z), np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+    first = sd * (z * share + height)
+    second = sd**2 * ((z**2 + 1) * share + z * height)
+    # Far below nought both vanish; a thousandth of the spread keeps their ratio in bounds.
+    return first, np.sqrt(np.maximum(second - first**2, 1e-6 * sd**2))
 
 
 def background_error(posterior: Posterior, mean: Array, covariance: Array) -> float:

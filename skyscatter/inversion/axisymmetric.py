@@ -352,7 +352,7 @@ def _solve(
         noise = float(np.sqrt(np.nansum((residual / pixels.sigma) ** 2) / left))
     f, s = estimate / pixel_size, sd / pixel_size
     return AxisymmetricResult(
-        radius=nodes * pixel_size, along=np.asarray(np.arange(rows) * pixel_size, float), density=f, standard_deviation=s,
+        radius=nodes * pixel_size, along=np.arange(rows, dtype=float) * pixel_size, density=f, standard_deviation=s,
         lower=np.maximum(f - s, 0.0), upper=f + s, axis_position=place, axis_error=error, background=float(level),
         background_error=float(np.sqrt(inverse[count, count])) if background else 0.0,
         fitted_image=fitted, residual=residual, noise=noise, order=prior.order,
