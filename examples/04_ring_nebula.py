@@ -1,9 +1,9 @@
 # %% [markdown]
 # # 4 The shell of a ring nebula
 #
-# A dying star sheds its outer layers; its hot core makes them glow. What looks like a ring is mostly a shell: at its rim
-# the line of sight runs a long way through the gas, in the middle only through two walls. From a picture we shall find
-# the shape of such a shell, and from its brightness how many electrons a cubic centimetre holds.
+# A dying star sheds its outer layers; its hot core makes them glow. What looks like a ring is mostly a shell: at its
+# rim the line of sight runs a long way through the gas, in the middle only through two walls. From a picture we shall
+# find the shape of such a shell, and from its brightness how many electrons a cubic centimetre holds.
 
 # %%
 import os
@@ -27,13 +27,13 @@ distance, inclination = 790 * PARSEC, 60.0  # m (Gaia's, rounded); degrees: an a
 # $$ N(X, Y) = \frac{a\,c}{b}\,F(q), \qquad q^2 = \frac{X^2}{a^2} + \frac{Y^2}{b^2}, \qquad
 #    b^2 = a^2\cos^2 i + c^2\sin^2 i , $$
 #
-# with $a$ the equatorial and $c$ the polar radius of a spheroid whose axis makes the angle $i$ with the line of sight. For
-# a shell that is densest at $q = 1$ the function $F$ is a one-dimensional integral. So the fit has eight numbers: the
-# centre, two radii, an angle, the thickness, the brightness, and that of the sky.
+# with $a$ the equatorial and $c$ the polar radius of a spheroid whose axis makes the angle $i$ with the line of
+# sight. For a shell that is densest at $q = 1$ the function $F$ is a one-dimensional integral. So the fit has eight
+# numbers: the centre, two radii, an angle, the thickness, the brightness, and that of the sky.
 #
-# The first picture is a photographic plate, if the reference folder has it (`SKYSCATTER_REFERENCE`): M 57 in the Digitized
-# Sky Survey. A plate's density is not proportional to the light, and the bright ring has saturated it. It tells where
-# the nebula is and how it is turned, **not** how dense it is. Without the plate we take a made-up one.
+# The first picture is a photographic plate, if the reference folder has it (`SKYSCATTER_REFERENCE`): M 57 in the
+# Digitized Sky Survey. A plate's density is not proportional to the light, and the bright ring has saturated it. It
+# tells where the nebula is and how it is turned, **not** how dense it is. Without the plate we take a made-up one.
 
 
 # %%
@@ -100,8 +100,8 @@ axes[0].set_ylabel("north [arcsec]")
 plt.show()
 
 # %% [markdown]
-# The residual is no noise: a real nebula has a halo and filaments, and the plate is saturated. The errors above are those
-# of the model *if it were true*. But the outline is well measured: an ellipse of the axis ratio
+# The residual is no noise: a real nebula has a halo and filaments, and the plate is saturated. The errors above are
+# those of the model *if it were true*. But the outline is well measured: an ellipse of the axis ratio
 # $b/a$, turned from north through east.
 #
 # ## What the outline cannot tell
@@ -115,7 +115,9 @@ known = inversion.deproject(found, "prolate", inclination_deg=(inclination, 5.0)
 print(f"seen axis ratio {found.ratio[0]:.3f} ± {found.ratio[1]:.3f}, axis at {guess.axis_position_angle_deg:.0f}°")
 for label, answer in (("nothing known", guess), (f"i = {inclination:g} ± 5°", known)):
     low, high = answer.axis_ratio_range
-    print(f"{label:14s}: c / a = {answer.axis_ratio[0]:.2f} ± {answer.axis_ratio[1]:.2f}, 95 % from {low:.2f} to {high:.2f}")
+    print(
+        f"{label:14s}: c / a = {answer.axis_ratio[0]:.2f} ± {answer.axis_ratio[1]:.2f}, 95 % from {low:.2f} to {high:.2f}"
+    )
 
 # %% [markdown]
 # ## The density, from a picture of a line
@@ -124,8 +126,8 @@ for label, answer in (("nothing known", guess), (f"i = {inclination:g} ± 5°", 
 #
 # $$ j = \frac{\alpha_{\mathrm{eff}}(T)\,h\nu}{4\pi}\,n_e\,n_p , \qquad n_e \approx n_p . $$
 #
-# So a calibrated line image gives the density. We make one with skyscatter: a shell of this shape, $n_e$ = 500 cm⁻³ on its
-# ridge, with 2 % of noise, and forget what we know.
+# So a calibrated line image gives the density. We make one with skyscatter: a shell of this shape, $n_e$ = 500 cm⁻³
+# on its ridge, with 2 % of noise, and forget what we know.
 
 # %%
 truth = 5e8  # m-3
@@ -156,8 +158,8 @@ assert abs(density["inclination 60 ± 5°"] - truth / 1e6) < 4 * error["inclinat
 # %% [markdown]
 # ## Without a model of the shell
 #
-# If the nebula were a sphere, no shape of the profile had to be assumed: the inverse Abel transform finds it. Here is the
-# same gas as a sphere, its centre, background and smoothness unknown.
+# If the nebula were a sphere, no shape of the profile had to be assumed: the inverse Abel transform finds it. Here is
+# the same gas as a sphere, its centre, background and smoothness unknown.
 
 # %%
 ball = shell_scene(equator, thickness * equator, 1.0, 0.0, truth)
@@ -179,11 +181,13 @@ right.set(title="residual / noise", xlabel="x [pixel]", ylabel="y [pixel]")
 fig.colorbar(drawn, ax=right)
 plt.show()
 sun = 1.98841e30
-print(f"centre {gas.inversion.centre[0]:.2f}, {gas.inversion.centre[1]:.2f} ± {gas.inversion.centre_error[0]:.2f} pixel")
+print(
+    f"centre {gas.inversion.centre[0]:.2f}, {gas.inversion.centre[1]:.2f} ± {gas.inversion.centre_error[0]:.2f} pixel"
+)
 print(f"ionised gas: {gas.mass / sun:.3f} ± {gas.mass_error / sun:.3f} solar masses, if it fills its volume evenly")
 assert abs(gas.electron_density.max() / truth - 1) < 0.1
 
 # %% [markdown]
 # Outside and inside the shell the band is wide in $n_e$ though the light is faint: a root of a small number is not so
-# small. And if the gas is clumpy, filling a share $f$ of its volume, its clumps are denser by $1/\sqrt f$, its mass less
-# by $\sqrt f$: `filling_factor` says so.
+# small. And if the gas is clumpy, filling a share $f$ of its volume, its clumps are denser by $1/\sqrt f$, its mass
+# less by $\sqrt f$: `filling_factor` says so.

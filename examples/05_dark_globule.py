@@ -1,8 +1,9 @@
 # %% [markdown]
 # # 5 How much dust is in a dark globule?
 #
-# Small dark clouds stand before the stars of the Milky Way like holes in the sky. They are no holes: dust takes the light of
-# what is behind, and how much it takes tells how much of it there is. Some of these globules will soon form a star.
+# Small dark clouds stand before the stars of the Milky Way like holes in the sky. They are no holes: dust takes the
+# light of what is behind, and how much it takes tells how much of it there is. Some of these globules will soon form
+# a star.
 
 # %%
 import os
@@ -24,9 +25,10 @@ distance, mixture = "125 pc", "milky-way-5.5"  # dust of dense clouds, R_V = 5.5
 # ## A globule
 #
 # Gas in balance between its own gravity and its pressure forms a Bonnor-Ebert sphere: flat inside, falling as $r^{-2}$
-# farther out, with an edge where the pressure of the surroundings takes over. The globule B 68 is described by one with a
-# radius of 0.06 pc and the dimensionless radius 6.9 (Alves, Lada & Lada 2001). Ours has the same shape; $A_V$ through its
-# middle is 6 mag, so that something still shines through. Behind it is an even glow: the unresolved stars of the Galaxy.
+# farther out, with an edge where the pressure of the surroundings takes over. The globule B 68 is described by one
+# with a radius of 0.06 pc and the dimensionless radius 6.9 (Alves, Lada & Lada 2001). Ours has the same shape; $A_V$
+# through its middle is 6 mag, so that something still shines through. Behind it is an even glow: the unresolved stars
+# of the Galaxy.
 
 # %%
 ball = fields.BonnorEbert(radius="0.06 pc", dimensionless_radius=6.9)
@@ -56,7 +58,8 @@ plt.show()
 #
 # ## From brightness to extinction
 #
-# $$ \frac{I}{I_0} = e^{-\tau_\lambda}, \qquad A_V = 1.0857\,\tau_V = 1.0857\,\tau_\lambda\,\frac{\sigma_V}{\sigma_\lambda} . $$
+# $$ \frac{I}{I_0} = e^{-\tau_\lambda}, \qquad A_V = 1.0857\,\tau_V =
+# 1.0857\,\tau_\lambda\,\frac{\sigma_V}{\sigma_\lambda} . $$
 #
 # In visible light the middle of the globule is lost in the noise: $A_V$ has no upper limit there. At 800 nm it is well
 # measured, if we know the dust's extinction curve. The noise of $A_V$ grows as $e^{\tau}$.
@@ -68,8 +71,8 @@ print(f"A_V up to {np.nanmax(visual):.1f} ± {np.nanmax(error):.1f} mag; {np.isn
 # %% [markdown]
 # ## From extinction to density
 #
-# One magnitude stands for $N_H = 1 / (1.0857\,\sigma_V)$ hydrogen nucleons per area, with a known mass of dust for each. The
-# density of a *spherical* cloud is the inverse Abel transform of its column. Taken literally,
+# One magnitude stands for $N_H = 1 / (1.0857\,\sigma_V)$ hydrogen nucleons per area, with a known mass of dust for
+# each. The density of a *spherical* cloud is the inverse Abel transform of its column. Taken literally,
 #
 # $$ n(r) = -\frac{1}{\pi}\int_r^\infty \frac{\mathrm{d}N}{\mathrm{d}y}\,\frac{\mathrm{d}y}{\sqrt{y^2 - r^2}} , $$
 #
@@ -94,7 +97,9 @@ middle.plot(pc, truth / 1e6, "k--", lw=1, label="truth")
 middle.set(xlabel="radius [pc]", ylabel="hydrogen nucleons [cm⁻³]", yscale="log")
 middle.set_ylim(1e-3 * truth.max() / 1e6, 3 * truth.max() / 1e6)
 middle.legend()
-drawn = right.imshow(cloud.inversion.residual / error, vmin=-4, vmax=4, cmap="RdBu_r", extent=(half, -half, -half, half))
+drawn = right.imshow(
+    cloud.inversion.residual / error, vmin=-4, vmax=4, cmap="RdBu_r", extent=(half, -half, -half, half)
+)
 right.set(title="residual / noise", xlabel="east [arcmin]")
 fig.colorbar(drawn, ax=right, shrink=0.8)
 plt.show()
@@ -118,6 +123,6 @@ print(f"{'dust, truth':30s} {true_mass / SOLAR_MASS:.5f} solar masses")
 assert abs(cloud.dust_mass - true_mass) < 4 * cloud.dust_mass_error < 0.2 * true_mass
 
 # %% [markdown]
-# What these errors leave out: a distance that is 10 % wrong changes the mass by 20 % (`distance_error`); grains that have
-# grown, or another $R_V$, change $\sigma_V$ by tens of per cent; and light that the globule scatters, or that shines in
-# front of it, makes it look thinner than it is (`foreground`).
+# What these errors leave out: a distance that is 10 % wrong changes the mass by 20 % (`distance_error`); grains that
+# have grown, or another $R_V$, change $\sigma_V$ by tens of per cent; and light that the globule scatters, or that
+# shines in front of it, makes it look thinner than it is (`foreground`).

@@ -58,7 +58,9 @@ def shell() -> None:
     fig, axes = plt.subplots(1, 4, figsize=(15, 3.6), layout="constrained")
     panel(fig, axes[0], data, "image: noise 15 % of the maximum")
     panel(fig, axes[1], found.fitted_image, "fitted shell")
-    panel(fig, axes[2], found.fitted_image - found.parameters["background"] - clean, "fitted - true column", cmap="RdBu_r")
+    panel(
+        fig, axes[2], found.fitted_image - found.parameters["background"] - clean, "fitted - true column", cmap="RdBu_r"
+    )
     panel(fig, axes[3], found.residual / sigma, "residual / noise", vmin=-4, vmax=4, cmap="RdBu_r")
     keep(fig, "shell_fit.png")
 
@@ -66,8 +68,8 @@ def shell() -> None:
     b = np.sqrt(np.cos(np.radians(60)) ** 2 + (1.5 * np.sin(np.radians(60))) ** 2)
     fig, ax = plt.subplots(figsize=(5.5, 3.8), layout="constrained")
     tilt = np.radians(np.linspace(22, 90, 200))
-    seen, error = found.parameters["major"] / found.parameters["minor"], found.ratio[1] / found.ratio[0] ** 2
-    low, high = (np.sqrt(((seen + s * error) ** 2 - np.cos(tilt) ** 2) / np.sin(tilt) ** 2) for s in (-2, 2))
+    seen, doubt = 1 / found.ratio[0], found.ratio[1] / found.ratio[0] ** 2
+    low, high = (np.sqrt(((seen + s * doubt) ** 2 - np.cos(tilt) ** 2) / np.sin(tilt) ** 2) for s in (-2, 2))
     ax.fill_between(np.degrees(tilt), low, high, alpha=0.5, lw=0, label="seen alike (95 %)")
     ax.plot([60], [1.5], "k*", ms=12, label="truth")
     for given, colour in ((None, "tab:red"), ((60.0, 5.0), "tab:green")):
@@ -98,11 +100,11 @@ def axisymmetric() -> None:
     found = inversion.invert_axisymmetric(data, sigma, averaged=False)
     truth = wide(found.radius[None], found.along[:, None]) - narrow(found.radius[None], found.along[:, None])
     fig, axes = plt.subplots(1, 5, figsize=(17, 3.6), layout="constrained")
-    panel(fig, axes[0], data, "image: noise 3 %, below 10 %; a gap")
+    panel(fig, axes[0], data, "image (noise 3 and 10 %, a gap)")
     limits = {"vmin": 0, "vmax": truth.max(), "aspect": "auto"}
     panel(fig, axes[1], truth, "true density (r to the right)", **limits)
     panel(fig, axes[2], found.density, "estimate", **limits)
-    span = 4 * found.standard_deviation.mean()
+    span = np.abs(found.density - truth).max()
     panel(fig, axes[3], found.density - truth, "estimate - truth", vmin=-span, vmax=span, cmap="RdBu_r", aspect="auto")
     panel(fig, axes[4], found.residual / sigma, "residual / noise", vmin=-4, vmax=4, cmap="RdBu_r")
     keep(fig, "abel_axisymmetric.png")
@@ -128,7 +130,9 @@ def globule() -> None:
     fig, axes = plt.subplots(1, 4, figsize=(16, 3.6), layout="constrained")
     panel(fig, axes[0], image / 1e-6, "brightness at 800 nm / background", vmin=0, cmap="magma")
     panel(fig, axes[1], visual, "A_V [mag]", vmin=0)
-    axes[2].fill_between(pc, (found.lower - truth) / 1e6, (found.upper - truth) / 1e6, alpha=0.4, lw=0, color="tab:orange")
+    axes[2].fill_between(
+        pc, (found.lower - truth) / 1e6, (found.upper - truth) / 1e6, alpha=0.4, lw=0, color="tab:orange"
+    )
     axes[2].plot(pc, (found.hydrogen_density - truth) / 1e6, color="tab:red")
     axes[2].axhline(0, color="k", lw=0.6)
     title = f"estimate - truth with band; truth up to {truth.max() / 1e6:,.0f}"

@@ -263,7 +263,9 @@ def extinction_map(
     visual_extinction : ndarray, shape (y, x)
         [mag]; NaN where the image does not rise above the foreground: there is no upper limit.
     error : ndarray or None
-        [mag], to first order.
+        [mag], to first order.  It is that of a pixel as bright as the mean of its surroundings: the pixel's own value
+        would give the weight to those that noise has made bright.  For the same reason A_V is lower by what the
+        logarithm of noise adds on average, half the square of the relative error.
     """
     values = np.asarray(image, float)
     if not (np.isfinite(background) and background > foreground >= 0):
@@ -272,9 +274,22 @@ def extinction_map(
         raise DomainError("sigma", float(np.min(sigma)), "must be above 0")
     section = dust_properties(mixture, [VISUAL_WAVELENGTH, wavelength_nm]).cross_section
     factor = float(section[0] / section[1]) * MAGNITUDE
-    seen = np.where(values > foreground, values - foreground, np.nan)
-    visual = -factor * np.log(seen / (background - foreground))
-    return visual, None if sigma is None else factor * np.asarray(sigma, float) / seen
+    seen = values - foreground
+    visual = -factor * np.log(np.where(seen > 0, seen, np.nan) / (background - foreground))
+    if sigma is None:
+        return visual, None
+    relative = np.asarray(sigma, float) / np.maximum(_smoothed(seen), np.asarray(sigma, float))
+    return visual - 0.5 * factor * relative**2, factor * relative
+
+
+def _smoothed(image: Array) -> Array:
+    """Mean of a pixel and its neighbours within two pixels, as far as they are finite."""
+    from scipy.ndimage import uniform_filter
+
+    finite = np.isfinite(image)
+    share = uniform_filter(finite.astype(float), 5, mode="nearest")
+    total = uniform_filter(np.where(finite, image, 0.0), 5, mode="nearest")
+    return np.asarray(np.where(finite, total / np.maximum(share, 1e-12), np.nan))
 
 
 def dust_from_extinction(

@@ -47,7 +47,7 @@ def _multipliers(sample: Array, covariance: Array, jitter: Array, chosen: Indice
     columns = covariance[:, chosen]
     part = columns[chosen]
     part[np.diag_indices(len(chosen))] += jitter[chosen]
-    return np.linalg.solve(part, -sample[chosen]), columns
+    return np.asarray(np.linalg.solve(part, -sample[chosen]), float), columns
 
 
 def _by_blocks(sample: Array, covariance: Array, jitter: Array, slack: Array) -> Array | None:

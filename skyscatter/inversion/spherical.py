@@ -209,10 +209,10 @@ def _fit_centre(geometry: _Geometry, start: tuple[float, float], first: Posterio
         gradient, hessian = _derivatives(cost, at, step)
         size = float(np.linalg.norm(gradient))
         if np.linalg.eigvalsh(hessian)[0] <= 0:  # far from the centre: downhill by half a pixel
-            move = -0.5 * gradient / max(size, 1e-300)
+            move = np.asarray(-0.5 * gradient / max(size, 1e-300), float)
         else:
-            move = -np.linalg.solve(hessian, gradient)
-            move = move * min(1.0, 2.0 / max(float(np.linalg.norm(move)), 1e-300))
+            newton = -np.linalg.solve(hessian, gradient)
+            move = np.asarray(newton * min(1.0, 2.0 / max(float(np.linalg.norm(newton)), 1e-300)), float)
             step = float(np.clip(np.linalg.norm(move), 0.02, 0.25))
         at = at + move
         if border_distance(geometry.pixels.values.shape, (at[0], at[1])) <= 0:
