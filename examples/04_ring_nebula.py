@@ -60,7 +60,7 @@ def without_stars(image: np.ndarray) -> np.ndarray:
     return binary_dilation(excess > 5 * 1.48 * np.median(np.abs(excess)), iterations=1)
 
 
-folder = Path(os.environ.get("SKYSCATTER_REFERENCE", "../shared/reference")) / "nebula_images"
+folder = Path(os.environ.get("SKYSCATTER_REFERENCE", "reference")) / "nebula_images"
 if (folder / "M57_dss_300.fits").is_file():
     from astropy.io import fits
 
@@ -145,15 +145,15 @@ again = inversion.fit_shell(line, sigma, profile="gaussian", pixel_size=angle * 
 # The fit's `brightness` is $j$ times $ac/b$; the depth $c/b$ follows from the inclination, if that is known.
 
 # %%
-density, error = {}, {}
+density, errors = {}, {}
 for label, knowledge in (("inclination unknown", None), ("inclination 60 ± 5°", (inclination, 5.0))):
     depth = inversion.deproject(again, "prolate", inclination_deg=knowledge)
     emissivity = again.parameters["brightness"] / (depth.equatorial_radius * depth.depth[0])
     density[label] = float(inversion.electrons_from_emissivity(emissivity)) / 1e6
     shares = [0.5 * again.errors["brightness"] / again.parameters["brightness"], 0.5 * depth.depth[1] / depth.depth[0]]
-    error[label] = density[label] * float(np.hypot(*shares))
-    print(f"{label}: n_e = {density[label]:.0f} ± {error[label]:.0f} cm⁻³ on the ridge (truth {truth / 1e6:.0f})")
-assert abs(density["inclination 60 ± 5°"] - truth / 1e6) < 4 * error["inclination 60 ± 5°"] < 100
+    errors[label] = density[label] * float(np.hypot(*shares))
+    print(f"{label}: n_e = {density[label]:.0f} ± {errors[label]:.0f} cm⁻³ on the ridge (truth {truth / 1e6:.0f})")
+assert abs(density["inclination 60 ± 5°"] - truth / 1e6) < 4 * errors["inclination 60 ± 5°"] < 100
 
 # %% [markdown]
 # ## Without a model of the shell
