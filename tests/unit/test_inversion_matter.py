@@ -113,11 +113,21 @@ def test_dust_of_a_globule() -> None:
 
 
 def test_what_is_too_dark_has_no_extinction() -> None:
-    visual, error = inversion.extinction_map(np.array([[1.0, 0.1], [0.0, -0.1]]), 1.0, 0.01)
+    visual, error = inversion.extinction_map(np.array([[1.0, 0.1], [0.0, -0.1]]), 1.0)
     assert visual[0] == pytest.approx([0.0, 2.5], abs=1e-12)
     assert np.isnan(visual[1]).all()
+    assert error is None
+
+
+def test_extinction_is_not_biased_by_noise() -> None:
+    noise = 0.02 * np.random.default_rng(5).standard_normal((60, 60))
+    visual, error = inversion.extinction_map(0.1 + noise, 1.0, 0.02)
+    plain, _ = inversion.extinction_map(0.1 + noise, 1.0)
     assert error is not None
-    assert error[0, 1] == pytest.approx(1.0857 * 0.1, rel=1e-3)
+    # The mean of 3600 pixels has an error of 0.2 * 1.0857 / 60 = 0.0036; the next term of the logarithm's series is
+    # 3 / 4 0.2^4 = 0.0012.
+    assert abs(visual.mean() - 2.5) < 0.013 < plain.mean() - 2.5
+    assert error == pytest.approx(1.0857 * 0.2, rel=0.3)  # means of 25 pixels
 
 
 def test_foreground_is_taken_off() -> None:
