@@ -29,8 +29,8 @@ Profile = Literal["uniform", "gaussian"]
 _SUBPIXELS = 3  #: along each side, over which a pixel is averaged (midpoint rule)
 _CUT = 6.07  #: widths at which a Gaussian shell ends, as in `skyscatter.fields.GaussianShell`
 _TABLE = 600
-_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(12)
-_PANELS = 24
+_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(8)
+_PANELS = 12
 _STARTS = (0.12, 0.3, 0.6)  #: relative thicknesses from which the fit sets out
 _FIRST, _LAST = 12, 80  #: steps at most, from each of these, and from the best of what they led to
 NAMES = ("x", "y", "major", "minor", "position_angle_deg", "thickness", "brightness", "background")
@@ -132,7 +132,7 @@ def shell_column(q: ArrayLike, thickness: float, profile: Profile = "uniform") -
     """
     x = np.asarray(q, float)
     if profile == "uniform":
-        inner = 1.0 - thickness
+        inner = max(1.0 - thickness, 0.0)
         return 2 * (np.sqrt(np.maximum(1 - x**2, 0.0)) - np.sqrt(np.maximum(inner**2 - x**2, 0.0)))
     end = 1.0 + _CUT * thickness
     nodes = np.linspace(0.0, end, _TABLE)
@@ -351,11 +351,17 @@ def _least_squares(
     low[5], high[5] = np.log(0.01), 0.0
     low[8:], high[8:] = -1.0, 1.0
     inside = np.clip(start, low + 1e-6, high - 1e-6)
-    # Steps of a hundredth of a pixel: sub-pixels that cross a sharp edge make the model rough below that.
-    step = np.full(len(start), 1e-4)
+    radius = np.exp(inside[2])
+
+    def slopes(v: Array) -> Array:
+        # Central differences over some 0.05 pixels: sub-pixels that cross a sharp edge make the model rough below that.
+        h = np.array([0.05, 0.05, *[0.05 / radius] * 3, min(0.05 / radius / np.exp(v[5]), 0.3), 0.01, 0.01, 1e-4, 1e-4])
+        shifts = np.diag(h[: len(v)])
+        return np.stack([(difference(v + d) - difference(v - d)) / (2 * d.sum()) for d in shifts], axis=1)
+
     found = least_squares(
-        difference, inside, bounds=(low, high), x_scale=_scales(start), loss="soft_l1" if robust else "linear",
-        diff_step=step, max_nfev=steps, xtol=1e-6, ftol=1e-8, gtol=None,
+        difference, inside, jac=slopes, bounds=(low, high), x_scale=_scales(start),
+        loss="soft_l1" if robust else "linear", max_nfev=steps, xtol=1e-6, ftol=1e-8, gtol=None,
     )  # fmt: skip
     return found
 
