@@ -233,3 +233,16 @@ IMAGE = np.ones((20, 20)) + np.eye(20)
 def test_bad_input(function: Any, change: dict[str, Any], named: str) -> None:
     with pytest.raises(DomainError, match=f"^{named} = "):
         function(**{"image": IMAGE, **change})
+
+
+@pytest.mark.parametrize("width", [0.05, 0.35])
+def test_gaussian_shell_columns_against_quadrature(width: float) -> None:
+    from scipy.integrate import quad
+
+    for q in (0.0, 0.4, 1.0, 1.1):
+        end, ridge = np.sqrt((1 + 6.07 * width) ** 2 - q**2), np.sqrt(max(1 - q**2, 0.0))
+        integral, _ = quad(
+            lambda x, q=q: np.exp(-0.5 * ((np.hypot(x, q) - 1) / width) ** 2), 0, end, points=[ridge], limit=200
+        )
+        # Linear interpolation of 600 places: (step / width)^2 / 8 = 1.2e-4 where it is thinnest.
+        assert inversion.shell_column(q, width, "gaussian") == pytest.approx(2 * integral, rel=2e-4)
