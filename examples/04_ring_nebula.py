@@ -115,9 +115,8 @@ known = inversion.deproject(found, "prolate", inclination_deg=(inclination, 5.0)
 print(f"seen axis ratio {found.ratio[0]:.3f} ± {found.ratio[1]:.3f}, axis at {guess.axis_position_angle_deg:.0f}°")
 for label, answer in (("nothing known", guess), (f"i = {inclination:g} ± 5°", known)):
     low, high = answer.axis_ratio_range
-    print(
-        f"{label:14s}: c / a = {answer.axis_ratio[0]:.2f} ± {answer.axis_ratio[1]:.2f}, 95 % from {low:.2f} to {high:.2f}"
-    )
+    value, error = answer.axis_ratio
+    print(f"{label:14s}: c / a = {value:.2f} ± {error:.2f}, 95 % from {low:.2f} to {high:.2f}")
 
 # %% [markdown]
 # ## The density, from a picture of a line

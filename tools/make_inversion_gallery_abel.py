@@ -58,9 +58,9 @@ def shell() -> None:
     fig, axes = plt.subplots(1, 4, figsize=(15, 3.6), layout="constrained")
     panel(fig, axes[0], data, "image: noise 15 % of the maximum")
     panel(fig, axes[1], found.fitted_image, "fitted shell")
-    panel(
-        fig, axes[2], found.fitted_image - found.parameters["background"] - clean, "fitted - true column", cmap="RdBu_r"
-    )
+    error = found.fitted_image - found.parameters["background"] - clean
+    span = np.abs(error).max()
+    panel(fig, axes[2], error, "fitted - true column", vmin=-span, vmax=span, cmap="RdBu_r")
     panel(fig, axes[3], found.residual / sigma, "residual / noise", vmin=-4, vmax=4, cmap="RdBu_r")
     keep(fig, "shell_fit.png")
 

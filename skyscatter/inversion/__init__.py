@@ -10,8 +10,8 @@ _HOMES = {
     "abel_invert": "skyscatter.inversion.abel",
     "abel_project": "skyscatter.inversion.abel",
     "AxisymmetricResult": "skyscatter.inversion.axisymmetric",
-    "Deprojection": "skyscatter.inversion.shells",
-    "deproject": "skyscatter.inversion.shells",
+    "Deprojection": "skyscatter.inversion.deprojection",
+    "deproject": "skyscatter.inversion.deprojection",
     "dust_from_extinction": "skyscatter.inversion.matter",
     "DustCloud": "skyscatter.inversion.matter",
     "electrons_from_emissivity": "skyscatter.inversion.matter",
@@ -31,6 +31,7 @@ __all__ = list(_HOMES)
 if TYPE_CHECKING:
     from skyscatter.inversion.abel import AbelResult, abel_invert, abel_project
     from skyscatter.inversion.axisymmetric import AxisymmetricResult, invert_axisymmetric
+    from skyscatter.inversion.deprojection import Deprojection, deproject
     from skyscatter.inversion.matter import (
         DustCloud,
         LineGas,
@@ -40,9 +41,7 @@ if TYPE_CHECKING:
         gas_from_line_image,
     )
     from skyscatter.inversion.shells import (
-        Deprojection,
         ShellFit,
-        deproject,
         fit_shell,
         shell_column,
         shell_image,
