@@ -17,11 +17,8 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
-# This file has the name of PyAbel's package: its folder must not hide that.
-sys.path = [p for p in sys.path if Path(p or ".").resolve() != ROOT / "benchmarks"]
+sys.path.append(str(ROOT / "tests"))
 import abel as pyabel  # noqa: E402
-
-sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "tests")]
 from abel_pairs_truth import TRAINING  # noqa: E402
 from common import machine, parser, replace_section, report, rms, seconds, table, versions  # noqa: E402
 
