@@ -75,7 +75,10 @@ def sphere_rays() -> tuple[Any, Any]:
 CASES: dict[str, tuple[Callable[[Any], Any], tuple[str, ...], tuple[float, ...], Callable[[], Any]]] = {
     "sky": (
         sky,
-        ("haze, extinction", "haze, scale height", "haze, asymmetry", "haze, albedo", "ground, albedo", "Sun's elevation"),
+        (
+            "haze, extinction", "haze, scale height", "haze, asymmetry", "haze, albedo", "ground, albedo",
+            "Sun's elevation",
+        ),
         (1.0, 1500.0, 0.6, 0.9, 0.3, 40.0), sky_rays,
     ),
     "sphere": (
@@ -97,8 +100,9 @@ def step_study(case: str, solver: str) -> list[list[Any]]:
             shift = np.eye(at.size)[number] * step * at
             if "albedo" in name:  # no copy with more than 1
                 shift = np.minimum(shift, 1 - at[number])
+            shift = shift * (np.arange(at.size) == number)
             plus, minus = (
-                skyscatter.radiance(scenes(at + s * shift * (np.arange(at.size) == number)), *rays(), WAVELENGTHS, solver).radiance for s in (1, -1)
+                skyscatter.radiance(scenes(at + s * shift), *rays(), WAVELENGTHS, solver).radiance for s in (1, -1)
             )
             miss = np.abs((plus - minus) / (2 * shift[number]) - found.jacobian[number]).max()
             row.append("no light" if scale == 0 else f"{miss / scale:.1e}")

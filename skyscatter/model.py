@@ -13,6 +13,7 @@ from skyscatter.atomic import atomic_path
 from skyscatter.datafiles import models_dir
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.ground import Ground
+from skyscatter.media.arrays import unwritten
 from skyscatter.media.medium import Component, Medium
 from skyscatter.record import UNKNOWN, Record
 from skyscatter.scene import Scene, Star, Sun
@@ -175,7 +176,13 @@ def first_problem(error: ValidationError) -> str:
 
 
 def to_toml(model: Record) -> str:
-    """TOML text of plain values, tables and one list of tables."""
+    """TOML text of plain values, tables and one list of tables.
+
+    Raises
+    ------
+    DomainError
+        If the model holds an array that is too large to be written out.
+    """
     content = model.model_dump(mode="json", exclude_none=True)
     plain = {k: v for k, v in content.items() if not isinstance(v, dict) and k != "components"}
     lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
@@ -190,6 +197,9 @@ def to_toml(model: Record) -> str:
 def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
+    if unwritten(value):
+        rule = "too large for a model file; write it with numpy.save and name that in the field `file`"
+        raise DomainError("values", value, rule)
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
         return f'"{escaped}"'

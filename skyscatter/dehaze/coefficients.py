@@ -134,7 +134,7 @@ class Corrector:
 
     def _terms(self, table: TermsTable, aod: Array) -> list[Array]:
         """Terms of small cells, and their slopes over the haze, with the water vapour in them."""
-        return [self._fine(t) for t in with_water(table.at(aod.ravel(), *self.angles), self.gases)]
+        return [self._fine(t) for t in with_water(table.at(aod.ravel(), *self.angles, clip=True), self.gases)]
 
     def _slope(self, table: TermsTable, haze: HazeEstimate, solved: Array) -> Array:
         """Change of gain and offset per optical depth.

@@ -101,7 +101,7 @@ class _Judged:
     def __init__(self, table: TermsTable, observed: Array, around: Array, angles: Array, gas: Gases) -> None:
         self.table = table
         self.depths = trial_depths(float(table.aod[-1]))
-        (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles))[:1], gas)
+        (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles), clip=True)[:1], gas)
         self.likelihood, covers = log_likelihood(observed, around, terms, cover_spectra(table.bands))
         local = self.likelihood + log_prior(self.depths)
         weight = np.exp(local - logsumexp(local, axis=-1, keepdims=True))

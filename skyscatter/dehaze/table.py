@@ -143,9 +143,22 @@ class TermsTable:
         return joint.reshape(len(joint), -1)
 
     def at(
-        self, aod: ArrayLike, sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike = 0.0
+        self,
+        aod: ArrayLike,
+        sun_zenith: ArrayLike,
+        view_zenith: ArrayLike,
+        relative_azimuth: ArrayLike = 0.0,
+        *,
+        clip: bool = False,
     ) -> tuple[Array, Array]:
-        """Terms, and their slopes over the optical depth: (..., band, term) each, for arguments that broadcast."""
+        """Terms, and their slopes over the optical depth: (..., band, term) each, for arguments that broadcast.
+
+        Angles beyond the table's are taken as its outermost ones; so are optical depths with `clip`, else refused.
+        """
+        low, high = float(np.min(aod)), float(np.max(aod))
+        if not clip and not (low >= self.aod[0] - 1e-9 and high <= self.aod[-1] + 1e-9):
+            rule = f"the table covers {self.aod[0]:g} to {self.aod[-1]:g}; build one for it, or give clip=True"
+            raise DomainError("aod", high if high > self.aod[-1] else low, rule)
         given = np.broadcast_arrays(*(np.asarray(a, float) for a in (aod, sun_zenith, view_zenith, relative_azimuth)))
         shape = given[0].shape
         depth, *angles = (a.ravel() for a in given)

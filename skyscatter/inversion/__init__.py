@@ -22,20 +22,54 @@ _HOMES = {
     "sky_image": "skyscatter.inversion.images",
     "Uniform": "skyscatter.inversion.distributions",
     "with_values": "skyscatter.inversion.parameters",
+    "abel_invert": "skyscatter.inversion.abel",
+    "abel_project": "skyscatter.inversion.abel",
+    "AbelResult": "skyscatter.inversion.abel",
+    "AxisymmetricResult": "skyscatter.inversion.axisymmetric",
+    "deproject": "skyscatter.inversion.deprojection",
+    "Deprojection": "skyscatter.inversion.deprojection",
+    "Derivatives": "skyscatter.inversion.derivatives",
+    "differentiate": "skyscatter.inversion.derivatives",
+    "dust_from_extinction": "skyscatter.inversion.matter",
+    "DustCloud": "skyscatter.inversion.matter",
+    "electrons_from_emissivity": "skyscatter.inversion.matter",
+    "extinction_map": "skyscatter.inversion.matter",
+    "fit_shell": "skyscatter.inversion.shells",
+    "gas_from_line_image": "skyscatter.inversion.matter",
+    "invert_axisymmetric": "skyscatter.inversion.axisymmetric",
+    "invert_spherical": "skyscatter.inversion.spherical",
+    "LineGas": "skyscatter.inversion.matter",
+    "shell_column": "skyscatter.inversion.shells",
+    "shell_image": "skyscatter.inversion.shells",
+    "ShellFit": "skyscatter.inversion.shells",
+    "SphericalResult": "skyscatter.inversion.spherical",
 }
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
+    from skyscatter.inversion.abel import AbelResult, abel_invert, abel_project
+    from skyscatter.inversion.axisymmetric import AxisymmetricResult, invert_axisymmetric
     from skyscatter.inversion.broadband import Broadband
+    from skyscatter.inversion.deprojection import Deprojection, deproject
     from skyscatter.inversion.derivatives import Derivatives, differentiate
     from skyscatter.inversion.distributions import LogNormal, LogUniform, Normal, Uniform
     from skyscatter.inversion.fitresult import FitResult
     from skyscatter.inversion.fitting import fit
     from skyscatter.inversion.fluxes import flux_table
     from skyscatter.inversion.images import nebula_image, sky_image
+    from skyscatter.inversion.matter import (
+        DustCloud,
+        LineGas,
+        dust_from_extinction,
+        electrons_from_emissivity,
+        extinction_map,
+        gas_from_line_image,
+    )
     from skyscatter.inversion.parameters import with_values
     from skyscatter.inversion.radiances import limb_profile, radiance_table
     from skyscatter.inversion.readers import read_observation
+    from skyscatter.inversion.shells import ShellFit, fit_shell, shell_column, shell_image
+    from skyscatter.inversion.spherical import SphericalResult, invert_spherical
 
 
 def __getattr__(name: str) -> Any:

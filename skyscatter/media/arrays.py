@@ -17,6 +17,7 @@ from skyscatter.media.space import SpatialField
 
 #: Arrays of up to so many numbers are written out with their record; larger ones only as shape and digest.
 WRITTEN_NUMBERS = 4096
+_UNWRITTEN = "array of "
 
 
 class FrozenArray:
@@ -52,7 +53,7 @@ class FrozenArray:
         return hash(self.digest)
 
     def __repr__(self) -> str:
-        return f"array of {'x'.join(map(str, self.array.shape))} numbers, digest {self.digest}"
+        return f"{_UNWRITTEN}{'x'.join(map(str, self.array.shape))} numbers, digest {self.digest}"
 
 
 def _frozen(value: Any) -> Any:
@@ -70,6 +71,11 @@ def _written(value: FrozenArray | None) -> Any:
     if value is None:
         return None
     return value.array.tolist() if value.array.size <= WRITTEN_NUMBERS else repr(value)
+
+
+def unwritten(value: Any) -> bool:
+    """Whether this stands for an array that was too large to be written out with its record."""
+    return isinstance(value, str) and value.startswith(_UNWRITTEN) and ", digest " in value
 
 
 #: A field of a record that holds an array; takes anything that numpy takes, `None` for no array.

@@ -337,8 +337,10 @@ class Sweeper:
         for _ in pool.map(part, range(edges.size - 1)):
             pass
         ground = self.problem.diffuse.light[2] / np.pi * flux[0, 1]
-        logarithm = np.log(np.maximum(ground, FLOOR))
-        field.ground[:] = np.exp(np.einsum("fa,faw->fw", self.sun_weight, logarithm[self.sun_node]))
+        nodes = np.log(np.maximum(ground, FLOOR))[self.sun_node]
+        logarithm = np.einsum("fa,faw->fw", self.sun_weight, nodes)
+        # As in `refine`: beside a node without light a cubic swings beyond its nodes, by more than is lost in an order.
+        field.ground[:] = np.exp(np.clip(logarithm, nodes.min(axis=1), nodes.max(axis=1)))
         return field
 
 
@@ -392,6 +394,10 @@ def sum_orders(
                 most = np.where(most > FAINTEST * most.max(), most, np.inf)
                 change = max(change, float(np.max(np.abs(new_flux - previous_flux) / most)))
                 previous_sum, previous_flux = new_sum, new_flux
+                if not np.isfinite(change):
+                    raise ConvergenceError(
+                        f"orders: the sum is no number after {order} orders of scattering; use solver path"
+                    )
                 # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
                 # The worse of two: after one step that was huge, because an order outshone the one before, the next
                 # is small beside it and means nothing.

@@ -387,6 +387,17 @@ def test_mars_against_path() -> None:
     assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=2 * DEFAULT_TOLERANCE)
 
 
+def test_the_deep_night_does_not_shine() -> None:
+    """Beside Suns for which no light is left, interpolation must not swing: each order made a thousandfold of it."""
+    scene = skyscatter.load_model("earth").scene()
+    coarse = skyscatter.solve(scene, [540.0], sun_elevations_deg=(-10, 10), tolerance=0.01)
+    fine = skyscatter.solve(scene, [540.0], sun_elevations_deg=(-12, 5), tolerance=0.005)
+    suns = [-5.0, 0.0, 4.0]
+    found, expected = (f.fluxes(0.0, sun_elevation_deg=suns).diffuse_down for f in (coarse, fine))
+    np.testing.assert_allclose(found, expected, rtol=0.01)
+    assert max(coarse.fine.sums.orders, coarse.coarse.sums.orders) < 15
+
+
 def test_isotropic_scattering_on_a_small_planet_against_path() -> None:
     """The light that is scattered knows no azimuth; the height of the Sun along a ray does."""
     grains = Particles(extinction=5e-5, single_scattering_albedo=0.95, phase=Isotropic())

@@ -52,6 +52,14 @@ def test_against_solutions_between_the_nodes(built: TermsTable) -> None:
     check(built, (0.2,), ANGLES)
 
 
+def test_depths_beyond_the_table_are_refused_or_clipped_on_request(built: TermsTable) -> None:
+    with pytest.raises(DomainError, match=r"aod = 0.8.*covers 0 to 0.5"):
+        built.at(0.8, 40.5, 5.0, 100.0)
+    np.testing.assert_array_equal(
+        built.at(0.8, 40.5, 5.0, 100.0, clip=True)[0], built.at(built.aod[-1], 40.5, 5.0, 100.0)[0]
+    )
+
+
 @pytest.mark.slow
 def test_a_whole_table_against_solutions() -> None:
     """All amounts of haze; at AOD 1 and more, solutions on other grids differ by more than the table from its own."""

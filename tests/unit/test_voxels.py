@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy.interpolate import RegularGridInterpolator
 
-from skyscatter.errors import MissingDataError
+from skyscatter import NebulaModel, PointStar, View, load_model
+from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.arrays import FrozenArray
+from skyscatter.media.medium import Component
 from skyscatter.media.shapes import GaussianSphere
 from skyscatter.media.spacetables import pack_space
 from skyscatter.media.voxels import VoxelGrid
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import Isotropic
 
 SHAPE, LOW, HIGH = (5, 6, 7), np.array([-1.0, 2.0, 0.0]), np.array([4.0, 5.0, 10.5])
 VALUES = np.random.default_rng(11).uniform(0.1, 1.0, SHAPE).astype(np.float32).astype(float)
@@ -252,3 +257,20 @@ def test_a_grid_without_anything_is_nought():
     empty = VoxelGrid(values=np.zeros((2, 2, 2)), spacing=1.0)
     assert empty.column([-5, 0, 0], [5, 0, 0]) == 0.0
     assert empty.density([0, 0, 0]) == 0.0
+
+
+def test_a_model_with_numbers_that_no_file_holds_is_not_saved(tmp_path: Path) -> None:
+    """What would not load again is refused, and the file that was there stays."""
+    star = PointStar(temperature=5000, luminosity=1)
+
+    def model(cells: int) -> NebulaModel:
+        grid = VoxelGrid(values=np.ones((cells,) * 3), spacing=1.0)
+        dust = Component(name="dust", density=grid, optics=Particles(extinction=1.0, phase=Isotropic()))
+        return NebulaModel(name="m", components=(dust,), stars=(star,), view=View())
+
+    path = tmp_path / "m.toml"
+    model(4).save(path)
+    assert load_model(path) == model(4)
+    with pytest.raises(DomainError, match=r"values.*17x17x17.*name that in the field `file`"):
+        model(17).save(path)
+    assert load_model(path) == model(4)
