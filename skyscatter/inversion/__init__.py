@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 _HOMES = {
     "Broadband": "skyscatter.inversion.broadband",
-    "Derivatives": "skyscatter.inversion.derivatives",
-    "differentiate": "skyscatter.inversion.derivatives",
     "FitResult": "skyscatter.inversion.fitresult",
     "fit": "skyscatter.inversion.fitting",
     "flux_table": "skyscatter.inversion.fluxes",
