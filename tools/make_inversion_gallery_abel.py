@@ -2,7 +2,8 @@
 
 python tools/make_inversion_gallery_abel.py [shell|axisymmetric|globule ...]
 
-They go to docs/gallery/inversion; that of the profiles, abel_pairs.png, is made by benchmarks/abel_profiles.py --pictures.
+They go to docs/gallery/inversion; that of the profiles, abel_pairs.png, is made by
+benchmarks/abel_profiles.py --pictures.
 """
 
 from __future__ import annotations
