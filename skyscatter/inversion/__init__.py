@@ -6,15 +6,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOMES = {
-    "VoxelFrame": "skyscatter.inversion.voxelimage",
-    "VoxelLights": "skyscatter.inversion.voxelimage",
+    "VoxelFrame": "skyscatter.inversion.voxelscene",
+    "VoxelLights": "skyscatter.inversion.voxelscene",
     "VoxelModel": "skyscatter.inversion.voxelimage",
-    "VoxelOptics": "skyscatter.inversion.voxelimage",
+    "VoxelOptics": "skyscatter.inversion.voxelscene",
 }
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
-    from skyscatter.inversion.voxelimage import VoxelFrame, VoxelLights, VoxelModel, VoxelOptics
+    from skyscatter.inversion.voxelimage import VoxelModel
+    from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
 
 
 def __getattr__(name: str) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.inversion.voxelimage import VoxelFrame
+from skyscatter.inversion.voxelscene import VoxelFrame
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ FIELD_STEP = 6e-6
 def henyey_greenstein_tables(g: ArrayLike) -> tuple[Array, Array]:
     """Tables of Henyey and Greenstein's phase function, and their derivatives with respect to g.
 
-    Both at `solvers.compile.phase_cosines`.  The tables are scaled so that they integrate to 1 as they are interpolated,
+    Both at `solvers.compile.phase_cosines`.  The tables are scaled so that they integrate to 1 when interpolated,
     and the derivative is that of the scaled tables.
 
     Parameters

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def way_to_light(x, y, z, low, inverse, shape, place, distant, step):
     """Begin and length of a step in cells (6 numbers), its length [m] over that of the way, and their number."""
     a, b, c = place[0], place[1], place[2]
@@ -36,7 +36,7 @@ def way_to_light(x, y, z, low, inverse, shape, place, distant, step):
             start, end = max(start, (top - p) / q), min(end, -p / q)
     if not end > start:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
-    count = int(math.ceil((end - start) / step))
+    count = math.ceil((end - start) / step)
     h = (end - start) / count
     u = (x + start * a - low[0]) * inverse[0]
     v = (y + start * b - low[1]) * inverse[1]
@@ -45,7 +45,7 @@ def way_to_light(x, y, z, low, inverse, shape, place, distant, step):
     return u, v, w, h * a * inverse[0], h * b * inverse[1], h * c * inverse[2], share, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def columns_to_lights(density, shape, fine, low, inverse, place, distant, step, first, last, out):
     """Mean densities towards stars, columns [m] to distant ones, at the column nodes first to last: (node, s, c)."""
     n1, n2 = shape[1], shape[2]
@@ -75,7 +75,7 @@ def columns_to_lights(density, shape, fine, low, inverse, place, distant, step, 
                     out[node, s, c] += share * ((1 - f) * near + f * far)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def columns_back(slope, shape, fine, low, inverse, place, distant, step, first, last, out):
     """Transpose of `columns_to_lights`: add the slopes (column node, s, c) up at the nodes of the densities."""
     n1, n2 = shape[1], shape[2]

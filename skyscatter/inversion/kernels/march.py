@@ -13,6 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+#: Without reference counts, which would be taken, across threads, for every array of the tables at every call: kernels
+#: make no arrays.
+KERNEL = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+INLINED = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+
 
 class MarchTable(NamedTuple):
     """Grid, optics and lights.  Sizes: node, column node, component (c), star (s), wavelength (w), angle."""
@@ -33,6 +38,7 @@ class MarchTable(NamedTuple):
     size: np.ndarray  #: (s,) distance within which light stops to grow [m]
     background: np.ndarray  #: (w,)
     step: float  #: longest step [m]
+    emits: bool  #: whether emission, or its derivative, is wanted
     near: float  #: longest step as a share of the distance to the nearest star
 
 
@@ -52,7 +58,7 @@ class Scratch(NamedTuple):
     closest: np.ndarray  #: (s, 2) place along the ray that is closest to a star, and its distance [m]
     by_c: np.ndarray  #: (c,)
     by_sc: np.ndarray  #: (s, c)
-    by_w: np.ndarray  #: (3, w)
+    by_w: np.ndarray  #: (4, w)
 
 
 class Slopes(NamedTuple):
@@ -68,14 +74,14 @@ class Slopes(NamedTuple):
     background: np.ndarray  #: (w,)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def corner(u, v, w, n0, n1, n2):
     """Number of the lowest node around a place in cells, and the place within the cell."""
     i, j, k = min(max(int(u), 0), n0 - 2), min(max(int(v), 0), n1 - 2), min(max(int(w), 0), n2 - 2)
     return (i * n1 + j) * n2 + k, u - i, v - j, w - k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def gather(values, first, f, g, h, n1, n2, out):
     """Trilinear interpolation of values (node, c) in the cell whose lowest node is `first`."""
     x, y = n1 * n2, n2
@@ -87,7 +93,7 @@ def gather(values, first, f, g, h, n1, n2, out):
         out[c] = (1 - f) * ((1 - g) * a + g * b) + f * ((1 - g) * d + g * e)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def scatter(values, first, f, g, h, n1, n2, amount):
     """Transpose of `gather`: add an amount (c,) to the eight nodes."""
     x, y = n1 * n2, n2
@@ -104,7 +110,7 @@ def scatter(values, first, f, g, h, n1, n2, amount):
         values[first + x + y + 1, c] += h * e
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def clip(m, o, d):
     """Where a ray enters and leaves the box of the padded nodes."""
     start, end = 0.0, np.inf
@@ -120,7 +126,7 @@ def clip(m, o, d):
     return start, end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def visit(m, o, d, t, h, n, s, light):
     """One node in the middle of the step from t to t + h: read the densities, add its light."""
     middle = t + 0.5 * h
@@ -141,9 +147,10 @@ def visit(m, o, d, t, h, n, s, light):
         for i in range(count):
             depth[i] += column * m.sigma_t[c, i]
             s.seen[n, i] += rho[c] * m.emission[c, i]
-    for i in range(count):
-        emitted, s.seen[n, i] = s.seen[n, i], h * math.exp(-depth[i])
-        light[i] += emitted * s.seen[n, i]
+    if m.emits:
+        for i in range(count):
+            emitted, s.seen[n, i] = s.seen[n, i], h * math.exp(-depth[i])
+            light[i] += emitted * s.seen[n, i]
     if m.place.shape[0] == 0:
         return
     n1, n2 = (m.shape[1] - 1) * m.fine + 1, (m.shape[2] - 1) * m.fine + 1
@@ -162,7 +169,7 @@ def visit(m, o, d, t, h, n, s, light):
             light[i] += m.power[k, i] * s.lit[n, k, i] * source
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def illuminate(m, o, d, t, h, n, k, s):
     """Distance and scattering angle at a node, and the integral of 1 / distance^2 over its step (h, when distant)."""
     if m.distant[k]:
@@ -175,20 +182,25 @@ def illuminate(m, o, d, t, h, n, k, s):
         s.far[n, k] = math.sqrt(apart * apart + beyond * beyond)
         mu = -beyond / s.far[n, k]
         # The angle that the step fills as seen from the star, over the distance of the ray: Kulla & Fajardo (2012).
-        geometry = math.atan2(apart * h, apart * apart + before * (before + h)) / apart
+        x, y = apart * apart + before * (before + h), apart * h
+        if 25.0 * y < x:
+            q = (y / x) * (y / x)
+            geometry = h / x * (1.0 - q * (1 / 3 - q * (1 / 5 - q * (1 / 7 - q * (1 / 9 - q / 11)))))
+        else:
+            geometry = math.atan2(y, x) / apart
     # Light runs from the star to the node and then against the ray: the cosine is that of d and the star's direction.
     s.angle[n, k] = (m.phase.shape[1] - 1) * math.sqrt(max(0.5 * (1.0 - mu), 0.0))
     return geometry
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def phase_cell(angle, nodes):
     """Cell of the phase table and the place in it, linear in the cosine."""
     last = min(int(angle), nodes - 2)
     return last, (angle * angle - last * last) / (2.0 * last + 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def trace(m, o, d, s, light):
     """Walk a ray; its light (w,), and how many nodes it has."""
     start, end = clip(m, o, d)
@@ -209,7 +221,8 @@ def trace(m, o, d, s, light):
             h = m.step
             for k in range(stars):
                 if not m.distant[k]:
-                    h = min(h, m.near * math.hypot(s.closest[k, 1], t - s.closest[k, 0]))
+                    far = t - s.closest[k, 0]
+                    h = min(h, m.near * math.sqrt(s.closest[k, 1] * s.closest[k, 1] + far * far))
             after = min(t + h, end)
             visit(m, o, d, t, after - t, n, s, light)
             t, n = after, n + 1
@@ -222,7 +235,7 @@ def trace(m, o, d, s, light):
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def turn_back(m, n, s, g, slope, optics, out):
     """Add the derivatives of sum(g light) of the ray just walked; `slope` is that of the phase tables."""
     later, own, part = s.by_w[0], s.by_w[1], s.by_w[2]
@@ -294,7 +307,7 @@ def turn_back(m, n, s, g, slope, optics, out):
                 scatter(out.toward[:, k], first, a, b, e, n1, n2, s.by_sc[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def go_on(m, n, s, density, toward, out):
     """Change of the light of the ray just walked when the tables change by `density` and `toward`."""
     components, count = s.column.size, out.size
@@ -333,17 +346,17 @@ def go_on(m, n, s, density, toward, out):
             out[i] -= m.background[i] * s.through[i] * s.column[c] * m.sigma_t[c, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def image_rays(m, origins, directions, s, light):
     """Light (ray, w) along rays."""
     for r in range(origins.shape[0]):
         trace(m, origins[r], directions[r], s, light[r])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def adjoint_rays(m, origins, directions, s, light, data, weight, fused, slope, optics, out):
     """Light along rays, and the derivatives of sum(weight light), or (`fused`) of sum(weight (light - data)^2) / 2."""
-    g = np.empty(light.shape[1])
+    g = s.by_w[3]
     for r in range(origins.shape[0]):
         n = trace(m, origins[r], directions[r], s, light[r])
         for i in range(g.size):
@@ -351,7 +364,7 @@ def adjoint_rays(m, origins, directions, s, light, data, weight, fused, slope, o
         turn_back(m, n, s, g, slope, optics, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@KERNEL
 def tangent_rays(m, origins, directions, s, density, toward, light, change):
     """Light along rays and its change with that of the tables."""
     for r in range(origins.shape[0]):
