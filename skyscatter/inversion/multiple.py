@@ -41,6 +41,7 @@ def multiple_light(
     *,
     samples: int,
     blur: float,
+    guide: Array,
     seed: int,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -57,8 +58,10 @@ def multiple_light(
     samples : int
         Walks per pixel in all.
     blur : float
-        Standard deviation of the Gaussian with which the images are smoothed [pixel]: the light scattered more than
-        once is smooth, its noise is not.  0 leaves them as they are.
+        Standard deviation of the Gaussian with which the images are smoothed [pixel]; 0 leaves them as they are.
+    guide : (pixel, wavelength)
+        Light scattered once.  What is smoothed is the ratio to its square root: light scattered more than once
+        rises towards stars and into clumps, but less than that scattered once, and the ratio is flatter than either.
     seed : int
     threads : int, optional
     progress : callable, optional
@@ -71,17 +74,19 @@ def multiple_light(
 
     from skyscatter.solvers.run import radiance
 
-    runs = []
+    # Beyond the medium there is no light, and a ratio of nought to nought.
+    root = np.sqrt(np.maximum(guide, 1e-9 * np.max(guide, initial=1e-300)))
+    runs: list[Array] = []
     for k in range(RUNS):
         ray = np.arange(len(stack.data)) * stack.rays + (k * stack.rays) // RUNS
         answer = radiance(
             scene, stack.origins[ray], stack.directions[ray], wavelengths, solver="path", parts=True,
             samples=max(samples // RUNS, 2), seed=seed + k, threads=threads,
         )  # fmt: skip
-        images = stack.split(answer.layers["multiple"])
+        runs.append(answer.layers["multiple"])
         if blur > 0:
-            images = [gaussian_filter(image, (blur, blur, 0.0), mode="nearest") for image in images]
-        runs.append(np.concatenate([image.reshape(-1, image.shape[2]) for image in images]))
+            images = [gaussian_filter(image, (blur, blur, 0.0), mode="nearest") for image in stack.split(runs[-1] / root)]
+            runs[-1] = root * np.concatenate([image.reshape(-1, image.shape[2]) for image in images])
         if progress is not None:
             progress((k + 1) / RUNS)
     values = np.array(runs)

@@ -264,9 +264,11 @@ class Search:
         assert self.scene is not None
         assert self.problem is not None
         s, frame = self.settings, self.problem.model.frame
+        assert self.best is not None
+        guide = self.problem.images(self.best.x) - self.offset
         mean, error = multiple_light(
             with_density(self.scene, frame, density), self.stack, self.wavelengths, samples=s.samples, blur=s.blur,
-            seed=s.seed + 1000 * self.round, threads=self.model.threads,
+            guide=guide, seed=s.seed + 1000 * self.round, threads=self.model.threads,
         )  # fmt: skip
         self.offset, self.extra = mean, error**2
 
