@@ -22,6 +22,7 @@ from skyscatter.inversion.tomography import reconstruct
 from skyscatter.inversion.views import ImageView, Stack
 from skyscatter.inversion.voxelimage import VoxelModel
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
+from skyscatter.optics.phase import Isotropic
 
 #: Chosen on the scenes of `own`, seeds 11 and 12, before the blobs were looked at.
 SETTINGS: dict[str, Any] = {"prior": "tikhonov", "multiple": 2, "samples": 128, "stop": 1e-4}
@@ -32,7 +33,7 @@ NEAR_STAR = 2.5
 
 def dusty_scene(frame: VoxelFrame, density: Any, albedo: float = 0.6) -> SpaceScene:
     """Isotropic grains of unit extinction per density around a star of 1 W nm-1 at the origin."""
-    grains = Particles(extinction=1.0, single_scattering_albedo=albedo)
+    grains = Particles(extinction=1.0, single_scattering_albedo=albedo, phase=Isotropic())
     star = PointStar(spectrum=SpectralTable(wavelengths=(500.0,), values=(1.0,)))
     dust = Component(name="dust", density=frame.grid(density), optics=grains)
     return SpaceScene(medium=Medium(components=(dust,)), stars=(star,), view=View(distance=1000.0))
@@ -96,22 +97,66 @@ def packet_noise(apart: Any, packets: float, cell: float) -> Any:
     return np.where(total > 0, np.sqrt(spread.sum(axis=-1)) / np.maximum(total, 1e-300), edge)
 
 
+def grid_error(image: Any, pixel: float, cell: float) -> Any:
+    """Error of an image of light that is constant within cells: a ray lies anywhere within them.
+
+    Its offset from a cell's middle has a standard deviation of cell / sqrt(12) along each axis of the image.
+    """
+    slopes = np.gradient(image, pixel)
+    return np.hypot(*slopes) * cell / np.sqrt(12)
+
+
+def cell_views(frame: VoxelFrame, density: Any, seed: int, pixels: int, packets: float) -> list[ImageView]:
+    """Six images of light scattered once, made as codes on cells make them: source and dust constant within each.
+
+    The star's light in a cell is the mean over it, with the noise of packets counted there, the same for all views.
+    """
+    rng, cell, half, fine = np.random.default_rng(seed), float(frame.cell[0]), 1.7, 4
+    model = VoxelModel.from_scene(dusty_scene(frame, density), WAVELENGTH)
+    n = frame.shape[0] + 2
+    toward = model.prepare(density).toward.reshape(n, n, n)[1:-1, 1:-1, 1:-1]
+    r2 = (frame.with_shape(tuple(fine * m for m in frame.shape)).middles() ** 2).sum(axis=-1)
+    mean = (1 / r2).reshape(*(m for k in frame.shape for m in (k, fine))).mean(axis=(1, 3, 5)) / (4 * np.pi)
+    far = np.linalg.norm(frame.middles(), axis=-1)
+    light = mean * np.exp(-toward * far)
+    light *= 1 + np.sqrt(1.6 * 4 * np.pi * far**2 / (1.5 * cell**2 * packets)) * rng.normal(size=light.shape)
+    source = 0.6 / (4 * np.pi) * density * light
+    views, x = [], ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
+    for angle in [(0, 0), (90, 0), (90, 60), (90, 120), (45, 30), (45, 210)]:
+        towards, right = axes(*np.radians(angle))
+        up, depth = np.cross(towards, right), np.linspace(1.75, -1.75, 421)
+        image, tau, step = np.zeros((pixels, pixels)), np.zeros((pixels, pixels)), depth[0] - depth[1]
+        for t in depth:
+            at = x[None, :, None] * right + x[:, None, None] * up + t * towards
+            index = np.floor((at + 1) / cell).astype(int)
+            inside = np.all((index >= 0) & (index < frame.shape[0]), axis=-1)
+            i, j, k = np.moveaxis(np.where(inside[..., None], index, 0), -1, 0)
+            image += inside * source[i, j, k] * np.exp(-tau - 0.5 * step * density[i, j, k]) * step
+            tau += inside * density[i, j, k] * step
+        views.append(_blob_view(image, angle, half, cell, packets))
+    return views
+
+
+def _blob_view(image: Any, angle: Any, half: float, cell: float, packets: float) -> ImageView:
+    """An image on cells with its rays and an estimate of its errors from how it was made."""
+    pixels = image.shape[0]
+    x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
+    apart = np.hypot(x[:, None], x)
+    noise = packet_noise(apart, packets, cell) * np.maximum(image, 0.01 * image[image > 0].mean())
+    sigma = np.hypot(noise, grid_error(image, 2 * half / pixels, cell))
+    # No light at all: the line of sight misses the cells.  Next to the star cells are too coarse.
+    sigma = np.where((image > 0) & (apart > NEAR_STAR * cell), sigma, np.inf)
+    return ImageView.parallel(image, sigma, *axes(*np.radians(angle)), half, upwards=True)
+
+
 def blob_views(path: Path, packets: float = 1e5) -> tuple[list[ImageView], Any, VoxelFrame]:
     """The images of reference/inversion_blobs with an estimate of their noise, the truth, and its cells."""
     with np.load(path) as file:
         images, angles, truth = file["images"], file["views_incl_phi_deg"], file["kappa_R"]
-        half = float(file["extent_R"])
+        half = float(np.max(np.abs(file["extent_R"])))
     frame = VoxelFrame.cube(truth.shape[0], 1.0)
-    pixels, cell = images.shape[1], float(frame.cell[0])
-    x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
-    apart = np.hypot(x[:, None], x)
-    noise = packet_noise(apart, packets, cell)
-    views = []
-    for image, angle in zip(images, angles, strict=True):
-        sigma = noise * np.maximum(image, 0.05 * image[image > 0].mean())
-        # No light at all: the line of sight misses the cells.  Next to the star cells are too coarse.
-        sigma = np.where((image > 0) & (apart > NEAR_STAR * cell), sigma, np.inf)
-        views.append(ImageView.parallel(image, sigma, *axes(*np.radians(angle)), half, upwards=True))
+    cell = float(frame.cell[0])
+    views = [_blob_view(image, angle, half, cell, packets) for image, angle in zip(images, angles, strict=True)]
     return views, truth, frame
 
 
