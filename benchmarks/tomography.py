@@ -29,6 +29,8 @@ SETTINGS: dict[str, Any] = {"prior": "tikhonov", "multiple": 2, "samples": 128, 
 WAVELENGTH = [550.0]
 #: Cells around the star within which images by cells cannot show how light falls as 1 / distance^2.
 NEAR_STAR = 2.5
+#: Along each side of a pixel, which is about a cell wide, for images on cells.
+RAYS = 1
 
 
 def dusty_scene(frame: VoxelFrame, density: Any, albedo: float = 0.6) -> SpaceScene:
@@ -97,13 +99,35 @@ def packet_noise(apart: Any, packets: float, cell: float) -> Any:
     return np.where(total > 0, np.sqrt(spread.sum(axis=-1)) / np.maximum(total, 1e-300), edge)
 
 
-def grid_error(image: Any, pixel: float, cell: float) -> Any:
+def smoothed(image: Any, width: float) -> Any:
+    """An image without its noise, as far as an estimate of errors must not follow it: dark pixels are no better known."""
+    from scipy.ndimage import gaussian_filter
+
+    return gaussian_filter(image, width, mode="nearest")
+
+
+def grid_error(image: Any, towards: Any, right: Any, half: float, cell: float) -> Any:
     """Error of an image of light that is constant within cells: a ray lies anywhere within them.
 
-    Its offset from a cell's middle has a standard deviation of cell / sqrt(12) along each axis of the image.
+    Its offset from a cell's middle has a standard deviation of cell / sqrt(12) along each axis of the grid: the same all
+    along the ray where that is at right angles to the axis, else another one in every cell.
     """
-    slopes = np.gradient(image, pixel)
-    return np.hypot(*slopes) * cell / np.sqrt(12)
+    pixels = image.shape[0]
+    upward, rightward = np.gradient(smoothed(image, cell * pixels / (2 * half)), 2 * half / pixels)
+    up, variance = np.cross(towards, right), np.zeros_like(image)
+    depth = (np.arange(int(2 / cell)) + 0.5) * cell - 1
+    light = 1 / (distances(pixels, half)[..., None] ** 2 + depth**2)
+    cells = light.sum(axis=-1) ** 2 / (light**2).sum(axis=-1)
+    for k in range(3):
+        slope = rightward * right[k] + upward * up[k]
+        variance += slope**2 * cell**2 / 12 / (1.0 if abs(towards[k]) < 1e-6 else cells)
+    return np.sqrt(variance)
+
+
+def distances(pixels: int, half: float) -> Any:
+    """Of the lines of sight from the middle."""
+    x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
+    return np.hypot(x[:, None], x)
 
 
 def cell_views(frame: VoxelFrame, density: Any, seed: int, pixels: int, packets: float) -> list[ImageView]:
@@ -140,13 +164,13 @@ def cell_views(frame: VoxelFrame, density: Any, seed: int, pixels: int, packets:
 def _blob_view(image: Any, angle: Any, half: float, cell: float, packets: float) -> ImageView:
     """An image on cells with its rays and an estimate of its errors from how it was made."""
     pixels = image.shape[0]
-    x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
-    apart = np.hypot(x[:, None], x)
-    noise = packet_noise(apart, packets, cell) * np.maximum(image, 0.01 * image[image > 0].mean())
-    sigma = np.hypot(noise, grid_error(image, 2 * half / pixels, cell))
+    apart, way = distances(pixels, half), axes(*np.radians(angle))
+    mean = smoothed(image, cell * pixels / (2 * half))
+    noise = packet_noise(apart, packets, cell) * np.maximum(mean, 0.01 * mean.mean())
+    sigma = np.hypot(noise, grid_error(image, *way, half, cell))
     # No light at all: the line of sight misses the cells.  Next to the star cells are too coarse.
     sigma = np.where((image > 0) & (apart > NEAR_STAR * cell), sigma, np.inf)
-    return ImageView.parallel(image, sigma, *axes(*np.radians(angle)), half, upwards=True)
+    return ImageView.parallel(image, sigma, *way, half, upwards=True, rays=RAYS)
 
 
 def blob_views(path: Path, packets: float = 1e5) -> tuple[list[ImageView], Any, VoxelFrame]:

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 #: Parts into which rays and nodes are cut for the threads: a fixed number, so that sums have a fixed order.
 BLOCKS = 8
+#: Fewer rays or nodes than this are not worth the threads.
+FEW = 3000
 #: Memory that the sums of all parts may take together [byte]; fewer parts where it would be more.
 SUMS_MEMORY = 1 << 30
 #: Distance within which the light of a star without a surface stops to grow [side of a cell].
@@ -349,6 +351,8 @@ class VoxelModel:
         blocks = BLOCKS if memory == 0 else int(np.clip(SUMS_MEMORY // max(memory, 1), 1, BLOCKS))
         ends = np.linspace(0, count, blocks + 1).astype(int)
         parts = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
+        if count < FEW:
+            return [work(part, k) for k, part in enumerate(parts)]
         with ThreadPoolExecutor(max_workers=worker_count(self.threads)) as pool:
             return list(pool.map(work, parts, range(len(parts))))
 

@@ -44,14 +44,14 @@ def looks(count: int = 4) -> list[tuple[Any, Any]]:
     return found
 
 
-def noisy(model: VoxelModel, density: Any, noise: float, pixels: int = 20, seed: int = 0, count: int = 4) -> list[Any]:
-    """Own views of a density, with noise relative to the largest pixel."""
+def noisy(model: VoxelModel, density: Any, noise: float, pixels: int = 20, seed: int = 0, count: int = 6) -> list[Any]:
+    """Own views of a density, with noise relative to the pixel, and to the mean one where it is dark."""
     rng, made = np.random.default_rng(seed), []
     for towards, right in looks(count):
         view = ImageView.parallel(np.zeros((pixels, pixels)), 1.0, towards, right, 1.2)
         rays = (view.origins.reshape(-1, 3), view.directions.reshape(-1, 3))
         image = model.image(density, *rays).reshape(view.data.shape)
-        sigma = np.full(image.shape, noise * image.max())
+        sigma = noise * np.maximum(image, image.mean())
         made.append(ImageView.make(image + sigma * rng.normal(size=image.shape), sigma, view.origins, view.directions))
     return made
 
@@ -98,25 +98,26 @@ def test_the_priors_weigh_the_same_on_finer_cells() -> None:
         assert values[0] == pytest.approx(values[1], rel=allowed)  # differences of first order in the cells
 
 
-@pytest.mark.parametrize(("make", "limit"), [(emitting, 0.12), (absorbing, 0.12), (scattering, 0.25)])
+@pytest.mark.parametrize(("make", "limit"), [(emitting, 0.12), (absorbing, 0.15), (scattering, 0.25)])
 def test_a_known_density_comes_back(make: Any, limit: float) -> None:
     model, exact = make(), truth()
     found = reconstruct(noisy(model, exact, 0.01), model, coarsest=6)
-    # Blobs of two cells' width, seen from four sides.
+    # What six views with noise of 1 % tell: of transmittances, 1 % of the light is 5 % of the depth of a blob's middle.
     assert error(found, exact) < limit
     assert found.density.min() >= 0.0
     assert found.total() == pytest.approx(exact.sum() * FRAME.volume, rel=0.06)
     # chi^2 as it is aimed at, and its own chance.
-    assert found.chi2 / found.count == pytest.approx(1.0, abs=0.1)
+    assert found.chi2 / found.count == pytest.approx(1.0, abs=0.04)
     assert [h["cells"][0] for h in found.history] == sorted(h["cells"][0] for h in found.history)
 
 
 @pytest.mark.parametrize("prior", ["total-variation", "entropy"])
 def test_other_priors_explain_the_data_too(prior: str) -> None:
     model, exact = emitting(), truth()
-    found = reconstruct(noisy(model, exact, 0.01), model, prior=prior, coarsest=6)
+    found = reconstruct(noisy(model, exact, 0.01), model, prior=prior, coarsest=12)
     assert error(found, exact) < 0.2
-    assert found.chi2 / found.count == pytest.approx(1.0, abs=0.1)
+    # Never worse explained than is aimed at; the weight is found to a factor.
+    assert 0.8 < found.chi2 / found.count < 1.04
 
 
 def test_more_noise_needs_a_stronger_prior() -> None:
@@ -134,9 +135,9 @@ def test_a_given_weight_is_kept_and_masked_pixels_say_nothing() -> None:
         data = v.data.copy()
         data[3:5, 4:9] = np.nan
         spoilt.append(ImageView.make(data, v.sigma, v.origins, v.directions))
-    found = reconstruct(spoilt, model, prior_weight=30.0, coarsest=6)
-    assert found.prior_weight == 30.0
-    assert found.count == 4 * (400 - 10)
+    found = reconstruct(spoilt, model, prior_weight=1.0, coarsest=6)
+    assert found.prior_weight == 1.0
+    assert found.count == 6 * (400 - 10)
     assert np.all(found.residuals[0][3:5, 4:9] == 0.0)
     assert error(found, exact) < 0.15
 
@@ -144,7 +145,7 @@ def test_a_given_weight_is_kept_and_masked_pixels_say_nothing() -> None:
 def test_rays_of_a_pixel_are_averaged() -> None:
     model, exact = scattering(), truth()
     v = noisy(model, exact, 0.01)[0]
-    towards, right = looks()[0]
+    towards, right = looks(6)[0]
     coarse = ImageView.parallel(np.zeros((20, 20)), 1.0, towards, right, 1.2, rays=2)
     fine = ImageView.parallel(np.zeros((40, 40)), 1.0, towards, right, 1.2)
     images = [model.image(exact, a.origins.reshape(-1, 3), a.directions.reshape(-1, 3)) for a in (coarse, fine)]
@@ -176,7 +177,7 @@ def test_error_bars_cover_truths_that_the_prior_expects() -> None:
         views = noisy(model, exact, 0.01, pixels=8, seed=draw, count=3)
         start = np.full(frame.shape, 3.0)
         found = reconstruct(
-            views, model, prior_weight=weight, start=start, stop=1e-9, iterations=300, deviation=32, seed=draw
+            views, model, prior_weight=weight, start=start, stop=1e-9, iterations=300, deviation=16, seed=draw
         )
         assert found.deviation is not None
         inside = np.abs(found.density[0] - exact) < found.deviation[0]
@@ -196,11 +197,11 @@ def test_samples_of_the_posterior_have_the_inverse_hessian_as_covariance() -> No
     bend = np.stack([Tikhonov().curvature(u[0], u[0], frame).ravel() for u in units])
     weight = 50.0
     covariance = np.linalg.inv(jacobian.T @ (problem.weight.ravel()[:, None] * jacobian) + weight * bend)
-    samples = posterior_samples(problem, exact, weight, np.ones_like(exact), 200, 5)
+    samples = posterior_samples(problem, exact, weight, np.ones_like(exact), 50, 5)
     spread = np.mean(np.square(samples), axis=0).ravel()
-    # 200 samples tell a variance to 10 %; the largest of 64 deviates by about three of these, the mean by far less.
-    np.testing.assert_allclose(spread / np.diag(covariance), 1.0, atol=0.4)
-    assert np.mean(spread / np.diag(covariance)) == pytest.approx(1.0, abs=0.05)
+    # 50 samples tell a variance to 20 %; the largest of 64 deviates by about three of these, the mean by far less.
+    np.testing.assert_allclose(spread / np.diag(covariance), 1.0, atol=0.7)
+    assert np.mean(spread / np.diag(covariance)) == pytest.approx(1.0, abs=0.1)
 
 
 def dusty(density: Any, frame: VoxelFrame = FRAME) -> SpaceScene:
