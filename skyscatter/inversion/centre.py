@@ -12,8 +12,8 @@ from skyscatter.errors import ConvergenceError, DomainError
 
 Array = NDArray[np.float64]
 
-#: Rings per pixel of radius between which the profile is linear.
-RINGS = 0.5
+#: Rings per pixel of radius, between which the profile is linear.
+RINGS = 1.0
 #: Grid on which the start is sought, along each side.
 LOOKS = 9
 
