@@ -1,18 +1,5 @@
-# ---
-# jupyter:
-#   jupytext:
-#     formats: ipynb,py:percent
-#     text_representation:
-#       extension: .py
-#       format_name: percent
-#   kernelspec:
-#     display_name: Python 3
-#     language: python
-#     name: python3
-# ---
-
 # %% [markdown]
-# # Tomography of a cloud from several views
+# # 6 Tomography of a cloud from several views
 #
 # A picture of a nebula is flat: every pixel adds up what lies along its line of sight. From several sides,
 # the adding up can be undone. Here a cloud of gas that shines in one line is seen from six directions, with noise, and
@@ -26,7 +13,7 @@ import numpy as np
 
 from skyscatter.inversion import ImageView, VoxelFrame, VoxelLights, VoxelModel, VoxelOptics, reconstruct
 
-quick = bool(os.environ.get("SKYSCATTER_QUICK"))
+quick = bool(os.environ.get("SKYSCATTER_QUICK"))  # the tests run a smaller version of this notebook
 cells, pixels, views = (12, 20, 5) if quick else (24, 40, 6)
 
 # %% [markdown]
