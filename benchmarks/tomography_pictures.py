@@ -1,6 +1,6 @@
 """Pictures of inversions for docs/gallery/inversion: truth, estimate, error, residual.
 
-    python benchmarks/tomography_pictures.py [FOLDER]
+python benchmarks/tomography_pictures.py [FOLDER]
 """
 
 from __future__ import annotations

@@ -30,7 +30,11 @@ cells, pixels, views = (12, 20, 5) if quick else (24, 40, 6)
 frame = VoxelFrame.cube(cells, 1.0)  # a cube from -1 m to 1 m
 where = frame.middles()
 truth = np.zeros(frame.shape)
-for place, width, height in [((0.3, 0.1, 0.0), 0.25, 1.0), ((-0.3, -0.3, 0.2), 0.2, 0.8), ((0.0, 0.4, -0.4), 0.15, 1.2)]:
+for place, width, height in [
+    ((0.3, 0.1, 0.0), 0.25, 1.0),
+    ((-0.3, -0.3, 0.2), 0.2, 0.8),
+    ((0.0, 0.4, -0.4), 0.15, 1.2),
+]:
     truth += height * np.exp(-np.sum((where - place) ** 2, axis=-1) / (2 * width**2))
 model = VoxelModel(frame, VoxelOptics.columns(), VoxelLights.none(1), np.zeros(1))
 
@@ -53,8 +57,7 @@ fig, axes = plt.subplots(1, views, figsize=(2.1 * views, 2.3), layout="constrain
 for k, ax in enumerate(axes):
     shown = ax.imshow(images[k].data[..., 0], extent=(-1.3, 1.3, -1.3, 1.3), cmap="magma")
     ax.set(title=f"view {k + 1}", xlabel="x [m]")
-fig.colorbar(shown, ax=axes, label="column [m]");
-
+fig.colorbar(shown, ax=axes, label="column [m]")
 # %% [markdown]
 # ## Back to the density
 #
@@ -70,7 +73,9 @@ fig.colorbar(shown, ax=axes, label="column [m]");
 # %%
 found = reconstruct(images, model, deviation=8)
 error = np.linalg.norm(found.density[0] - truth) / np.linalg.norm(truth)
-print(f"chi^2 / data {found.chi2 / found.count:.2f}, relative error {error:.3f}, mass {found.density.sum() / truth.sum():.3f}")
+print(
+    f"chi^2 / data {found.chi2 / found.count:.2f}, relative error {error:.3f}, mass {found.density.sum() / truth.sum():.3f}"
+)
 print(found.diagnostics["reason"])
 assert error < 0.25
 assert abs(found.density.sum() / truth.sum() - 1) < 0.05
@@ -108,7 +113,7 @@ every = np.concatenate([r.ravel() for r in found.residuals])
 axes[1].hist(every, bins=50, density=True, color="0.6")
 x = np.linspace(-4, 4, 100)
 axes[1].plot(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), "k")
-axes[1].set(xlabel="residual [sigma]", ylabel="share per sigma", title="all views, and a normal distribution");
+axes[1].set(xlabel="residual [sigma]", ylabel="share per sigma", title="all views, and a normal distribution")
 print(f"width of the residuals {every.std():.2f}")
 assert abs(every.std() - 1) < 0.1
 

@@ -69,7 +69,7 @@ def find_centre(image: ArrayLike, sigma: ArrayLike | float | None = None) -> Cen
     trials = [np.array([x, y]) for x in np.linspace(0, width - 1, LOOKS) for y in np.linspace(0, height - 1, LOOKS)]
     start = min(trials, key=left_over)
     step = max(width, height) / (LOOKS - 1)
-    simplex = np.array([start, start + [0.6 * step, 0.1 * step], start + [-0.1 * step, 0.6 * step]])
+    simplex = start + step * np.array([[0.0, 0.0], [0.6, 0.1], [-0.1, 0.6]])
     options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 0.0, "maxfev": 400}
     found = minimize(left_over, start, method="Nelder-Mead", options=options)
     deviation = _deviation(left_over, found.x, sigma is None, values.size, max(data.shape))
@@ -84,7 +84,9 @@ def _left_over(values: Array, weights: Array, distance: Array) -> float:
     size = int(ring.max()) + 2
     diagonal = np.bincount(ring, weights * (1 - share) ** 2, size) + np.bincount(ring + 1, weights * share**2, size)
     beside = np.bincount(ring, weights * share * (1 - share), size)[:-1]
-    right = np.bincount(ring, weights * (1 - share) * values, size) + np.bincount(ring + 1, weights * share * values, size)
+    right = np.bincount(ring, weights * (1 - share) * values, size) + np.bincount(
+        ring + 1, weights * share * values, size
+    )
     from scipy.linalg import solveh_banded
 
     bands = np.zeros((2, size))

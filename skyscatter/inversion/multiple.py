@@ -85,7 +85,9 @@ def multiple_light(
         )  # fmt: skip
         runs.append(answer.layers["multiple"])
         if blur > 0:
-            images = [gaussian_filter(image, (blur, blur, 0.0), mode="nearest") for image in stack.split(runs[-1] / root)]
+            images = [
+                gaussian_filter(image, (blur, blur, 0.0), mode="nearest") for image in stack.split(runs[-1] / root)
+            ]
             runs[-1] = root * np.concatenate([image.reshape(-1, image.shape[2]) for image in images])
         if progress is not None:
             progress((k + 1) / RUNS)

@@ -112,4 +112,6 @@ class Reconstruction:
                     about["prior_weight"], tuple(about["history"]), about["diagnostics"],
                 )  # fmt: skip
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise DomainError("reconstruction file", str(path), f"was not written by Reconstruction.save ({error})") from error
+            raise DomainError(
+                "reconstruction file", str(path), f"was not written by Reconstruction.save ({error})"
+            ) from error

@@ -23,9 +23,7 @@ SOLVED = 1e-2
 MOST_STEPS = 200
 
 
-def posterior_samples(
-    problem: Problem, x: Array, weight: float, stretch: Array, count: int, seed: int
-) -> list[Array]:
+def posterior_samples(problem: Problem, x: Array, weight: float, stretch: Array, count: int, seed: int) -> list[Array]:
     """Samples of (density - estimate), in units of the typical density, each of the shape of x."""
     if count < 4:
         raise DomainError("deviation", count, "at least 4 samples; they tell a deviation to 1 / sqrt(2 samples)")

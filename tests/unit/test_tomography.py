@@ -28,8 +28,8 @@ FRAME = VoxelFrame.cube(12, 1.0)
 def truth(frame: VoxelFrame = FRAME) -> Any:
     """Two blobs."""
     m = frame.middles()
-    one = np.exp(-np.sum((m - [0.3, 0.1, 0.0]) ** 2, axis=-1) / 0.1)
-    two = 0.6 * np.exp(-np.sum((m + [0.2, 0.3, 0.2]) ** 2, axis=-1) / 0.06)
+    one = np.exp(-np.sum((m - np.array([0.3, 0.1, 0.0])) ** 2, axis=-1) / 0.1)
+    two = 0.6 * np.exp(-np.sum((m + np.array([0.2, 0.3, 0.2])) ** 2, axis=-1) / 0.06)
     return one + two
 
 
