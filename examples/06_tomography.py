@@ -74,7 +74,8 @@ fig.colorbar(shown, ax=axes, label="column [m]")
 found = reconstruct(images, model, deviation=8)
 error = np.linalg.norm(found.density[0] - truth) / np.linalg.norm(truth)
 print(
-    f"chi^2 / data {found.chi2 / found.count:.2f}, relative error {error:.3f}, mass {found.density.sum() / truth.sum():.3f}"
+    f"chi^2 / data {found.chi2 / found.count:.2f}, relative error {error:.3f}, "
+    f"mass {found.density.sum() / truth.sum():.3f} of the truth"
 )
 print(found.diagnostics["reason"])
 assert error < 0.25
@@ -100,8 +101,8 @@ for ax, (name, values, colours) in zip(axes, panels, strict=True):
 # ## Is it believable?
 #
 # What the estimate leaves over, in units of the noise, should look like noise: no shapes, and a width of one. The error
-# bars come from samples of the posterior: data and prior are perturbed by what they may be off, and the estimate is made
-# again. They speak of noise, not of what the prior smooths away: at the sharp tops of the blobs the estimate is lower
+# bars come from samples of the posterior: data and prior are perturbed by what they may be off, and the estimate is
+# made again. They speak of noise, not of what the prior smooths away: at the sharp tops of the blobs the estimate is lower
 # than the truth by more than its error bar.
 
 # %%
@@ -120,9 +121,9 @@ assert abs(every.std() - 1) < 0.1
 # %% [markdown]
 # ## And dust that scatters?
 #
-# `reconstruct` takes a `SpaceScene` as well: the light of its stars, scattered by dust, is no longer a plain sum, for the
-# dust dims the light on its way from the star and to us; the derivatives know that too. With `multiple=2` the light that
-# is scattered more than once is computed for the estimate and taken off the images, by turns.
+# `reconstruct` takes a `SpaceScene` as well: the light of its stars, scattered by dust, is no longer a plain sum, for
+# the dust dims the light on its way from the star and to us; the derivatives know that too. With `multiple=2` the light
+# that is scattered more than once is computed for the estimate and taken off the images, by turns.
 #
 #     views = [ImageView.load(path, camera, view) for path, view in zip(files, positions)]
 #     found = reconstruct(views, scene, wavelengths, frame=VoxelFrame.cube(32, 1e16), multiple=2)

@@ -30,8 +30,8 @@ def find_centre(image: ArrayLike, sigma: ArrayLike | float | None = None) -> Cen
     """Middle of a cloud whose image is round, from one view.
 
     The middle is where one profile over the distance explains the image best: for every trial the profile, linear
-    between rings, is fitted, and what it leaves over is brought down.  Clouds cut by the edge of the image are allowed, and
-    so are shells and profiles of any form.
+    between rings, is fitted, and what it leaves over is brought down.  Clouds cut by the edge of the image are
+    allowed, and so are shells and profiles of any form.
 
     Parameters
     ----------

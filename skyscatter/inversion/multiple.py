@@ -1,8 +1,8 @@
 """Light that is scattered more than once, for estimates that are made with single scattering.
 
 The images of an estimate by the solver ``path`` less those of the light scattered once is what the linear step leaves
-out.  It is taken off the data, the estimate is made again, and so on: a few rounds, for where the optical depth is about
-one the light scattered more than once changes little with small changes of the density.
+out.  It is taken off the data, the estimate is made again, and so on: a few rounds, for where the optical depth is
+about one the light scattered more than once changes little with small changes of the density.
 """
 
 from __future__ import annotations

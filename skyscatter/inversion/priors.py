@@ -1,8 +1,8 @@
 """What is held of a density before it is seen: smooth, in pieces of one value, or flat.
 
 Each prior is a number R(x) of a density x (x, y, z) in units of a typical one, written as an integral over the box in
-units of its size, so that its weight means the same on grids of any fineness.  Minus the weight times R is the logarithm
-of the prior probability.  `curvature` is its second derivative (for total variation, the part that is never negative)
+units of its size, so that its weight means the same on grids of any fineness.  Minus the weight times R is the
+logarithm of the prior probability.  `curvature` is its second derivative (for total variation, the part that is never negative)
 applied to a vector; `noise` a random vector with that covariance, for samples of the posterior.
 """
 
@@ -104,7 +104,7 @@ def _neighbours(parts: list[Array], shape: tuple[int, ...]) -> Array:
 
 @dataclass(frozen=True)
 class TotalVariation(Prior):
-    """In pieces of one value: the integral of the gradient's length (Rudin, Osher & Fatemi 1992), rounded off at nought.
+    """In pieces of one value: the integral of the gradient's length (Rudin et al. 1992), rounded off at nought.
 
     Parameters
     ----------

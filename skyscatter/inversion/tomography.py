@@ -1,8 +1,8 @@
 """Densities of voxels from images: emission, absorption and scattered light.
 
 The estimate is the one that is likeliest under the noise of the data and a prior whose weight is the largest with which
-the data are still explained: chi^2 equal to their number (Morozov 1966).  It is sought from coarse to fine cells and from
-strong to weak priors, each from where the last one ended.
+the data are still explained: chi^2 equal to their number (Morozov 1966).  It is sought from coarse to fine cells and
+from strong to weak priors, each from where the last one ended.
 """
 
 from __future__ import annotations
