@@ -109,8 +109,8 @@ def smoothed(image: Any, width: float) -> Any:
 def grid_error(image: Any, towards: Any, right: Any, half: float, cell: float) -> Any:
     """Error of an image of light that is constant within cells: a ray lies anywhere within them.
 
-    Its offset from a cell's middle has a standard deviation of cell / sqrt(12) along each axis of the grid: the same all
-    along the ray where that is at right angles to the axis, else another one in every cell.
+    Its offset from a cell's middle has a standard deviation of cell / sqrt(12) along each axis of the grid: the same
+    all along the ray where that is at right angles to the axis, else another one in every cell.
     """
     pixels = image.shape[0]
     upward, rightward = np.gradient(smoothed(image, cell * pixels / (2 * half)), 2 * half / pixels)

@@ -32,13 +32,14 @@ def picture(kind: str, folder: Path) -> None:
     top, worst = float(truth[:, :, cut].max()), float(np.abs(estimate - truth)[:, :, cut].max())
     image = views[0].data[..., 0]
     bright = float(np.quantile(image, 0.995))  # next to a star the light has no bound
+    spread, most = deviation[:, :, cut].T, float(deviation[:, :, cut].max())
     panels = [
         ("truth", truth[:, :, cut].T, "magma", (0, top), box, "density"),
         ("estimate", estimate[:, :, cut].T, "magma", (0, top), box, "density"),
         ("estimate - truth", (estimate - truth)[:, :, cut].T, "RdBu_r", (-worst, worst), box, "density"),
         ("view 1 of 8", image, "magma", (0, bright), {}, "W m$^{-2}$ sr$^{-1}$ nm$^{-1}$"),
         ("residual of view 1", found.residuals[0][..., 0], "RdBu_r", (-4, 4), {}, "standard deviations"),
-        ("standard deviation", deviation[:, :, cut].T, "viridis", (0, float(deviation[:, :, cut].max())), box, "density"),
+        ("standard deviation", spread, "viridis", (0, most), box, "density"),
     ]  # fmt: skip
     for ax, (name, values, colours, (low, high), how, unit) in zip(axes.flat, panels, strict=True):
         drawn = ax.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest", **how)

@@ -23,8 +23,8 @@ cells, pixels, views = (12, 20, 5) if quick else (24, 40, 6)
 #
 # $$ L = \int j\,\rho(\mathbf x(t))\,\mathrm dt . $$
 #
-# The unknown density $\rho$ is given by numbers on a grid of cells (voxels), with straight lines between them. We make one
-# up: three blobs.
+# The unknown density $\rho$ is given by numbers on a grid of cells (voxels), with straight lines between them. We make
+# one up: three blobs.
 
 # %%
 frame = VoxelFrame.cube(cells, 1.0)  # a cube from -1 m to 1 m
@@ -66,8 +66,8 @@ fig.colorbar(shown, ax=axes, label="column [m]")
 # $$ \tfrac12 \chi^2 + \lambda R(\rho), \qquad \chi^2 = \sum_i \frac{(d_i - L_i(\rho))^2}{\sigma_i^2} $$
 #
 # smallest, with $R$ the integral of the squared gradient: of all that agree with the data, the smoothest. How much is
-# smoothness worth? As much as the data can bear: $\lambda$ is raised until $\chi^2$ equals the number of data, for the truth
-# would leave about that much. Densities are never negative. The derivative of $\chi^2$ with respect to all the cells
+# smoothness worth? As much as the data can bear: $\lambda$ is raised until $\chi^2$ equals the number of data, for the
+# truth would leave about that much. Densities are never negative. The derivative of $\chi^2$ with respect to all the cells
 # comes from one pass backward along the same rays, for about the price of two images.
 
 # %%
@@ -102,8 +102,8 @@ for ax, (name, values, colours) in zip(axes, panels, strict=True):
 #
 # What the estimate leaves over, in units of the noise, should look like noise: no shapes, and a width of one. The error
 # bars come from samples of the posterior: data and prior are perturbed by what they may be off, and the estimate is
-# made again. They speak of noise, not of what the prior smooths away: at the sharp tops of the blobs the estimate is lower
-# than the truth by more than its error bar.
+# made again. They speak of noise, not of what the prior smooths away: at the sharp tops of the blobs the estimate is
+# lower than the truth by more than its error bar.
 
 # %%
 fig, axes = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")

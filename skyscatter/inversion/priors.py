@@ -2,8 +2,8 @@
 
 Each prior is a number R(x) of a density x (x, y, z) in units of a typical one, written as an integral over the box in
 units of its size, so that its weight means the same on grids of any fineness.  Minus the weight times R is the
-logarithm of the prior probability.  `curvature` is its second derivative (for total variation, the part that is never negative)
-applied to a vector; `noise` a random vector with that covariance, for samples of the posterior.
+logarithm of the prior probability.  `curvature` is its second derivative (for total variation, the part that is never
+negative) applied to a vector; `noise` a random vector with that covariance, for samples of the posterior.
 """
 
 from __future__ import annotations

@@ -101,15 +101,15 @@ class Reconstruction:
         try:
             with np.load(path, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
-                images = [
+                fitted, residuals, multiple = (
                     tuple(file[f"{name}_{k}"] for k in range(about["views"]))
                     for name in ("fitted", "residuals", "multiple")
-                ]
+                )
                 deviation = file["deviation"] if "deviation" in file.files else None
                 frame = VoxelFrame(about["shape"], about["low"], about["high"])
                 return cls(
-                    frame, tuple(about["names"]), file["density"], deviation, *images, about["chi2"], about["count"],
-                    about["prior_weight"], tuple(about["history"]), about["diagnostics"],
+                    frame, tuple(about["names"]), file["density"], deviation, fitted, residuals, multiple, about["chi2"],
+                    about["count"], about["prior_weight"], tuple(about["history"]), about["diagnostics"],
                 )  # fmt: skip
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise DomainError(

@@ -54,7 +54,7 @@ class VoxelFrame:
         if grid.interpolation != "linear" or grid.edge != "falling" or any(grid.periodic):
             raise DomainError("density", "VoxelGrid", 'needs interpolation="linear", edge="falling", no periods')
         low, high = grid.corners
-        return cls(grid.cube.shape, tuple(low), tuple(high))  # type: ignore[arg-type]
+        return cls(grid.cube.shape, tuple(low), tuple(high))
 
     @property
     def cell(self) -> Array:
