@@ -9,7 +9,7 @@ negative) applied to a vector; `noise` a random vector with that covariance, for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,9 @@ def _steps_back(parts: list[Array], shape: tuple[int, ...]) -> Array:
 class Prior:
     """Base of all priors."""
 
+    #: Whether another unit of density only changes the weight.
+    scale_free: ClassVar[bool] = False
+
     def value(self, x: Array, frame: VoxelFrame) -> tuple[float, Array]:
         """R and its derivative."""
         raise NotImplementedError
@@ -68,6 +71,8 @@ def _pair_weights(frame: VoxelFrame) -> Array:
 @dataclass(frozen=True)
 class Tikhonov(Prior):
     """Smooth: half the integral of the squared gradient (Tikhonov 1963).  The value at the edges is left free."""
+
+    scale_free: ClassVar[bool] = True
 
     def value(self, x: Array, frame: VoxelFrame) -> tuple[float, Array]:
         """R and its derivative."""

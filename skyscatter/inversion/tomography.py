@@ -215,6 +215,9 @@ class Search:
             elif density.shape[1:] != shape:
                 density = np.stack([resampled(part, shape) for part in density])
             self._settle(model, density)
+            if level == 0 and first is None and not self.prior.scale_free:
+                density = self._measure()
+                self._settle(model, density)
             # Light scattered more than once hardly depends on fine detail: the coarser grids find it.
             last = level == len(shapes) - 1
             for _ in range(self.settings.rounds if level == 0 else 1 if self.settings.rounds else 0):
@@ -246,6 +249,17 @@ class Search:
                 amount = 0.01 / depth if depth > 0 else 1.0
             self.scale[c] = amount
             density[c] = amount / max(int(self.mask.sum()), 1)
+        return density
+
+    def _measure(self) -> Array:
+        """Take the mean density of the matter as its unit, and begin anew from the estimate."""
+        assert self.problem is not None
+        assert self.best is not None
+        density = self.problem.density(self.best.x)
+        for c in np.flatnonzero(self.mask):
+            if density[c].any():
+                self.scale[c] = float(np.sum(density[c] ** 2) / np.sum(density[c]))
+        self.weight = np.nan if self.settings.weight is None else self.settings.weight
         return density
 
     def _fixed(self, model: VoxelModel) -> Array:
