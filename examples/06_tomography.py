@@ -67,8 +67,8 @@ fig.colorbar(shown, ax=axes, label="column [m]")
 #
 # smallest, with $R$ the integral of the squared gradient: of all that agree with the data, the smoothest. How much is
 # smoothness worth? As much as the data can bear: $\lambda$ is raised until $\chi^2$ equals the number of data, for the
-# truth would leave about that much. Densities are never negative. The derivative of $\chi^2$ with respect to all the cells
-# comes from one pass backward along the same rays, for about the price of two images.
+# truth would leave about that much. Densities are never negative. The derivative of $\chi^2$ with respect to all the
+# cells comes from one pass backward along the same rays, for about the price of two images.
 
 # %%
 found = reconstruct(images, model, deviation=8)

@@ -108,8 +108,8 @@ class Reconstruction:
                 deviation = file["deviation"] if "deviation" in file.files else None
                 frame = VoxelFrame(about["shape"], about["low"], about["high"])
                 return cls(
-                    frame, tuple(about["names"]), file["density"], deviation, fitted, residuals, multiple, about["chi2"],
-                    about["count"], about["prior_weight"], tuple(about["history"]), about["diagnostics"],
+                    frame, tuple(about["names"]), file["density"], deviation, fitted, residuals, multiple,
+                    about["chi2"], about["count"], about["prior_weight"], tuple(about["history"]), about["diagnostics"],
                 )  # fmt: skip
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise DomainError(
