@@ -326,8 +326,8 @@ class VoxelModel:
         sigma_s, sigma_t, emission, phase = (np.ascontiguousarray(a, dtype=float) for a in self.optics)
         return MarchTable(
             ready.density, ready.toward, shape, int(self.fine), low, inverse, sigma_s, sigma_t, emission, phase,
-            self.lights.power, self.lights.place, self.lights.distant, size, np.asarray(self.background, float), self.step * cell,
-            bool(emits or np.any(self.optics.emission)), float(self.near),
+            self.lights.power, self.lights.place, self.lights.distant, size, np.asarray(self.background, float),
+            self.step * cell, bool(emits or np.any(self.optics.emission)), float(self.near),
         )  # fmt: skip
 
     def _scratch(self) -> Scratch:
