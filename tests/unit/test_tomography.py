@@ -186,6 +186,7 @@ def test_error_bars_cover_truths_that_the_prior_expects() -> None:
     assert 0.60 < hits / total < 0.76
 
 
+@pytest.mark.slow
 def test_samples_of_the_posterior_have_the_inverse_hessian_as_covariance() -> None:
     frame = VoxelFrame.cube(4, 1.0)
     model, exact = scattering(frame), 0.5 + np.zeros((1, 4, 4, 4))
