@@ -1,0 +1,128 @@
+"""From slopes of voxels to those of what lies behind them: parameters of phase functions, particles, analytic fields.
+
+`VoxelModel.gradient` returns the derivative of a number with respect to every voxel.  Densities that are a linear map
+of weights (particles spread over cells, coarse grids) or a function of a few parameters need the transpose of
+that map, or the sum over voxels of the derivative times that of the field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.inversion.voxelscene import VoxelFrame
+
+Array = NDArray[np.float64]
+
+#: Relative step of central differences of analytic fields: the cube root of the rounding error.
+FIELD_STEP = 6e-6
+
+
+def henyey_greenstein_tables(g: ArrayLike) -> tuple[Array, Array]:
+    """Tables of Henyey and Greenstein's phase function, and their derivatives with respect to g.
+
+    Both at `solvers.compile.phase_cosines`.  The tables are scaled so that they integrate to 1 when interpolated,
+    and the derivative is that of the scaled tables.
+
+    Parameters
+    ----------
+    g : array_like, shape (component, wavelength)
+
+    Returns
+    -------
+    values, slopes : ndarray, shape (component, angle, wavelength)
+        [sr-1]
+    """
+    from skyscatter.solvers.compile import phase_cosines
+
+    g = np.atleast_2d(np.asarray(g, float))[:, None, :]
+    if np.any(~(np.abs(g) < 1)):
+        raise DomainError("g", float(np.max(np.abs(g))), "an asymmetry between -1 and 1")
+    mu = phase_cosines()[None, :, None]
+    below = 1 + g * g - 2 * g * mu
+    values = (1 - g * g) / (4 * np.pi) * below**-1.5
+    slopes = -2 * g / (4 * np.pi) * below**-1.5 - 3 * (g - mu) / below * values
+    # Weights of the trapezoidal rule between nodes that fall from 1 to -1.
+    steps = -np.diff(mu[0, :, 0])
+    weight = np.pi * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
+    total, change = (np.einsum("a,caw->cw", weight, a)[:, None, :] for a in (values, slopes))
+    return values / total, slopes / total - values * change / total**2
+
+
+def through_map(slope: ArrayLike, linear: Any) -> Array:
+    """Derivatives with respect to weights whose linear map is the density.
+
+    Parameters
+    ----------
+    slope : array_like, shape (x, y, z)
+        With respect to the density of one component.
+    linear : scipy sparse matrix, array or LinearOperator, shape (voxel, weight)
+        Voxels in the order of ``density.ravel()``.
+
+    Returns
+    -------
+    ndarray, shape (weight,)
+    """
+    flat = np.asarray(slope, float).ravel()
+    if linear.shape[0] != flat.size:
+        raise DomainError("linear", linear.shape, f"needs a row for each of {flat.size} voxels")
+    return np.asarray(linear.T @ flat, float).ravel()
+
+
+def spreading_map(frame: VoxelFrame, positions: ArrayLike) -> Any:
+    """Sparse matrix (voxel, particle) that spreads particles of weight 1 over the eight nearest cells.
+
+    A particle's mass is kept: the sum of a column times the volume of a cell is 1, less what falls outside the grid.
+
+    Parameters
+    ----------
+    frame : VoxelFrame
+    positions : array_like, shape (particle, 3)
+        [m]
+    """
+    from scipy.sparse import csr_matrix
+
+    places = np.asarray(positions, float)
+    if places.ndim != 2 or places.shape[1] != 3:
+        raise DomainError("positions", places.shape, "needs the shape (particle, 3)")
+    u = (places - np.array(frame.low)) / frame.cell - 0.5
+    first = np.floor(u).astype(int)
+    rows, columns, values = [], [], []
+    for corner in np.ndindex(2, 2, 2):
+        index = first + corner
+        share = np.prod(np.where(np.array(corner), u - first, 1 - (u - first)), axis=1)
+        inside = np.all((index >= 0) & (index < frame.shape), axis=1)
+        rows.append(np.ravel_multi_index(tuple(index[inside].T), frame.shape))
+        columns.append(np.flatnonzero(inside))
+        values.append(share[inside] / frame.volume)
+    size = (int(np.prod(frame.shape)), len(places))
+    return csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=size)
+
+
+def through_parameters(
+    slope: ArrayLike, density: Callable[..., ArrayLike], parameters: Mapping[str, float], **scales: float
+) -> dict[str, float]:
+    """Derivatives with respect to the parameters of an analytic density, by the chain rule over the voxels.
+
+    Parameters
+    ----------
+    slope : array_like, shape (x, y, z)
+        With respect to the density of one component.
+    density : callable
+        ``density(**parameters)``: the densities of the cells (x, y, z).
+    parameters : mapping of str to float
+        Where the derivatives are wanted; the density is differentiated by central differences.
+    **scales : float
+        How far a parameter moves before the density changes much, where its own value does not tell (1 for one that is
+        nought).
+    """
+    weights, found = np.asarray(slope, float), {}
+    for name, value in parameters.items():
+        h = FIELD_STEP * (scales.get(name) or abs(value) or 1.0)
+        high, low = (np.asarray(density(**{**parameters, name: value + sign * h}), float) for sign in (1, -1))
+        found[name] = float(np.sum(weights * (high - low)) / (2 * h))
+    return found
