@@ -13,7 +13,7 @@ from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.ground import Ground
 from skyscatter.media.medium import Medium
 from skyscatter.record import Record
-from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, solar_irradiance
+from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, disk_mean, limb_darkening, solar_irradiance
 from skyscatter.spectra.table import Spectral, bounds, evaluate
 from skyscatter.units import Metres
 
@@ -61,6 +61,12 @@ class Star(Record):
         if self.spectrum == "astm-g173":
             return solar_irradiance(wavelengths_nm) * (AU / distance) ** 2
         return evaluate(self.spectrum, wavelengths_nm) * (self.distance / distance) ** 2
+
+    def limb(self, mu: ArrayLike, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+        """Radiance of the disk relative to its mean, over the cosine `mu` of the angle at the surface; (mu, wl)."""
+        if not self.limb_darkening:
+            return np.ones((np.size(mu), np.size(wavelengths_nm)))
+        return limb_darkening(mu, wavelengths_nm) / disk_mean(wavelengths_nm)
 
 
 class Sun(Record):

@@ -1,4 +1,4 @@
-"""From images and radiances back to densities and parameters, with uncertainties."""
+"""Inversion: from images and radiances back to densities and parameters, with their uncertainties."""
 
 from __future__ import annotations
 
@@ -6,25 +6,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOMES = {
-    "VoxelFrame": "skyscatter.inversion.voxelscene",
-    "VoxelLights": "skyscatter.inversion.voxelscene",
-    "VoxelModel": "skyscatter.inversion.voxelimage",
-    "VoxelOptics": "skyscatter.inversion.voxelscene",
+    "Derivatives": "skyscatter.inversion.derivatives",
+    "differentiate": "skyscatter.inversion.derivatives",
 }
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
-    from skyscatter.inversion.voxelimage import VoxelModel
-    from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
+    from skyscatter.inversion.derivatives import Derivatives, differentiate
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        value = getattr(import_module(_HOMES[name]), name)
-        globals()[name] = value
-        return value
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})

@@ -15,7 +15,6 @@ from skyscatter.scene import Scene
 from skyscatter.solvers.kernels.columns import FieldTable
 from skyscatter.solvers.kernels.lookup import ColumnTable, build_column_table
 from skyscatter.solvers.kernels.optics import GroundTable, OpticsTable, SceneTable
-from skyscatter.spectra.solar import disk_mean, limb_darkening
 from skyscatter.spectra.table import evaluate
 
 Array = NDArray[np.float64]
@@ -106,7 +105,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     radius = float(np.arcsin(star.radius / distance))
     axis = scene.sun.direction
     directions, weights, square = disk_points(axis, radius)
-    share: Array = weights[:, None] * _limb(scene, np.sqrt(1 - square), wavelengths)
+    share: Array = weights[:, None] * star.limb(np.sqrt(1 - square), wavelengths)
     share = share / np.sum(share, axis=0)
     background = evaluate(scene.background, wavelengths)
     rings = np.linspace(0.0, 1.0, DISK_RINGS)
@@ -124,7 +123,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         sun_chance=weights,
         disk_axis=axis,
         disk_radius=radius,
-        disk_radiance=mean_radiance * _limb(scene, np.sqrt(1 - rings), wavelengths),
+        disk_radiance=mean_radiance * star.limb(np.sqrt(1 - rings), wavelengths),
         albedo=mean_albedo(compile_ground(scene.ground, wavelengths)),
         emits=bool(np.any(emission)),
         glows=bool(np.any(emission) or np.any(background)),
@@ -156,10 +155,3 @@ def _mean_cosines(phase: Array) -> Array:
     mu = phase_cosines()
     mean = np.asarray(-2 * np.pi * np.trapezoid(phase * mu, mu, axis=1))
     return mean
-
-
-def _limb(scene: Scene, mu: Array, wavelengths: Array) -> Array:
-    """Radiance of the disk relative to its mean, shape (mu, wavelength)."""
-    if not scene.star.limb_darkening:
-        return np.ones((mu.size, wavelengths.size))
-    return limb_darkening(mu, wavelengths) / disk_mean(wavelengths)

@@ -264,7 +264,8 @@ class Sweeper:
     def __init__(self, problem: Problem, threads: int) -> None:
         self.problem, self.threads = problem, threads
         grid, moments = problem.grid, problem.moments
-        m = np.arange(problem.recurrence.shape[1])
+        # Rays need the azimuth itself (m = 1) even where the light that is scattered does not depend on it.
+        m = np.arange(max(problem.recurrence.shape[1], 2))
         self.azimuth = np.stack([np.cos(grid.azimuths[:, None] * m), np.sin(grid.azimuths[:, None] * m)], axis=-1)
         self.take = np.stack([take_moments(moments, problem.stokes, d[:, 0]) for d in grid.directions])
         suns, wavelengths = grid.fine_sun_zenith.size, problem.diffuse.sigma_t.shape[1]

@@ -387,6 +387,20 @@ def test_mars_against_path() -> None:
     assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=2 * DEFAULT_TOLERANCE)
 
 
+def test_isotropic_scattering_on_a_small_planet_against_path() -> None:
+    """The light that is scattered knows no azimuth; the height of the Sun along a ray does."""
+    grains = Particles(extinction=5e-5, single_scattering_albedo=0.95, phase=Isotropic())
+    cloud = skyscatter.Component(name="cloud", density=Exponential(scale_height=8000.0), optics=grains)
+    scene = skyscatter.Scene(
+        medium=skyscatter.Medium(components=(cloud,), planet_radius=600e3), ground=skyscatter.Ground(albedo=0.3),
+        sun=skyscatter.Sun(elevation_deg=2.0, azimuth_deg=0.0),
+    )  # fmt: skip
+    rays = scene.observer.position, towards(((0.0, 5.0), (180.0, 5.0), (90.0, 40.0), (0.0, 85.0)))
+    found = skyscatter.radiance(scene, *rays, [550.0])
+    expected = skyscatter.radiance(scene, *rays, [550.0], "path", samples=4096)
+    assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=DEFAULT_TOLERANCE)
+
+
 @pytest.mark.parametrize("order", [2, 3])
 def test_max_order_is_that_of_path(order: int) -> None:
     scene = scene_of(sun=20.0, albedo=0.5)
