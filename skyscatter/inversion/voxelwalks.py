@@ -1,8 +1,8 @@
 """Multiple scattering in voxels by random walks, with the derivatives for all voxels along the same walks.
 
-`VoxelModel` brings the light that is scattered once, without noise; walks bring the rest, and what a change of any voxel
-changes of it.  Lights are the stars and the distant lights; light that the medium itself or what lies outside gives off
-is not scattered, as in `VoxelModel`.
+`VoxelModel` brings the light that is scattered once, without noise; walks bring the rest, and what a change of any
+voxel changes of it.  Lights are the stars and the distant lights; light that the medium itself or what lies outside
+gives off is not scattered, as in `VoxelModel`.
 """
 
 from __future__ import annotations
