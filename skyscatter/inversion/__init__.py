@@ -34,6 +34,7 @@ _HOMES = {
     "LineGas": "skyscatter.inversion.matter",
     "LogNormal": "skyscatter.inversion.distributions",
     "LogUniform": "skyscatter.inversion.distributions",
+    "multiple_scattering": "skyscatter.inversion.voxelwalks",
     "nebula_image": "skyscatter.inversion.images",
     "Normal": "skyscatter.inversion.distributions",
     "radiance_table": "skyscatter.inversion.radiances",
@@ -55,6 +56,7 @@ _HOMES = {
     "VoxelLights": "skyscatter.inversion.voxelscene",
     "VoxelModel": "skyscatter.inversion.voxelimage",
     "VoxelOptics": "skyscatter.inversion.voxelscene",
+    "WalkedLight": "skyscatter.inversion.voxelwalks",
     "with_values": "skyscatter.inversion.parameters",
 }
 __all__ = list(_HOMES)
@@ -91,6 +93,7 @@ if TYPE_CHECKING:
     from skyscatter.inversion.views import ImageView
     from skyscatter.inversion.voxelimage import VoxelModel
     from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
+    from skyscatter.inversion.voxelwalks import WalkedLight, multiple_scattering
 
 
 def __getattr__(name: str) -> Any:

@@ -1,0 +1,139 @@
+"""Multiple scattering in voxels by random walks, with the derivatives for all voxels along the same walks.
+
+`VoxelModel` brings the light that is scattered once, without noise; walks bring the rest, and what a change of any
+voxel changes of it.  Lights are the stars and the distant lights; light that the medium itself or what lies outside
+gives off is not scattered, as in `VoxelModel`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError
+
+if TYPE_CHECKING:
+    from skyscatter.inversion.kernels.replay import Draws, Walk
+    from skyscatter.inversion.voxelimage import VoxelModel
+
+Array = NDArray[np.float64]
+
+#: Independent batches of walks, from whose spread the standard errors come.
+BATCHES = 8
+#: Collisions of a walk at most; roulette ends nearly all of them long before.
+MOST_COLLISIONS = 256
+
+
+@dataclass(frozen=True)
+class WalkedLight:
+    """Light of the second and all higher orders of scattering, and derivatives of a number made of it.
+
+    Attributes
+    ----------
+    light, light_error : ndarray, shape (ray, wavelength)
+        [W m-2 sr-1 nm-1] and its standard error.
+    density, density_error : ndarray, shape (component, x, y, z)
+        Derivatives of sum(weights light) with respect to the densities, and their standard errors.
+    """
+
+    light: Array
+    light_error: Array
+    density: Array
+    density_error: Array
+
+
+def multiple_scattering(
+    model: VoxelModel,
+    density: ArrayLike,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    samples: int = 64,
+    seed: int = 0,
+) -> WalkedLight:
+    """Light scattered more than once along rays, and the derivatives of sum(weights light) for all voxels.
+
+    Every estimate is unbiased but for the steps of the quadrature along legs (`VoxelModel.step`).  For the gradient of
+    a misfit, weights must not come from the same walks: take them from a run with another seed.
+
+    Parameters
+    ----------
+    model : VoxelModel
+    density : array_like, shape (component, x, y, z) or (x, y, z)
+    origins, directions : array_like, shape (ray, 3)
+        [m], and unit vectors.
+    weights : array_like, shape (ray, wavelength), optional
+        Derivative of the number with respect to the light.  Without, no derivatives are made.
+    samples : int
+        Walks per ray, shared out among `BATCHES` batches.
+    seed : int
+        Same seed, same numbers, whatever the threads.
+
+    Raises
+    ------
+    DomainError
+        For shapes that do not fit, and for fewer walks than batches.
+    """
+    from skyscatter.inversion.kernels.replay import walk_rays
+    from skyscatter.inversion.voxelimage import _added, _like, _rays
+
+    if samples < BATCHES:
+        raise DomainError("samples", samples, f"at least {BATCHES}, one for each batch")
+    o, d = _rays(origins, directions)
+    shape = (len(o), model.background.size)
+    derive = weights is not None
+    weight = _like("weights", 0.0 if weights is None else weights, shape)
+    ready = model.prepare(density)
+    table, draws, walks = model._table(ready), _draws(model), -(-int(samples) // BATCHES)
+    light, slopes = np.zeros((BATCHES, *shape)), []
+    for batch in range(BATCHES):
+
+        def work(part: slice, _: int, batch: int = batch) -> list[Array]:
+            sums = [np.zeros_like(ready.density), np.zeros_like(ready.toward)]
+            walk_rays(
+                table, draws, o[part], d[part], np.int64(part.start), np.int64(seed), np.int64(batch), np.int64(walks),
+                weight[part], np.bool_(derive), _walk(model), light[batch, part], *sums,
+            )  # fmt: skip
+            return sums
+
+        parts = model._in_parts(len(o), work, ready.density.nbytes + ready.toward.nbytes)
+        if derive:
+            nodes, toward = _added(parts)
+            slopes.append(model._inner(nodes + model._columns_back(toward)))
+    found = np.stack(slopes) if derive else np.zeros((BATCHES, *model.shape))
+    return WalkedLight(*_mean(light), *_mean(found))
+
+
+def _mean(batches: Array) -> tuple[Array, Array]:
+    """Mean over batches and its standard error."""
+    return batches.mean(axis=0), batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
+
+
+def _draws(model: VoxelModel) -> Draws:
+    """What directions are drawn from: mean phase functions, and their distribution functions."""
+    from skyscatter.inversion.kernels.replay import Draws
+
+    optics = model.optics
+    share = np.where(optics.sigma_s.sum(axis=1, keepdims=True) > 0, optics.sigma_s, 1.0)
+    phase = np.einsum("cw,caw->ca", share / share.sum(axis=1, keepdims=True), optics.phase)
+    mu = 1 - 2 * (np.arange(phase.shape[1]) / (phase.shape[1] - 1)) ** 2
+    steps = np.pi * (phase[:, 1:] + phase[:, :-1]) * -np.diff(mu)
+    cdf = np.concatenate([np.zeros((len(phase), 1)), np.cumsum(steps, axis=1)], axis=1)
+    total = cdf[:, -1:]
+    return Draws(optics.sigma_s.mean(axis=1), phase / total, cdf / total)
+
+
+def _walk(model: VoxelModel) -> Walk:
+    """Scratch of a walk."""
+    from skyscatter.inversion.kernels.replay import Walk
+
+    (c, w), k = model.optics.sigma_t.shape, MOST_COLLISIONS
+    return Walk(
+        np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3)), np.zeros(k), np.zeros(k), np.zeros(k, np.int64),
+        np.zeros(k), np.zeros((k, c)), np.zeros((k, w)), np.zeros(w), np.zeros(w), np.zeros(c), np.zeros(w),
+        np.zeros(c), np.zeros((3, w)), np.zeros(c), np.zeros(1, np.uint64),
+    )  # fmt: skip
