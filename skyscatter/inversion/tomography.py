@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,6 +96,7 @@ def reconstruct(
     iterations: int = 40,
     stop: float = 3e-4,
     step: float = 1.0,
+    interpolation: Literal["linear", "nearest"] = "linear",
     coarsest: int = COARSEST,
     seed: int = 0,
     threads: int | None = None,
@@ -135,6 +136,9 @@ def reconstruct(
         Of each minimisation at most, and the share of a gain below which it stops.
     step : float
         Step along rays [cell]; see `VoxelModel`.  With a scene only.
+    interpolation : {"linear", "nearest"}
+        Densities trilinear, or constant within cells, as for images by codes on the same cells; see `VoxelModel`.
+        With a scene only.
     coarsest : int
         Cells along the shortest side of the first grid at least; grids double from there.
     seed : int
@@ -163,7 +167,7 @@ def reconstruct(
     settings = Settings(target, prior_weight, iterations, stop, _rounds(multiple), samples, blur, seed)
     settings.check()
     scene = None if isinstance(source, VoxelModel) else source
-    model, wl, names, mask = _model(source, wavelengths, frame, free, step, threads)
+    model, wl, names, mask = _model(source, wavelengths, frame, free, step, interpolation, threads)
     if stack.data.shape[1] != model.background.size:
         raise DomainError("views", stack.data.shape[1], f"need data at {model.background.size} wavelengths")
     if settings.rounds and scene is None:
@@ -281,8 +285,8 @@ class Search:
         assert self.best is not None
         guide = self.problem.images(self.best.x) - self.offset
         mean, error = multiple_light(
-            with_density(self.scene, frame, density), self.stack, self.wavelengths, samples=s.samples, blur=s.blur,
-            guide=guide, seed=s.seed + 1000 * self.round, threads=self.model.threads,
+            with_density(self.scene, frame, density, self.model.interpolation), self.stack, self.wavelengths,
+            samples=s.samples, blur=s.blur, guide=guide, seed=s.seed + 1000 * self.round, threads=self.model.threads,
         )  # fmt: skip
         self.offset, self.extra = mean, error**2
 
@@ -414,12 +418,14 @@ def _rounds(multiple: bool | int) -> int:
 
 def _model(
     source: SpaceScene | VoxelModel, wavelengths: ArrayLike | None, frame: VoxelFrame | None,
-    free: Sequence[str] | None, step: float, threads: int | None,
+    free: Sequence[str] | None, step: float, interpolation: Literal["linear", "nearest"], threads: int | None,
 ) -> tuple[VoxelModel, Array, tuple[str, ...], NDArray[np.bool_]]:  # fmt: skip
     """The model on the finest grid, its wavelengths, the names of the components, and which of them are sought."""
     if isinstance(source, VoxelModel):
-        if wavelengths is not None or frame is not None or free is not None:
-            raise DomainError("source", "VoxelModel", "has its own frame and wavelengths; leave frame and free out")
+        if wavelengths is not None or frame is not None or free is not None or interpolation != "linear":
+            raise DomainError(
+                "source", "VoxelModel", "has its own frame, wavelengths, interpolation; leave them and free out"
+            )
         names = tuple(f"component{c}" for c in range(source.shape[0]))
         return replace(source, threads=threads or source.threads), np.zeros(0), names, np.ones(len(names), bool)
     if wavelengths is None:
@@ -427,7 +433,7 @@ def _model(
     names = tuple(c.name for c in source.medium.components)
     for name in free or ():
         source.medium.component(name)
-    model = VoxelModel.from_scene(source, wavelengths, frame, step=step, threads=threads)
+    model = VoxelModel.from_scene(source, wavelengths, frame, step=step, interpolation=interpolation, threads=threads)
     mask = np.array([free is None or name in free for name in names])
     if not mask.any():
         raise DomainError("free", free, f"choose at least one of {', '.join(names)}")
