@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
 RUNS = 4
 
 
-def with_density(
-    scene: SpaceScene, frame: VoxelFrame, density: Array, interpolation: str = "linear"
-) -> SpaceScene:
+def with_density(scene: SpaceScene, frame: VoxelFrame, density: Array, interpolation: str = "linear") -> SpaceScene:
     """The scene with its components' densities replaced by voxels (component, x, y, z)."""
     components = tuple(
         c.model_copy(update={"density": frame.grid(np.maximum(rho, 0.0), interpolation=interpolation)})

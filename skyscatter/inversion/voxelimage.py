@@ -5,8 +5,8 @@ Single scattering, emission and absorption in components given on one grid of ce
     L = int [sum_c rho_c (j_c + sigma_s,c sum_s I_s / d_s^2 p_c(cos) exp(-tau_s))] exp(-tau) dt + B exp(-tau_end),
 
 all wavelengths together (docs/theory.md).  Density is trilinear between the middles of cells and falls to nought half a
-cell outside, as `fields.VoxelGrid` has it, or constant within cells (`interpolation`).  Maps of columns, optical depths and transmittances are special cases of the
-optics: `VoxelOptics.columns`, `VoxelOptics.depths`, `VoxelOptics.transmittances`.
+cell outside, as `fields.VoxelGrid` has it, or is constant within cells (`interpolation`).  Maps of columns, optical
+depths and transmittances are special cases of the optics: `VoxelOptics.columns`, `.depths`, `.transmittances`.
 """
 
 from __future__ import annotations
@@ -352,7 +352,7 @@ class VoxelModel:
         for s, place in enumerate(self.lights.place):
             if not self.lights.distant[s]:
                 out[..., s] = mean_inverse_square(*(a - p for a, p in zip(axes, place, strict=True)))
-        return out.reshape(-1, len(self.lights.place))
+        return out.reshape(int(np.prod(shape)), len(self.lights.place))
 
     def _scratch(self) -> Scratch:
         from skyscatter.inversion.kernels.march import Scratch

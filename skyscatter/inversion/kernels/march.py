@@ -80,13 +80,20 @@ class Slopes(NamedTuple):
 
 
 @INLINED
+def nearest(u, count):
+    """Node of the cell around a place; rounding may lead a ray's ends out of the cells proper by a hair."""
+    return min(max(int(u + 0.5), 1), count - 2)
+
+
+@INLINED
 def corner(u, v, w, n0, n1, n2, constant):
     """Number of the lowest node around a place in cells, and the place within the cell.
 
     Where densities are `constant` within cells, the node whose cell it is: the place there does not matter.
     """
     if constant:
-        return (int(u + 0.5) * n1 + int(v + 0.5)) * n2 + int(w + 0.5), 0.0, 0.0, 0.0
+        i, j, k = nearest(u, n0), nearest(v, n1), nearest(w, n2)
+        return (i * n1 + j) * n2 + k, 0.0, 0.0, 0.0
     i, j, k = min(max(int(u), 0), n0 - 2), min(max(int(v), 0), n1 - 2), min(max(int(w), 0), n2 - 2)
     return (i * n1 + j) * n2 + k, u - i, v - j, w - k
 
@@ -207,18 +214,19 @@ def illuminate(m, o, d, t, h, n, k, s):
 @INLINED
 def fill(m, d, h, n, k, s):
     """As `illuminate`, where the light is that of the cell's middle but for its 1 / distance^2, the mean over it."""
-    i, j, l = int(s.at[n, 0] + 0.5), int(s.at[n, 1] + 0.5), int(s.at[n, 2] + 0.5)
+    i, j = nearest(s.at[n, 0], m.shape[0]), nearest(s.at[n, 1], m.shape[1])
+    last = nearest(s.at[n, 2], m.shape[2])
     if m.distant[k]:
         s.far[n, k] = 1.0
         mu = d[0] * m.place[k, 0] + d[1] * m.place[k, 1] + d[2] * m.place[k, 2]
     else:
         x = m.place[k, 0] - m.low[0] - i / m.inverse[0]
         y = m.place[k, 1] - m.low[1] - j / m.inverse[1]
-        z = m.place[k, 2] - m.low[2] - l / m.inverse[2]
+        z = m.place[k, 2] - m.low[2] - last / m.inverse[2]
         s.far[n, k] = math.sqrt(x * x + y * y + z * z)
         mu = (d[0] * x + d[1] * y + d[2] * z) / s.far[n, k] if s.far[n, k] > 0.0 else 0.0
     s.angle[n, k] = (m.phase.shape[1] - 1) * math.sqrt(max(0.5 * (1.0 - mu), 0.0))
-    return h * m.spread[(i * m.shape[1] + j) * m.shape[2] + l, k]
+    return h * m.spread[(i * m.shape[1] + j) * m.shape[2] + last, k]
 
 
 @INLINED
