@@ -40,6 +40,8 @@ MOST_WEIGHTS = 12
 STANDSTILL = 0.03
 #: How near chi^2 is brought to the number of data: its own standard deviation is sqrt(2 / number).
 NEAR_TARGET = 0.02
+#: Times that the degrees of freedom are counted again, for they grow as the prior becomes weaker.
+COUNTS = 3
 
 
 class Interrupted(KeyboardInterrupt):
@@ -55,6 +57,7 @@ class Settings:
     """How a reconstruction goes about it; see `reconstruct`."""
 
     target: float = 1.0
+    freedom: bool = False
     weight: float | None = None
     iterations: int = 40
     stop: float = 3e-4
@@ -88,6 +91,7 @@ def reconstruct(
     prior: Prior | str = "tikhonov",
     prior_weight: float | None = None,
     target: float = 1.0,
+    freedom: bool = False,
     multiple: bool | int = False,
     samples: int = 64,
     blur: float = 1.0,
@@ -123,6 +127,9 @@ def reconstruct(
         Weight of the prior; sought by the discrepancy when not given.
     target : float
         chi^2 that is aimed at, over the number of data.
+    freedom : bool
+        Over the number of data less the degrees of freedom that the estimate has taken of them: what noise leaves over
+        when the estimate follows part of it.  Sharper where bright parts are few; costs a few solutions more.
     multiple : bool or int
         Rounds in which the light scattered more than once is found for the estimate and taken off the data; True is 3.
         With a scene only.
@@ -164,7 +171,7 @@ def reconstruct(
         For views, scene and options that do not fit together.
     """
     stack, began = Stack(views), time.monotonic()
-    settings = Settings(target, prior_weight, iterations, stop, _rounds(multiple), samples, blur, seed)
+    settings = Settings(target, bool(freedom), prior_weight, iterations, stop, _rounds(multiple), samples, blur, seed)
     settings.check()
     scene = None if isinstance(source, VoxelModel) else source
     model, wl, names, mask = _model(source, wavelengths, frame, free, step, interpolation, threads)
@@ -203,7 +210,7 @@ class Search:
         self.problem: Problem | None = None
         self.best: Best | None = None
         self.deviation: Array | None = None
-        self.reason, self.round, self.share = "", 0, (0.0, 1.0)
+        self.reason, self.round, self.share, self.freedom = "", 0, (0.0, 1.0), 0.0
 
     def run(self, shapes: list[tuple[int, int, int]], first: Array | None) -> None:
         """From the coarsest grid to the finest, with rounds of multiple scattering on each."""
@@ -306,10 +313,26 @@ class Search:
             self.weight = 10 * float(diagonal.mean() / max(problem.prior_diagonal(x).mean(), 1e-300))
         elif not quick:
             self.weight *= COOLING
-        self._cool(x, diagonal)
+        self._cool(x, diagonal, s.target * self.stack.count)
+        if s.freedom and not quick and model.frame.shape == self.model.frame.shape:
+            self._count_freedom(diagonal)
 
-    def _cool(self, x: Array, diagonal: Array) -> None:
-        goal = self.settings.target * self.stack.count
+    def _count_freedom(self, diagonal: Array) -> None:
+        """Lower the prior's weight until chi^2 is the number of data less the degrees of freedom."""
+        from skyscatter.inversion.uncertainty import degrees_of_freedom
+
+        assert self.problem is not None
+        assert self.best is not None
+        for _ in range(COUNTS):
+            x = self.best.x
+            stretch = self.problem.stretch(x, diagonal, self.weight)
+            self.freedom = degrees_of_freedom(self.problem, x, self.weight, stretch, self.settings.seed)
+            goal = self.settings.target * (self.stack.count - self.freedom)
+            if self.best.chi2 <= (1 + NEAR_TARGET) * goal:
+                return
+            self._cool(x, diagonal, goal)
+
+    def _cool(self, x: Array, diagonal: Array, goal: float) -> None:
         tried: list[tuple[float, float, Array]] = []
         for _ in range(MOST_WEIGHTS):
             best = self._minimise(x, self.weight, diagonal)
@@ -402,7 +425,7 @@ class Search:
         about = {
             "reason": reason, "evaluations": self.best.evaluations, "seconds": time.monotonic() - self.began,
             "scale": self.scale.tolist(), "prior": repr(self.prior), "rounds": self.round,
-            "multiple_error": float(np.sqrt(self.extra.mean())),
+            "freedom": self.freedom, "multiple_error": float(np.sqrt(self.extra.mean())),
         }  # fmt: skip
         s = self.stack
         return Reconstruction(
