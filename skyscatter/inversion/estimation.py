@@ -148,8 +148,9 @@ def optimal_estimation(
         whole = _step(here, 0.0)
         nearly = float(whole @ here.inverse @ whole) < SHORT * start.size
         there = _try(problem, here, _step(here, gamma), gamma, nearly)
-        # Within the model's own rounding (solvers state theirs) equal costs are no failure.
-        if there is not None and there.cost <= here.cost + (0.1 if nearly else 0.0):
+        # By one variance for both, which is that of the slope; it may depend on the state itself.  Within the model's
+        # own rounding (solvers state theirs) equal costs are no failure.
+        if there is not None and _cost(problem, there.linear.value, there.z, here.variance) <= here.cost + 0.1 * nearly:
             converged = nearly and gamma < 1.0
             here, gamma, lowered = there, (gamma / 10 if gamma > 1e-3 else 0.0), True
         elif nearly:
