@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError, UnitsError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.spherical import SphericalResult, invert_spherical
 from skyscatter.inversion.splines import spline_values
 from skyscatter.optics.dust import MAGNITUDE, MIXTURES, VISUAL_WAVELENGTH, dust_properties
@@ -34,8 +35,8 @@ _ARCSECOND = np.pi / 648000
 _DRAWS = 400  #: samples from which errors of a mass are found
 
 
-@dataclass(frozen=True)
-class LineGas:
+@dataclass(frozen=True, repr=False)
+class LineGas(Brief):
     """Ionised gas found from a line image.
 
     Attributes
@@ -68,8 +69,8 @@ class LineGas:
     inversion: SphericalResult
 
 
-@dataclass(frozen=True)
-class DustCloud:
+@dataclass(frozen=True, repr=False)
+class DustCloud(Brief):
     """Dust found from an extinction map.
 
     Attributes

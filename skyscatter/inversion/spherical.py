@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.inversion.abel import background_error, band_factor, nonnegative_moments
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.pixels import Pixels, border_distance, check_centre, checked_image, symmetric_centre
 from skyscatter.inversion.smoothness import ORDERS, Posterior, Smooth, compressed
 from skyscatter.inversion.splines import projection_matrix
@@ -23,8 +24,8 @@ _LENGTHS = 8
 _MOST_NODES = 64
 
 
-@dataclass(frozen=True)
-class SphericalResult:
+@dataclass(frozen=True, repr=False)
+class SphericalResult(Brief):
     """A radial density profile of an image.
 
     Attributes

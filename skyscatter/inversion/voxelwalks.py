@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.inversion.brief import Brief
 
 if TYPE_CHECKING:
     from skyscatter.inversion.kernels.replay import Draws, Walk
@@ -27,8 +28,8 @@ BATCHES = 8
 MOST_COLLISIONS = 256
 
 
-@dataclass(frozen=True)
-class WalkedLight:
+@dataclass(frozen=True, repr=False)
+class WalkedLight(Brief):
     """Light of the second and all higher orders of scattering, and derivatives of a number made of it.
 
     Attributes

@@ -234,3 +234,8 @@ def test_bad_input_is_named() -> None:
         VoxelFrame.of(VoxelGrid(values=np.ones((2, 2, 2)), spacing=1.0, interpolation="nearest"))
     with pytest.raises(DomainError, match="g ="):
         henyey_greenstein_tables(1.0)
+
+
+def test_scattering_beyond_extinction_is_refused() -> None:
+    with pytest.raises(DomainError, match="sigma_s = 2"):
+        VoxelOptics.make(sigma_s=2.0, sigma_t=1.0)
