@@ -29,7 +29,7 @@ from skyscatter.units import metres
 Array = NDArray[np.float64]
 
 HYDROGEN_MASS = 1.6735328e-27  #: of an atom [kg] (CODATA 2018: 1.00782503 u)
-HELIUM = 1.0 + 4 * 0.096  #: mass of gas over that of its hydrogen, with the 0.096 helium atoms of the dust's tables
+HELIUM = 1.0 + 3.9713 * 0.096  #: mass of gas over that of its hydrogen, with the dust tables' 0.096 helium atoms
 SOLAR_MASS = 1.98841e30  #: [kg], the IAU 2015 nominal GM over CODATA 2018 G
 _ARCSECOND = np.pi / 648000
 _NEAREST = 1e9  #: no nebula is nearer [m]; a number below it was meant in another unit

@@ -25,7 +25,7 @@ from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.inversion import paths
 from skyscatter.inversion.distributions import KINDS, Distribution, LogUniform, Normal, Uniform
-from skyscatter.inversion.quantities import QUANTITIES, REFERENCE, Quantity, shifted
+from skyscatter.inversion.quantities import QUANTITIES, REFERENCE, Quantity, placed
 from skyscatter.media.medium import Component
 from skyscatter.record import nearest
 from skyscatter.spectra.surfaces import surface_albedo
@@ -281,10 +281,7 @@ def _ground_access(reference: float) -> Access:
         return float(evaluate(table(subject), [reference])[0])
 
     def put(subject: Subject, value: float) -> Subject:
-        moved, aim, old = value, value, table(subject)
-        for _ in range(3):  # see `quantities._with_albedo`
-            moved = shifted(old, reference, aim, 0.0, 1.0)
-            aim = min(max(aim + value - float(evaluate(moved, [reference])[0]), 0.0), 1.0)
+        moved = placed(table(subject), reference, value, 0.0, 1.0)
         return replace(subject, model=paths.replaced(subject.model, ("ground", "albedo"), moved, "ground.albedo"))
 
     return get, put, False, True
