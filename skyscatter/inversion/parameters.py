@@ -305,6 +305,9 @@ def _sun_access(name: str, word: str, subject: Subject) -> Access:
 def as_prior(prior: Any, name: str, limits: tuple[float, float]) -> Distribution:
     """A prior from what was given for it, inside the values that have a meaning."""
     if isinstance(prior, Normal):
+        if not limits[0] <= prior.mean <= limits[1]:
+            rule = f"lies between {limits[0]:g} and {limits[1]:g}, and so must the middle of its prior"
+            raise DomainError("prior", f"{name}={prior.mean:g}", rule)
         chosen: Distribution = replace(prior, low=max(prior.low, limits[0]), high=min(prior.high, limits[1]))
     elif isinstance(prior, Distribution):
         chosen = prior
