@@ -22,25 +22,23 @@ from skyscatter import Component, Medium, Particles, PointStar, SpaceScene, Spec
 from skyscatter.inversion.tomography import reconstruct
 from skyscatter.inversion.views import ImageView, Stack
 from skyscatter.inversion.voxelimage import VoxelModel
-from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
+from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square
 from skyscatter.optics.phase import Isotropic
 
 #: Chosen on the scenes of `own`, seeds 11 and 12, before the images of `blobs` were looked at.
 SETTINGS: dict[str, Any] = {"prior": "tikhonov", "multiple": 2, "samples": 128, "stop": 1e-4}
 WAVELENGTH = [550.0]
-#: For images made on cells, chosen on those of `cells`, seeds 11 and 12: the truth leaves chi^2 of 0.71 and 0.74 of
-#: the number of data there, for the estimate of their errors is a rough one; an estimate, which follows part of the
-#: errors, does best at about 0.5 (relative errors 0.129, 0.106, 0.098 at 0.6, 0.5, 0.4 for seed 11).
-CELL_SETTINGS: dict[str, Any] = SETTINGS | {
-    "target": 0.5, "stop": 3e-4, "coarsest": 24, "multiple": 3, "samples": 256,
-}  # fmt: skip
+#: Views of `cells`: inclination and azimuth [deg], three at right angles to an axis of the grid and more oblique ones.
+CELL_ANGLES = [(0, 0), (90, 0), (90, 60), (90, 120), (45, 30), (45, 210)]
+#: For images made on cells.
+CELL_SETTINGS: dict[str, Any] = SETTINGS | {"interpolation": "nearest", "stop": 3e-4, "coarsest": 24}
 
 
-def dusty_scene(frame: VoxelFrame, density: Any, albedo: float = 0.6) -> SpaceScene:
+def dusty_scene(frame: VoxelFrame, density: Any, albedo: float = 0.6, interpolation: str = "linear") -> SpaceScene:
     """Isotropic grains of unit extinction per density around a star of 1 W nm-1 at the origin."""
     grains = Particles(extinction=1.0, single_scattering_albedo=albedo, phase=Isotropic())
     star = PointStar(spectrum=SpectralTable(wavelengths=(500.0,), values=(1.0,)))
-    dust = Component(name="dust", density=frame.grid(density), optics=grains)
+    dust = Component(name="dust", density=frame.grid(density, interpolation=interpolation), optics=grains)
     return SpaceScene(medium=Medium(components=(dust,)), stars=(star,), view=View(distance=1000.0))
 
 
@@ -109,24 +107,6 @@ def smoothed(image: Any, width: float) -> Any:
     return gaussian_filter(image, width, mode="nearest")
 
 
-def grid_error(image: Any, towards: Any, right: Any, half: float, cell: float) -> Any:
-    """Error of an image of light that is constant within cells: a ray lies anywhere within them.
-
-    Its offset from a cell's middle has a standard deviation of cell / sqrt(12) along each axis of the grid: the same
-    all along the ray where that is at right angles to the axis, else another one in every cell.
-    """
-    pixels = image.shape[0]
-    upward, rightward = np.gradient(smoothed(image, cell * pixels / (2 * half)), 2 * half / pixels)
-    up, variance = np.cross(towards, right), np.zeros_like(image)
-    depth = (np.arange(int(2 / cell)) + 0.5) * cell - 1
-    light = 1 / (distances(pixels, half)[..., None] ** 2 + depth**2)
-    cells = light.sum(axis=-1) ** 2 / (light**2).sum(axis=-1)
-    for k in range(3):
-        slope = rightward * right[k] + upward * up[k]
-        variance += slope**2 * cell**2 / 12 / (1.0 if abs(towards[k]) < 1e-6 else cells)
-    return np.sqrt(variance)
-
-
 def distances(pixels: int, half: float) -> Any:
     """Of the lines of sight from the middle."""
     x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
@@ -134,46 +114,56 @@ def distances(pixels: int, half: float) -> Any:
 
 
 def cell_views(frame: VoxelFrame, density: Any, seed: int, pixels: int, packets: float) -> list[ImageView]:
-    """Six images of light scattered once, made as codes on cells make them: source and dust constant within each.
+    """Six images of light of all orders, made as codes on cells make them: source and dust constant within each.
 
-    The star's light in a cell is the mean over it, with the noise of packets counted there, the same for all views.
+    The star's light in a cell is the mean over it, with the noise of packets counted there, the same for all views;
+    light scattered more than once is that of `path` in the same cells, with the same relative noise.
     """
-    rng, cell, half, fine = np.random.default_rng(seed), float(frame.cell[0]), 1.7, 4
+    rng, cell, half, angles = np.random.default_rng(seed), float(frame.cell[0]), 1.7, CELL_ANGLES
+    scene = dusty_scene(frame, density, interpolation="nearest")
     model = VoxelModel.from_scene(dusty_scene(frame, density), WAVELENGTH)
     n = frame.shape[0] + 2
     toward = model.prepare(density).toward.reshape(n, n, n)[1:-1, 1:-1, 1:-1]
-    r2 = (frame.with_shape(tuple(fine * m for m in frame.shape)).middles() ** 2).sum(axis=-1)
-    mean = (1 / r2).reshape(*(m for k in frame.shape for m in (k, fine))).mean(axis=(1, 3, 5)) / (4 * np.pi)
+    faces = np.linspace(-1, 1, frame.shape[0] + 1)
     far = np.linalg.norm(frame.middles(), axis=-1)
-    light = mean * np.exp(-toward * far)
-    light *= 1 + np.sqrt(1.6 * 4 * np.pi * far**2 / (1.5 * cell**2 * packets)) * rng.normal(size=light.shape)
+    light = mean_inverse_square(faces, faces, faces) / (4 * np.pi) * np.exp(-toward * far)
+    noise = np.sqrt(1.6 * 4 * np.pi * far**2 / (1.5 * cell**2 * packets)) * rng.normal(size=light.shape)
     source = 0.6 / (4 * np.pi) * density * light
-    views, x = [], ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
-    for angle in [(0, 0), (90, 0), (90, 60), (90, 120), (45, 30), (45, 210)]:
-        towards, right = axes(*np.radians(angle))
-        up, depth = np.cross(towards, right), np.linspace(1.75, -1.75, 421)
-        image, tau, step = np.zeros((pixels, pixels)), np.zeros((pixels, pixels)), depth[0] - depth[1]
-        for t in depth:
-            at = x[None, :, None] * right + x[:, None, None] * up + t * towards
-            index = np.floor((at + 1) / cell).astype(int)
-            inside = np.all((index >= 0) & (index < frame.shape[0]), axis=-1)
-            i, j, k = np.moveaxis(np.where(inside[..., None], index, 0), -1, 0)
-            image += inside * source[i, j, k] * np.exp(-tau - 0.5 * step * density[i, j, k]) * step
-            tau += inside * density[i, j, k] * step
-        views.append(_blob_view(image, angle, half, cell, packets))
-    return views
+    blank, images = np.zeros((pixels, pixels)), []
+    rays = Stack([ImageView.parallel(blank, 1.0, *axes(*np.radians(a)), half, upwards=True) for a in angles])
+    found = radiance(
+        scene, rays.origins, rays.directions, WAVELENGTH, "path", samples=256, seed=seed, parts=True
+    )  # fmt: skip
+    for angle, more in zip(angles, rays.split(found.layers["multiple"]), strict=True):
+        clean, noisy = (_through_cells(s, density, angle, pixels, half, cell) for s in (source, source * (1 + noise)))
+        images.append(np.where(clean > 0, noisy * (1 + more[..., 0] / np.maximum(clean, 1e-300)), 0.0))
+    return [_blob_view(image, angle, half, cell, packets) for image, angle in zip(images, angles, strict=True)]
+
+
+def _through_cells(source: Any, density: Any, angle: Any, pixels: int, half: float, cell: float) -> Any:
+    """What a source and an extinction that are constant within cells show, in short steps."""
+    towards, right = axes(*np.radians(angle))
+    x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * half
+    up, depth = np.cross(towards, right), np.linspace(1.75, -1.75, 421)
+    image, tau, step = np.zeros((pixels, pixels)), np.zeros((pixels, pixels)), depth[0] - depth[1]
+    for t in depth:
+        at = x[None, :, None] * right + x[:, None, None] * up + t * towards
+        index = np.floor((at + 1) / cell).astype(int)
+        inside = np.all((index >= 0) & (index < density.shape[0]), axis=-1)
+        i, j, k = np.moveaxis(np.where(inside[..., None], index, 0), -1, 0)
+        image += inside * source[i, j, k] * np.exp(-tau - 0.5 * step * density[i, j, k]) * step
+        tau += inside * density[i, j, k] * step
+    return image
 
 
 def _blob_view(image: Any, angle: Any, half: float, cell: float, packets: float) -> ImageView:
     """An image on cells with its rays and an estimate of its errors from how it was made."""
     pixels = image.shape[0]
-    apart, way = distances(pixels, half), axes(*np.radians(angle))
     mean = smoothed(image, cell * pixels / (2 * half))
-    noise = packet_noise(apart, packets, cell) * np.maximum(mean, 0.01 * mean.mean())
-    sigma = np.hypot(noise, grid_error(image, *way, half, cell))
+    sigma = packet_noise(distances(pixels, half), packets, cell) * np.maximum(mean, 0.01 * mean.mean())
     # No light at all: the line of sight misses the cells.
     sigma = np.where(image > 0, sigma, np.inf)
-    return ImageView.parallel(image, sigma, *way, half, upwards=True)
+    return ImageView.parallel(image, sigma, *axes(*np.radians(angle)), half, upwards=True)
 
 
 def blob_views(path: Path, packets: float = 1e5) -> tuple[list[ImageView], Any, VoxelFrame]:
@@ -206,12 +196,11 @@ def run_own(seeds: list[int]) -> str:
 
 
 def run_cells(seeds: list[int]) -> str:
-    """Errors on own images made on cells, of light scattered once."""
+    """Errors on own images made on cells."""
     rows, frame = [], VoxelFrame.cube(24, 1.0)
     for seed in seeds:
         truth = random_blobs(frame, seed)
-        options = CELL_SETTINGS | {"multiple": 0}
-        row, _ = solve(cell_views(frame, truth, seed, 48, 1e5), frame, truth, **options)
+        row, _ = solve(cell_views(frame, truth, seed, 48, 1e5), frame, truth, **CELL_SETTINGS)
         rows.append([seed, *row])
     return common.table(["seed", "relative L2 error", "correlation", "mass ratio", "chi2 / data", "time [s]"], rows)
 
@@ -284,7 +273,7 @@ def main() -> None:
         if case == "own":
             blocks.append("Own scenes, 24^3 cells, six images of 48x48:\n\n" + run_own(seeds))
         elif case == "cells":
-            blocks.append("Own scenes as images on cells, light scattered once:\n\n" + run_cells(seeds))
+            blocks.append("Own scenes as images on cells, all orders:\n\n" + run_cells(seeds))
         elif case == "blobs":
             if given.reference is None:
                 raise SystemExit("--reference is missing: the folder with inversion_blobs")

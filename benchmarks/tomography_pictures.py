@@ -25,7 +25,7 @@ CELLS, PIXELS, VIEWS = 32, 48, 8
 def picture(kind: str, folder: Path) -> None:
     """One inversion, cut through its middle, and what one view is left with."""
     views, model, truth = voxel_case(kind, CELLS, PIXELS, VIEWS, 5)
-    found = reconstruct(views, model, deviation=8)
+    found = reconstruct(views, model, freedom=True, deviation=8)
     estimate, deviation, cut = found.density[0], np.asarray(found.deviation)[0], CELLS // 2
     fig, axes = plt.subplots(2, 3, figsize=(10.5, 6.4), layout="constrained")
     box: dict[str, Any] = {"origin": "lower", "extent": (-1, 1, -1, 1)}

@@ -28,10 +28,11 @@ Array = NDArray[np.float64]
 RUNS = 4
 
 
-def with_density(scene: SpaceScene, frame: VoxelFrame, density: Array) -> SpaceScene:
+def with_density(scene: SpaceScene, frame: VoxelFrame, density: Array, interpolation: str = "linear") -> SpaceScene:
     """The scene with voxels (component, x, y, z) for its components' densities; a unit of them does the same."""
     components = tuple(
-        _replaced(c, frame.grid(np.maximum(rho, 0.0))) for c, rho in zip(scene.medium.components, density, strict=True)
+        _replaced(c, frame.grid(np.maximum(rho, 0.0), interpolation=interpolation))
+        for c, rho in zip(scene.medium.components, density, strict=True)
     )
     return scene.model_copy(update={"medium": scene.medium.model_copy(update={"components": components})})
 

@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +40,8 @@ MOST_WEIGHTS = 12
 STANDSTILL = 0.03
 #: How near chi^2 is brought to the number of data: its own standard deviation is sqrt(2 / number).
 NEAR_TARGET = 0.02
+#: Times that the degrees of freedom are counted again, for they grow as the prior becomes weaker.
+COUNTS = 3
 
 
 class Interrupted(KeyboardInterrupt):
@@ -55,6 +57,7 @@ class Settings:
     """How a reconstruction goes about it; see `reconstruct`."""
 
     target: float = 1.0
+    freedom: bool = False
     weight: float | None = None
     iterations: int = 40
     stop: float = 3e-4
@@ -88,6 +91,7 @@ def reconstruct(
     prior: Prior | str = "tikhonov",
     prior_weight: float | None = None,
     target: float = 1.0,
+    freedom: bool = False,
     multiple: bool | int = False,
     samples: int = 64,
     blur: float = 1.0,
@@ -96,6 +100,7 @@ def reconstruct(
     iterations: int = 40,
     stop: float = 3e-4,
     step: float = 1.0,
+    interpolation: Literal["linear", "nearest"] = "linear",
     coarsest: int = COARSEST,
     seed: int = 0,
     threads: int | None = None,
@@ -122,6 +127,9 @@ def reconstruct(
         Weight of the prior; sought by the discrepancy when not given.
     target : float
         chi^2 that is aimed at, over the number of data.
+    freedom : bool
+        Over the number of data less the degrees of freedom that the estimate has taken of them: what noise leaves over
+        when the estimate follows part of it.  Sharper where bright parts are few; costs a few solutions more.
     multiple : bool or int
         Rounds in which the light scattered more than once is found for the estimate and taken off the data; True is 3.
         With a scene only.
@@ -135,6 +143,9 @@ def reconstruct(
         Of each minimisation at most, and the share of a gain below which it stops.
     step : float
         Step along rays [cell]; see `VoxelModel`.  With a scene only.
+    interpolation : {"linear", "nearest"}
+        Densities trilinear, or constant within cells, as for images by codes on the same cells; see `VoxelModel`.
+        With a scene only.
     coarsest : int
         Cells along the shortest side of the first grid at least; grids double from there.
     seed : int
@@ -160,10 +171,10 @@ def reconstruct(
         For views, scene and options that do not fit together.
     """
     stack, began = Stack(views), time.monotonic()
-    settings = Settings(target, prior_weight, iterations, stop, _rounds(multiple), samples, blur, seed)
+    settings = Settings(target, bool(freedom), prior_weight, iterations, stop, _rounds(multiple), samples, blur, seed)
     settings.check()
     scene = None if isinstance(source, VoxelModel) else source
-    model, wl, names, mask = _model(source, wavelengths, frame, free, step, threads)
+    model, wl, names, mask = _model(source, wavelengths, frame, free, step, interpolation, threads)
     if stack.data.shape[1] != model.background.size:
         raise DomainError("views", stack.data.shape[1], f"need data at {model.background.size} wavelengths")
     if settings.rounds and scene is None:
@@ -199,7 +210,7 @@ class Search:
         self.problem: Problem | None = None
         self.best: Best | None = None
         self.deviation: Array | None = None
-        self.reason, self.round, self.share = "", 0, (0.0, 1.0)
+        self.reason, self.round, self.share, self.freedom = "", 0, (0.0, 1.0), 0.0
 
     def run(self, shapes: list[tuple[int, int, int]], first: Array | None) -> None:
         """From the coarsest grid to the finest, with rounds of multiple scattering on each."""
@@ -281,8 +292,8 @@ class Search:
         assert self.best is not None
         guide = self.problem.images(self.best.x) - self.offset
         mean, error = multiple_light(
-            with_density(self.scene, frame, density), self.stack, self.wavelengths, samples=s.samples, blur=s.blur,
-            guide=guide, seed=s.seed + 1000 * self.round, threads=self.model.threads,
+            with_density(self.scene, frame, density, self.model.interpolation), self.stack, self.wavelengths,
+            samples=s.samples, blur=s.blur, guide=guide, seed=s.seed + 1000 * self.round, threads=self.model.threads,
         )  # fmt: skip
         self.offset, self.extra = mean, error**2
 
@@ -302,10 +313,26 @@ class Search:
             self.weight = 10 * float(diagonal.mean() / max(problem.prior_diagonal(x).mean(), 1e-300))
         elif not quick:
             self.weight *= COOLING
-        self._cool(x, diagonal)
+        self._cool(x, diagonal, s.target * self.stack.count)
+        if s.freedom and not quick and model.frame.shape == self.model.frame.shape:
+            self._count_freedom(diagonal)
 
-    def _cool(self, x: Array, diagonal: Array) -> None:
-        goal = self.settings.target * self.stack.count
+    def _count_freedom(self, diagonal: Array) -> None:
+        """Lower the prior's weight until chi^2 is the number of data less the degrees of freedom."""
+        from skyscatter.inversion.uncertainty import degrees_of_freedom
+
+        assert self.problem is not None
+        assert self.best is not None
+        for _ in range(COUNTS):
+            x = self.best.x
+            stretch = self.problem.stretch(x, diagonal, self.weight)
+            self.freedom = degrees_of_freedom(self.problem, x, self.weight, stretch, self.settings.seed)
+            goal = self.settings.target * (self.stack.count - self.freedom)
+            if self.best.chi2 <= (1 + NEAR_TARGET) * goal:
+                return
+            self._cool(x, diagonal, goal)
+
+    def _cool(self, x: Array, diagonal: Array, goal: float) -> None:
         tried: list[tuple[float, float, Array]] = []
         for _ in range(MOST_WEIGHTS):
             best = self._minimise(x, self.weight, diagonal)
@@ -398,7 +425,7 @@ class Search:
         about = {
             "reason": reason, "evaluations": self.best.evaluations, "seconds": time.monotonic() - self.began,
             "scale": self.scale.tolist(), "prior": repr(self.prior), "rounds": self.round,
-            "multiple_error": float(np.sqrt(self.extra.mean())),
+            "freedom": self.freedom, "multiple_error": float(np.sqrt(self.extra.mean())),
         }  # fmt: skip
         s = self.stack
         return Reconstruction(
@@ -414,12 +441,14 @@ def _rounds(multiple: bool | int) -> int:
 
 def _model(
     source: SpaceScene | VoxelModel, wavelengths: ArrayLike | None, frame: VoxelFrame | None,
-    free: Sequence[str] | None, step: float, threads: int | None,
+    free: Sequence[str] | None, step: float, interpolation: Literal["linear", "nearest"], threads: int | None,
 ) -> tuple[VoxelModel, Array, tuple[str, ...], NDArray[np.bool_]]:  # fmt: skip
     """The model on the finest grid, its wavelengths, the names of the components, and which of them are sought."""
     if isinstance(source, VoxelModel):
-        if wavelengths is not None or frame is not None or free is not None:
-            raise DomainError("source", "VoxelModel", "has its own frame and wavelengths; leave frame and free out")
+        if wavelengths is not None or frame is not None or free is not None or interpolation != "linear":
+            raise DomainError(
+                "source", "VoxelModel", "has its own frame, wavelengths, interpolation; leave them and free out"
+            )
         names = tuple(f"component{c}" for c in range(source.shape[0]))
         return replace(source, threads=threads or source.threads), np.zeros(0), names, np.ones(len(names), bool)
     if wavelengths is None:
@@ -427,7 +456,7 @@ def _model(
     names = tuple(c.name for c in source.medium.components)
     for name in free or ():
         source.medium.component(name)
-    model = VoxelModel.from_scene(source, wavelengths, frame, step=step, threads=threads)
+    model = VoxelModel.from_scene(source, wavelengths, frame, step=step, interpolation=interpolation, threads=threads)
     mask = np.array([free is None or name in free for name in names])
     if not mask.any():
         raise DomainError("free", free, f"choose at least one of {', '.join(names)}")

@@ -5,8 +5,8 @@ Single scattering, emission and absorption in components given on one grid of ce
     L = int [sum_c rho_c (j_c + sigma_s,c sum_s I_s / d_s^2 p_c(cos) exp(-tau_s))] exp(-tau) dt + B exp(-tau_end),
 
 all wavelengths together (docs/theory.md).  Density is trilinear between the middles of cells and falls to nought half a
-cell outside, as `fields.VoxelGrid` has it.  Maps of columns, optical depths and transmittances are special cases of the
-optics: `VoxelOptics.columns`, `VoxelOptics.depths`, `VoxelOptics.transmittances`.
+cell outside, as `fields.VoxelGrid` has it, or is constant within cells (`interpolation`).  Maps of columns, optical
+depths and transmittances are special cases of the optics: `VoxelOptics.columns`, `.depths`, `.transmittances`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, scene_frame
+from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square, scene_frame
 
 if TYPE_CHECKING:
     from skyscatter.inversion.kernels.march import MarchTable, Scratch
@@ -91,6 +92,10 @@ class VoxelModel:
         Longest step as a share of the distance to the nearest star.
     fine : int
         Nodes at which columns to the stars are computed, per side of a cell; between them they are interpolated.
+    interpolation : {"linear", "nearest"}
+        Trilinear, or as codes on cells have it: density, and a star's light too, constant within each cell.  The light
+        is then that at the middle, by the column there of trilinear densities, with the mean of 1 / distance^2 over
+        the cell; rays go from face to face, and `step` and `near` are not needed.
     threads : int, optional
         All processors when not given.  Results do not depend on it.
     """
@@ -102,6 +107,7 @@ class VoxelModel:
     step: float = 0.5
     near: float = 0.25
     fine: int = 1
+    interpolation: Literal["linear", "nearest"] = "linear"
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -111,6 +117,10 @@ class VoxelModel:
             raise DomainError("near", self.near, "a share of the distance to a star above 0, at most 1")
         if not (isinstance(self.fine, (int, np.integer)) and 1 <= self.fine <= 16):
             raise DomainError("fine", self.fine, "a whole number from 1 to 16")
+        if self.interpolation not in ("linear", "nearest"):
+            raise DomainError("interpolation", self.interpolation, "choose from linear, nearest")
+        if self.interpolation == "nearest" and self.fine != 1:
+            raise DomainError("fine", self.fine, "must be 1 with nearest, whose columns are those at the middles")
         shape = self.optics.sigma_t.shape
         for name, values in (("sigma_s", self.optics.sigma_s), ("emission", self.optics.emission)):
             if values.shape != shape:
@@ -134,7 +144,7 @@ class VoxelModel:
         frame : VoxelFrame, optional
             Where the unknown densities are; that of the scene's own densities when not given.
         **options
-            `step`, `near`, `fine`, `threads`.
+            `step`, `near`, `fine`, `interpolation`, `threads`.
         """
         from skyscatter.solvers.compile import medium_optics
         from skyscatter.solvers.run import check_wavelengths
@@ -328,7 +338,21 @@ class VoxelModel:
             ready.density, ready.toward, shape, int(self.fine), low, inverse, sigma_s, sigma_t, emission, phase,
             self.lights.power, self.lights.place, self.lights.distant, size, np.asarray(self.background, float),
             self.step * cell, bool(emits or np.any(self.optics.emission)), float(self.near),
+            self.interpolation == "nearest", self._spread,
         )  # fmt: skip
+
+    @cached_property
+    def _spread(self) -> Array:
+        """Mean of 1 / distance^2 to every star over the cell of every padded node (node, s), 1 for a distant one."""
+        if self.interpolation != "nearest":
+            return np.zeros((0, len(self.lights.place)))
+        low, _, shape = self._geometry()
+        cell, out = self.frame.cell, np.ones((*shape, len(self.lights.place)))
+        axes = [low[k] + (np.arange(shape[k] + 1) - 0.5) * cell[k] for k in range(3)]
+        for s, place in enumerate(self.lights.place):
+            if not self.lights.distant[s]:
+                out[..., s] = mean_inverse_square(*(a - p for a, p in zip(axes, place, strict=True)))
+        return out.reshape(int(np.prod(shape)), len(self.lights.place))
 
     def _scratch(self) -> Scratch:
         from skyscatter.inversion.kernels.march import Scratch
@@ -338,6 +362,9 @@ class VoxelModel:
         # Steps shrink by 1 - near on the way to a star at the least, and grow by 1 + near behind it.
         each = 2 * np.log(1 / (self.near * CLOSEST)) / np.log1p(self.near) + 4 / self.near
         n = int(np.ceil(cells + each * np.count_nonzero(~self.lights.distant))) + 16
+        if self.interpolation == "nearest":
+            # A ray crosses every face of the grid once.
+            n = sum(self.frame.shape) + 16
         return Scratch(
             np.zeros((n, 3)), np.zeros(n), np.zeros((n, c)), np.zeros((n, s, c)), np.zeros((n, s)), np.zeros((n, s)),
             np.zeros((n, w)), np.zeros((n, s, w)), np.zeros(c), np.zeros(w), np.zeros((s, 2)), np.zeros(c),

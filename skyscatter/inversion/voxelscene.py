@@ -161,3 +161,42 @@ def scene_densities(scene: SpaceScene) -> Array:
     """Densities (component, x, y, z) of a scene whose components are `VoxelGrid`s of one frame."""
     scene_frame(scene)
     return np.stack([float(c.density.factor) * np.asarray(c.density.cube, float) for c in scene.medium.components])  # type: ignore[union-attr]
+
+
+#: Gauss-Legendre nodes of `mean_inverse_square`.
+GAUSS = 24
+
+
+def mean_inverse_square(x: Array, y: Array, z: Array) -> Array:
+    """Mean of 1 / r^2 over the boxes between the planes x (i+1,), y (j+1,) and z (k+1,), r from the origin; (i, j, k).
+
+    1 / r^2 is the divergence of r / r^2, and its integral over a box is that of h / r^2 over the six faces, h their
+    distance from the origin (Gauss).  Over a face, with a = h sinh(s) the one coordinate,
+
+        int da db / (a^2 + b^2 + h^2) = int [atan(b / (h cosh s))] ds,
+
+    which is smooth wherever the origin lies; the remaining integral is by Gauss-Legendre.
+    """
+    planes, total = (x, y, z), np.zeros((x.size - 1, y.size - 1, z.size - 1))
+    for k in range(3):
+        first, second = planes[(k + 1) % 3], planes[(k + 2) % 3]
+        through = np.zeros((planes[k].size, first.size - 1, second.size - 1))
+        for n, h in enumerate(np.abs(planes[k])):
+            if h > 0:
+                through[n] = planes[k][n] * _over_faces(first, second, float(h))
+        # Axes (k, k + 1, k + 2) back to (0, 1, 2).
+        total += np.moveaxis(np.diff(through, axis=0), (0, 1, 2), (k, (k + 1) % 3, (k + 2) % 3))
+    volume = np.diff(x)[:, None, None] * np.diff(y)[:, None] * np.diff(z)
+    mean: Array = total / volume
+    return mean
+
+
+def _over_faces(a: Array, b: Array, h: float) -> Array:
+    """Integrals of 1 / (a^2 + b^2 + h^2) between neighbouring a (i+1,) and b (j+1,); (i, j)."""
+    node, weight = np.polynomial.legendre.leggauss(GAUSS)
+    s = np.arcsinh(a / h)
+    half = 0.5 * np.diff(s)
+    at = 0.5 * (s[1:] + s[:-1])[:, None] + half[:, None] * node
+    angle = np.arctan(b[:, None, None] / (h * np.cosh(at)))
+    found: Array = (np.diff(angle, axis=0) * weight).sum(axis=2).T * half[:, None]
+    return found

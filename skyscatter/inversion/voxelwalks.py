@@ -77,7 +77,7 @@ def multiple_scattering(
     Raises
     ------
     DomainError
-        For shapes that do not fit, and for fewer walks than batches.
+        For shapes that do not fit, fewer walks than batches, and densities that are constant within cells.
     """
     from skyscatter.inversion.kernels.replay import walk_rays
     from skyscatter.inversion.voxelimage import _added, _like, _rays
@@ -86,6 +86,8 @@ def multiple_scattering(
         raise DomainError("samples", samples, f"at least {BATCHES}, one for each batch")
     o, d = _rays(origins, directions)
     shape = (len(o), model.background.size)
+    if model.interpolation != "linear":
+        raise DomainError("interpolation", model.interpolation, "must be linear for walks through voxels")
     derive = weights is not None
     weight = _like("weights", 0.0 if weights is None else weights, shape)
     ready = model.prepare(density)

@@ -12,7 +12,6 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="0.19, 0.988 and 0.93 so far: docs/validation-inversion-tomography.md", strict=True)
 def test_blobs_by_another_code(reference: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [*sys.path, str(BENCHMARKS)])
     import tomography

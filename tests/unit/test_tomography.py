@@ -14,7 +14,7 @@ from skyscatter.inversion import reconstruction, tomography
 from skyscatter.inversion.priors import Entropy, Prior, Tikhonov, TotalVariation
 from skyscatter.inversion.problem import Problem
 from skyscatter.inversion.tomography import Interrupted, reconstruct, resampled
-from skyscatter.inversion.uncertainty import posterior_samples
+from skyscatter.inversion.uncertainty import degrees_of_freedom, posterior_samples
 from skyscatter.inversion.views import ImageView, Stack
 from skyscatter.inversion.voxelimage import VoxelModel
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
@@ -203,6 +203,37 @@ def test_samples_of_the_posterior_have_the_inverse_hessian_as_covariance() -> No
     # 50 samples tell a variance to 20 %; the largest of 64 deviates by about three of these, the mean by far less.
     np.testing.assert_allclose(spread / np.diag(covariance), 1.0, atol=0.7)
     assert np.mean(spread / np.diag(covariance)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_degrees_of_freedom_are_the_trace_of_what_maps_data_to_images() -> None:
+    frame = VoxelFrame.cube(4, 1.0)
+    model, exact, weight = scattering(frame), 0.5 + np.zeros((1, 4, 4, 4)), 50.0
+    exact[0, 0] = 0.0  # at the bound: these follow nothing
+    stack = Stack(noisy(model, exact[0], 0.02, pixels=8))
+    zero = np.zeros_like(stack.data)
+    problem = Problem(model, stack, zero, zero, Tikhonov(), np.array([True]), 0 * exact, np.ones(1))
+    units = [u for u in np.eye(64).reshape(64, *exact.shape) if exact[u > 0][0] > 0]
+    jacobian = np.stack([problem.push(exact, u).ravel() for u in units], axis=1)
+    bend = np.array([[np.sum(u[0] * Tikhonov().curvature(v[0], v[0], frame)) for u in units] for v in units])
+    data = jacobian.T @ (problem.weight.ravel()[:, None] * jacobian)
+    share = data @ np.linalg.inv(data + weight * bend)
+    trials = [degrees_of_freedom(problem, exact, weight, np.ones_like(exact), seed) for seed in range(30)]
+    # The variance of a trial is at most twice the trace of the share's square.
+    spread = np.sqrt(2 * np.trace(share @ share) / len(trials))
+    assert np.mean(trials) == pytest.approx(np.trace(share), abs=3 * spread + 0.01 * np.trace(share))
+    assert spread < 0.1 * np.trace(share)
+
+
+def test_counting_degrees_of_freedom_sharpens_what_is_small_and_bright() -> None:
+    model, exact = emitting(), truth() ** 3
+    views = noisy(model, exact, 0.01, count=5)
+    plain, counted = (reconstruct(views, model, freedom=which) for which in (False, True))
+    freedom = counted.diagnostics["freedom"]
+    assert plain.diagnostics["freedom"] == 0.0
+    # Most pixels are dark.  What is left over is near the number of data less those that the estimate follows.
+    assert 0.02 * counted.count < freedom < 0.8 * counted.count
+    assert counted.chi2 == pytest.approx(counted.count - freedom, rel=0.1)
+    assert error(counted, exact) < 0.9 * error(plain, exact)
 
 
 def dusty(density: Any, frame: VoxelFrame = FRAME) -> SpaceScene:

@@ -18,6 +18,9 @@ from numba import njit
 KERNEL = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 INLINED = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 
+#: Distance within which a place is on the face of a cell [cell].
+ON_FACE = 1e-8
+
 
 class MarchTable(NamedTuple):
     """Grid, optics and lights.  Sizes: node, column node, component (c), star (s), wavelength (w), angle."""
@@ -40,6 +43,8 @@ class MarchTable(NamedTuple):
     step: float  #: longest step [m]
     emits: bool  #: whether emission, or its derivative, is wanted
     near: float  #: longest step as a share of the distance to the nearest star
+    constant: bool  #: densities and light are constant within cells
+    spread: np.ndarray  #: (node, s) mean of 1 / distance^2 over the cell of a node [m-2], where they are constant
 
 
 class Scratch(NamedTuple):
@@ -75,8 +80,20 @@ class Slopes(NamedTuple):
 
 
 @INLINED
-def corner(u, v, w, n0, n1, n2):
-    """Number of the lowest node around a place in cells, and the place within the cell."""
+def nearest(u, count):
+    """Node of the cell around a place; rounding may lead a ray's ends out of the cells proper by a hair."""
+    return min(max(int(u + 0.5), 1), count - 2)
+
+
+@INLINED
+def corner(u, v, w, n0, n1, n2, constant):
+    """Number of the lowest node around a place in cells, and the place within the cell.
+
+    Where densities are `constant` within cells, the node whose cell it is: the place there does not matter.
+    """
+    if constant:
+        i, j, k = nearest(u, n0), nearest(v, n1), nearest(w, n2)
+        return (i * n1 + j) * n2 + k, 0.0, 0.0, 0.0
     i, j, k = min(max(int(u), 0), n0 - 2), min(max(int(v), 0), n1 - 2), min(max(int(w), 0), n2 - 2)
     return (i * n1 + j) * n2 + k, u - i, v - j, w - k
 
@@ -112,11 +129,11 @@ def scatter(values, first, f, g, h, n1, n2, amount):
 
 @KERNEL
 def clip(m, o, d):
-    """Where a ray enters and leaves the box of the padded nodes."""
-    start, end = 0.0, np.inf
+    """Where a ray enters and leaves the box of the padded nodes, or that of the cells proper."""
+    start, end, edge = 0.0, np.inf, 0.5 if m.constant else 0.0
     for k in range(3):
-        a, b = (o[k] - m.low[k]) * m.inverse[k], d[k] * m.inverse[k]
-        top = float(m.shape[k] - 1)
+        a, b = (o[k] - m.low[k]) * m.inverse[k] - edge, d[k] * m.inverse[k]
+        top = float(m.shape[k] - 1) - 2.0 * edge
         if b == 0.0:
             if a <= 0.0 or a >= top:
                 return 0.0, 0.0
@@ -134,7 +151,7 @@ def visit(m, o, d, t, h, n, s, light):
     v = (o[1] + middle * d[1] - m.low[1]) * m.inverse[1]
     w = (o[2] + middle * d[2] - m.low[2]) * m.inverse[2]
     s.at[n, 0], s.at[n, 1], s.at[n, 2], s.length[n] = u, v, w, h
-    first, e, f, g = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2])
+    first, e, f, g = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2], m.constant)
     rho = s.rho[n]
     gather(m.density, first, e, f, g, m.shape[1], m.shape[2], rho)
     depth, count = s.by_w[0], m.background.size
@@ -154,10 +171,11 @@ def visit(m, o, d, t, h, n, s, light):
     if m.place.shape[0] == 0:
         return
     n1, n2 = (m.shape[1] - 1) * m.fine + 1, (m.shape[2] - 1) * m.fine + 1
-    first, e, f, g = corner(u * m.fine, v * m.fine, w * m.fine, (m.shape[0] - 1) * m.fine + 1, n1, n2)
+    n0 = (m.shape[0] - 1) * m.fine + 1
+    first, e, f, g = corner(u * m.fine, v * m.fine, w * m.fine, n0, n1, n2, m.constant)
     for k in range(m.place.shape[0]):
         gather(m.toward[:, k], first, e, f, g, n1, n2, s.toward[n, k])
-        geometry = illuminate(m, o, d, t, h, n, k, s)
+        geometry = fill(m, d, h, n, k, s) if m.constant else illuminate(m, o, d, t, h, n, k, s)
         last, share = phase_cell(s.angle[n, k], m.phase.shape[1])
         for i in range(count):
             tau, source = depth[i], 0.0
@@ -194,6 +212,37 @@ def illuminate(m, o, d, t, h, n, k, s):
 
 
 @INLINED
+def fill(m, d, h, n, k, s):
+    """As `illuminate`, where the light is that of the cell's middle but for its 1 / distance^2, the mean over it."""
+    i, j = nearest(s.at[n, 0], m.shape[0]), nearest(s.at[n, 1], m.shape[1])
+    last = nearest(s.at[n, 2], m.shape[2])
+    if m.distant[k]:
+        s.far[n, k] = 1.0
+        mu = d[0] * m.place[k, 0] + d[1] * m.place[k, 1] + d[2] * m.place[k, 2]
+    else:
+        x = m.place[k, 0] - m.low[0] - i / m.inverse[0]
+        y = m.place[k, 1] - m.low[1] - j / m.inverse[1]
+        z = m.place[k, 2] - m.low[2] - last / m.inverse[2]
+        s.far[n, k] = math.sqrt(x * x + y * y + z * z)
+        mu = (d[0] * x + d[1] * y + d[2] * z) / s.far[n, k] if s.far[n, k] > 0.0 else 0.0
+    s.angle[n, k] = (m.phase.shape[1] - 1) * math.sqrt(max(0.5 * (1.0 - mu), 0.0))
+    return h * m.spread[(i * m.shape[1] + j) * m.shape[2] + last, k]
+
+
+@INLINED
+def next_face(m, o, d, t, end):
+    """Where a ray leaves the cell that it is in at t, at `end` at the latest."""
+    after = end
+    for k in range(3):
+        a, b = (o[k] - m.low[k]) * m.inverse[k] + 0.5, d[k] * m.inverse[k]
+        if b > 0.0:
+            after = min(after, (math.floor(a + t * b + ON_FACE) + 1.0 - a) / b)
+        elif b < 0.0:
+            after = min(after, (math.ceil(a + t * b - ON_FACE) - 1.0 - a) / b)
+    return after
+
+
+@INLINED
 def phase_cell(angle, nodes):
     """Cell of the phase table and the place in it, linear in the cosine."""
     last = min(int(angle), nodes - 2)
@@ -218,12 +267,15 @@ def trace(m, o, d, s, light):
                 s.closest[k, 1] = max(math.sqrt(e * e + f * f + g * g), m.size[k])
         t = start
         while t < end and n < s.length.size:
-            h = m.step
-            for k in range(stars):
-                if not m.distant[k]:
-                    far = t - s.closest[k, 0]
-                    h = min(h, m.near * math.sqrt(s.closest[k, 1] * s.closest[k, 1] + far * far))
-            after = min(t + h, end)
+            if m.constant:
+                after = next_face(m, o, d, t, end)
+            else:
+                h = m.step
+                for k in range(stars):
+                    if not m.distant[k]:
+                        far = t - s.closest[k, 0]
+                        h = min(h, m.near * math.sqrt(s.closest[k, 1] * s.closest[k, 1] + far * far))
+                after = min(t + h, end)
             visit(m, o, d, t, after - t, n, s, light)
             t, n = after, n + 1
     for i in range(light.size):
@@ -299,10 +351,11 @@ def turn_back(m, n, s, g, slope, optics, out):
         for i in range(count):
             later[i] += own[i]
         u, v, w = s.at[node, 0], s.at[node, 1], s.at[node, 2]
-        first, a, b, e = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2])
+        first, a, b, e = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2], m.constant)
         scatter(out.density, first, a, b, e, m.shape[1], m.shape[2], s.by_c)
         if m.place.shape[0] > 0:
-            first, a, b, e = corner(u * m.fine, v * m.fine, w * m.fine, (m.shape[0] - 1) * m.fine + 1, n1, n2)
+            n0 = (m.shape[0] - 1) * m.fine + 1
+            first, a, b, e = corner(u * m.fine, v * m.fine, w * m.fine, n0, n1, n2, m.constant)
             for k in range(m.place.shape[0]):
                 scatter(out.toward[:, k], first, a, b, e, n1, n2, s.by_sc[k])
 
@@ -318,7 +371,7 @@ def go_on(m, n, s, density, toward, out):
     for node in range(n):
         u, v, w = s.at[node, 0], s.at[node, 1], s.at[node, 2]
         h, rho, change = s.length[node], s.rho[node], s.by_c
-        first, a, b, e = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2])
+        first, a, b, e = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2], m.constant)
         gather(density, first, a, b, e, m.shape[1], m.shape[2], change)
         for i in range(count):
             shade[i], more, now = 0.0, 0.0, 0.0
@@ -327,7 +380,8 @@ def go_on(m, n, s, density, toward, out):
                 more += change[c] * m.emission[c, i]
                 now += rho[c] * m.emission[c, i]
             out[i] += s.seen[node, i] * (more - now * shade[i])
-        first, a, b, e = corner(u * m.fine, v * m.fine, w * m.fine, (m.shape[0] - 1) * m.fine + 1, n1, n2)
+        n0 = (m.shape[0] - 1) * m.fine + 1
+        first, a, b, e = corner(u * m.fine, v * m.fine, w * m.fine, n0, n1, n2, m.constant)
         for k in range(m.place.shape[0]):
             gather(toward[:, k], first, a, b, e, n1, n2, s.by_sc[k])
             last, share = phase_cell(s.angle[node, k], m.phase.shape[1])
