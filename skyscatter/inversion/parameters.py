@@ -48,6 +48,7 @@ _KNOWN: dict[str, tuple[tuple[float, float], Distribution | None]] = {
     "single_scattering_albedo": ((0, 1), Uniform(0.0, 1.0)),
     "albedo": ((0, 1), Uniform(0.0, 1.0)),
     "effective_radius": ((0, INF), LogUniform(1e-8, 2e-5)),
+    **dict.fromkeys(("temperature", "luminosity", "radius", "scale_height", "weight", "distance"), ((0.0, INF), None)),
     "elevation_deg": ((-90, 90), Uniform(-90.0, 90.0)),
     "azimuth_deg": ((-360, 720), Uniform(0.0, 360.0)),
     "inclination_deg": ((-360, 360), Uniform(0.0, 180.0)),
