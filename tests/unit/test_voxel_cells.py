@@ -75,10 +75,10 @@ def test_thin_cells_in_parallel_light_are_those_of_single() -> None:
     light = ParallelLight(direction=(0.0, 0.6, 0.8), irradiance=2.0)
     scene = SpaceScene(medium=Medium(components=(dust,)), parallel=(light,), view=View(distance=1000.0))
     density = rng.random((1, *frame.shape))
-    rays = lines_through(rng, RAYS)
-    found = VoxelModel.from_scene(scene, WAVELENGTH, frame, interpolation="nearest").image(density, *rays)
+    origins, directions = lines_through(rng, RAYS)
+    found = VoxelModel.from_scene(scene, WAVELENGTH, frame, interpolation="nearest").image(density, origins, directions)
     constant = with_density(scene, frame, density, "nearest")
-    there = radiance(constant, *rays, WAVELENGTH, "single").radiance
+    there = radiance(constant, origins, directions, WAVELENGTH, solver="single").radiance
     # `single` feels its way along jumps of the density, to its tolerance of 1e-4 of the whole ray.
     np.testing.assert_allclose(found, there, rtol=1e-3, atol=1e-4 * there.max())
 
@@ -102,7 +102,7 @@ def test_derivatives_are_those_of_the_image() -> None:
     rng, here = np.random.default_rng(1), model()
     rays, density = lines_through(rng, RAYS), rng.random(here.shape)
     weights, direction = rng.normal(size=(RAYS, 2)), rng.normal(size=here.shape)
-    image, slope = here.gradient(density, *rays, weights)
+    image, slope = here.gradient(density, rays[0], rays[1], weights)
     np.testing.assert_array_equal(image, here.image(density, *rays))
     exact, h = float(np.sum(slope.density * direction)), 1e-4
     high, low = (here.image(density + s * h * direction, *rays) for s in (1, -1))
@@ -151,6 +151,6 @@ def test_images_on_cells_are_told_by_a_model_on_cells() -> None:
         views.append(ImageView.make(image, 0.02 * np.maximum(image, image.mean()), view.origins, view.directions))
     error = {}
     for name in ("nearest", "linear"):
-        found = reconstruct(views, scene, WAVELENGTH, interpolation=name, coarsest=8, target=0.1)  # type: ignore[arg-type]
+        found = reconstruct(views, scene, WAVELENGTH, interpolation=name, coarsest=8, target=0.1)
         error[name] = np.linalg.norm(found.density[0] - truth) / np.linalg.norm(truth)
     assert error["nearest"] < 0.5 * error["linear"]
