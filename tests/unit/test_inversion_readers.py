@@ -252,7 +252,7 @@ def _raise(*_: Any, **__: Any) -> Any:
 
 def test_data_of_a_sky_and_the_model_of_a_nebula_are_refused() -> None:
     data = radiance_table([180.0], [45.0], [550.0], [0.1], sigma=0.01, sun_elevation_deg=40.0)
-    with pytest.raises(DomainError, match="model = 'reflection-nebula'.*of a sky.*planet"):
+    with pytest.raises(DomainError, match=r"model = 'reflection-nebula'.*of a sky.*planet"):
         skyscatter.fit("reflection-nebula", data, {"dust.extinction": (0.1, 10.0)})
 
 
