@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.nonnegative import project_nonnegative
 from skyscatter.inversion.smoothness import Posterior, Smooth
 from skyscatter.inversion.splines import nodes_for, projection_matrix, spline_values
@@ -25,8 +26,8 @@ ONE_SIGMA = 0.6826894921370859  #: share of a Gaussian within one standard devia
 _REPLICATES = 40  #: fits to made-up data from which the width of the band is found
 
 
-@dataclass(frozen=True)
-class AbelResult:
+@dataclass(frozen=True, repr=False)
+class AbelResult(Brief):
     """A density profile and how far it can be trusted.
 
     Attributes

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.pixels import Pixels, checked_image, symmetric_centre
 from skyscatter.inversion.smoothness import covariance
 from skyscatter.inversion.splines import projection_matrix
@@ -31,8 +32,8 @@ _MOST_MODES = 2000  #: that the linear algebra takes in seconds
 _MOST_NODES = 96  #: across
 
 
-@dataclass(frozen=True)
-class AxisymmetricResult:
+@dataclass(frozen=True, repr=False)
+class AxisymmetricResult(Brief):
     """A density over distance from the axis and place along it.
 
     Attributes

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.shells import ShellFit
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Deprojection:
+@dataclass(frozen=True, repr=False)
+class Deprojection(Brief):
     """What spheroids would be seen as the fitted ellipse.
 
     Attributes

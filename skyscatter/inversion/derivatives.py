@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.stack import AnyScene, differences_forbid, stack
 from skyscatter.solvers.run import radiance
 
@@ -30,8 +31,8 @@ MOST_CHANNELS = 512
 RUNS = 16
 
 
-@dataclass(frozen=True)
-class Derivatives:
+@dataclass(frozen=True, repr=False)
+class Derivatives(Brief):
     """Radiances and how they change with each parameter.
 
     Attributes

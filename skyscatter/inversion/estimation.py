@@ -142,23 +142,24 @@ def optimal_estimation(
         If the model is not finite, or no step lowers the cost though the gradient says so.
     """
     here = _point(problem, np.clip(start, -FARTHEST, FARTHEST), np.full(start.size, LARGEST_STEP))
-    converged, count = False, done
+    converged, count, lowered = False, done, False
     while count < max_iterations and not converged:
-        step = _step(here, gamma)
-        shift = float(step @ here.inverse @ step)
-        nearly = shift < SHORT * start.size
-        there = _try(problem, here, step, gamma, nearly)
-        # Within the model's own rounding (solvers state theirs) equal costs are no failure.
-        if there is not None and _cost(problem, there.linear.value, there.z, here.variance) <= here.cost + (
-            0.1 if nearly else 0.0
-        ):
+        # The whole step says how far it is to the minimum; one that damping has shortened would always say: near.
+        whole = _step(here, 0.0)
+        nearly = float(whole @ here.inverse @ whole) < SHORT * start.size
+        there = _try(problem, here, _step(here, gamma), gamma, nearly)
+        # By one variance for both, which is that of the slope; it may depend on the state itself.  Within the model's
+        # own rounding (solvers state theirs) equal costs are no failure.
+        if there is not None and _cost(problem, there.linear.value, there.z, here.variance) <= here.cost + 0.1 * nearly:
             converged = nearly and gamma < 1.0
-            here, gamma = there, (gamma / 10 if gamma > 1e-3 else 0.0)
+            here, gamma, lowered = there, (gamma / 10 if gamma > 1e-3 else 0.0), True
+        elif nearly:
+            converged = True
         else:
-            if nearly:
-                converged = True
             gamma = max(10 * gamma, 0.1)
             if gamma > MOST_DAMPING:
+                if lowered:  # as far down as the model's roughness lets it come
+                    break
                 raise ConvergenceError(
                     "no step lowers the misfit although its slope says so: the forward model is too rough for its "
                     "derivatives; lower the tolerance, or take more samples"

@@ -14,7 +14,15 @@ from skyscatter.errors import DomainError
 from skyscatter.inversion.broadband import PRECIPITABLE_WATER, Broadband
 from skyscatter.inversion.distributions import Distribution, Normal
 from skyscatter.inversion.looks import band_share
-from skyscatter.inversion.observations import Linearisation, Observation, Prediction, Run, checked_data, noise_of
+from skyscatter.inversion.observations import (
+    Linearisation,
+    Observation,
+    Prediction,
+    Run,
+    checked_data,
+    model_of,
+    noise_of,
+)
 from skyscatter.inversion.parameters import Subject
 from skyscatter.inversion.radiances import CALIBRATION
 from skyscatter.inversion.stack import differences_forbid, stack
@@ -98,7 +106,8 @@ class Fluxes(Observation):
 
     def scene(self, subject: Subject) -> Any:
         """The scene; where the Sun stands in it does not matter."""
-        return subject.model.scene(sun_elevation_deg=30.0, sun_distance_au=self.distance_au, altitude=self.altitude)
+        planet = model_of(subject, True, "fluxes")
+        return planet.scene(sun_elevation_deg=30.0, sun_distance_au=self.distance_au, altitude=self.altitude)
 
     def predict(self, subject: Subject, run: Run) -> Prediction:
         """Fluxes of the model, through gases and calibration."""

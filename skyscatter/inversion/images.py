@@ -143,7 +143,7 @@ def nebula_image(
     name, picture = _named(image), loaded(image)
     camera = _telescope(picture, name)
     shape = picture.radiance.shape[:2]
-    usable = _usable(picture.radiance, mask) & ~_around_stars(picture.recipe, camera, shape)
+    usable = _usable(picture.radiance, mask) & ~around_stars(picture.recipe, camera, shape)
     chosen = _spread(usable, pixels)
     if isinstance(picture, FilterImage):
         if wavelengths is not None:
@@ -191,7 +191,7 @@ def _telescope(picture: Any, name: str) -> Telescope:
     return Telescope(width=width, height=height, pixel_scale_deg=picture.sky.pixel_scale_deg)
 
 
-def _around_stars(recipe: dict[str, Any], camera: Telescope, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def around_stars(recipe: dict[str, Any], camera: Telescope, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Pixels near the stars that the recipe's scene has, and near those of its star field."""
     from scipy.ndimage import binary_dilation
 

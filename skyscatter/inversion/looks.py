@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.inversion.observations import model_of
 from skyscatter.inversion.parameters import Subject
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ class Look:
         """The scene that is looked at."""
         sun = {**self.sun, **subject.sun}
         arguments = {f"sun_{name}": value for name, value in sun.items()}
-        return subject.model.scene(**arguments, altitude=self.altitude)
+        return model_of(subject, True, "of a sky").scene(**arguments, altitude=self.altitude)
 
     def rays(self, subject: Subject) -> tuple[Array, Array]:
         """Origins and directions, each (ray, 3)."""
@@ -138,7 +139,7 @@ class SpaceLook(Look):
 
     def scene(self, subject: Subject) -> Any:
         """The nebula as its model turns it."""
-        return subject.model.scene()
+        return model_of(subject, False, "of a nebula").scene()
 
     def rays(self, subject: Subject) -> tuple[Array, Array]:
         """Lines of sight through the middles of the pixels."""

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError, UnitsError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.spherical import SphericalResult, invert_spherical
 from skyscatter.inversion.splines import spline_values
 from skyscatter.optics.dust import MAGNITUDE, MIXTURES, VISUAL_WAVELENGTH, dust_properties
@@ -28,14 +29,16 @@ from skyscatter.units import metres
 Array = NDArray[np.float64]
 
 HYDROGEN_MASS = 1.6735328e-27  #: of an atom [kg] (CODATA 2018: 1.00782503 u)
-HELIUM = 1.0 + 4 * 0.096  #: mass of gas over that of its hydrogen, with the 0.096 helium atoms of the dust's tables
+HELIUM = 1.0 + 3.9713 * 0.096  #: mass of gas over that of its hydrogen, with the dust tables' 0.096 helium atoms
 SOLAR_MASS = 1.98841e30  #: [kg], the IAU 2015 nominal GM over CODATA 2018 G
 _ARCSECOND = np.pi / 648000
-_DRAWS = 400  #: samples from which errors of a mass are found
+_NEAREST = 1e9  #: no nebula is nearer [m]; a number below it was meant in another unit
+_SEEN = 2.0  #: standard deviations by which an emissivity stands out
+_COPIES, _SAMPLES = 6, 64  #: pictures of an estimate from which the error of a mass is found, and samples of each
 
 
-@dataclass(frozen=True)
-class LineGas:
+@dataclass(frozen=True, repr=False)
+class LineGas(Brief):
     """Ionised gas found from a line image.
 
     Attributes
@@ -68,8 +71,8 @@ class LineGas:
     inversion: SphericalResult
 
 
-@dataclass(frozen=True)
-class DustCloud:
+@dataclass(frozen=True, repr=False)
+class DustCloud(Brief):
     """Dust found from an extinction map.
 
     Attributes
@@ -86,6 +89,9 @@ class DustCloud:
         Of the profile within its edge [kg].
     gas_mass, gas_mass_error : float
         The same times the mixture's gas to dust ratio [kg].
+    opaque_pixels : int
+        Pixels within the edge that are too dark to have an A_V.  Where there are any, noise has chosen which dark
+        pixels count, and densities and masses are lower limits whatever their errors: look at a longer wavelength.
     map_dust_mass, map_dust_mass_error : float
         Sum over the map's pixels within the edge instead, which needs no symmetry (masked pixels take the fitted
         value) [kg].
@@ -105,6 +111,7 @@ class DustCloud:
     dust_mass_error: float
     gas_mass: float
     gas_mass_error: float
+    opaque_pixels: int
     map_dust_mass: float
     map_dust_mass_error: float
     mixture: str
@@ -203,6 +210,7 @@ def gas_from_line_image(
         edge=None if edge is None else metres(edge, "edge"), pixel_size=size,
         averaged=averaged, seed=seed, progress=progress,
     )  # fmt: skip
+    again = _fitted_again(found, None if noise is None else noise / scale, mask, size, averaged, seed)
     found = _rescaled(found, scale)
 
     def electrons(j: Array) -> Array:
@@ -215,15 +223,26 @@ def gas_from_line_image(
         electrons(found.density + found.standard_deviation) - electrons(found.density - found.standard_deviation)
     )
     volume = _volume_weights(found.radius)
-    drawn = _draws(found, seed)
-    masses = HYDROGEN_MASS * HELIUM * filling_factor * (electrons(drawn) @ volume)
-    mass = HYDROGEN_MASS * HELIUM * filling_factor * float(electrons(found.density) @ volume)
-    # A root of noise is no noise about nought: where the gas is thin, the samples' mean lies above the estimate.
-    scatter = np.hypot(masses.std(ddof=1), masses.mean() - mass)
+    per_electron = HYDROGEN_MASS * HELIUM * filling_factor
+    seen = found.density > _SEEN * found.standard_deviation
+
+    def gas(j: Array) -> tuple[Array, Array]:
+        """Mass where the emissivity stands out of its noise, and elsewhere."""
+        parts = per_electron * electrons(j) * volume
+        return np.asarray(parts @ seen), np.asarray(parts @ ~seen)
+
+    # A root of noise is no noise about nought: where nothing stands out, the mass lies between none and what is found,
+    # and half of that is taken, and half is doubt.  Where it does, pictures made from the estimate, with its noise, and
+    # inverted in their turn say by how much it is overestimated.
+    lit, faint = (float(m) for m in gas(found.density))
+    masses = gas(scale * again)[0]
+    bias = float(masses.mean()) - lit
+    mass = lit - bias + 0.5 * faint
+    scatter = np.linalg.norm([masses.std(ddof=1) * np.sqrt(1 + 1 / len(masses)), 0.5 * bias, 0.5 * faint])
     # n_e goes with distance^(-1/2) and the volume with its cube; the light with its square.
     mass_error = float(np.hypot(scatter, 2.5 * doubt * mass))
-    light = 4 * np.pi * bright * float(found.density @ volume)
-    light_error = 4 * np.pi * bright * float(np.sqrt(volume @ found.covariance @ volume))
+    light = 4 * np.pi * bright * float(found.free_density @ volume)
+    light_error = 4 * np.pi * bright * float(np.sqrt(volume @ found.free_covariance @ volume))
     return LineGas(
         radius=found.radius, electron_density=density, standard_deviation=spread,
         lower=electrons(found.lower), upper=electrons(found.upper), mass=mass,
@@ -345,9 +364,10 @@ def dust_from_extinction(
     )  # fmt: skip
     per_magnitude = 1.0 / (MAGNITUDE * section)  # hydrogen nucleons per area for one magnitude
     volume = _volume_weights(found.radius) * per_magnitude * dust.per_hydrogen
-    mass = float(volume @ found.density)
-    error = float(np.hypot(np.sqrt(volume @ found.covariance @ volume), 2 * doubt * mass))
+    mass = float(volume @ found.free_density)
+    error = float(np.hypot(np.sqrt(volume @ found.free_covariance @ volume), 2 * doubt * mass))
     map_mass, map_error = _map_sum(found, size)
+    kept = np.ones(values.shape, bool) if mask is None else ~np.asarray(mask, bool)
     factor = per_magnitude * dust.per_hydrogen
     return DustCloud(
         radius=found.radius, hydrogen_density=per_magnitude * found.density,
@@ -355,6 +375,7 @@ def dust_from_extinction(
         upper=per_magnitude * found.upper, dust_density=factor * found.density,
         hydrogen_column=per_magnitude * (values - found.background), dust_mass=mass, dust_mass_error=error,
         gas_mass=mass * dust.gas_to_dust, gas_mass_error=error * dust.gas_to_dust,
+        opaque_pixels=int(np.count_nonzero(np.isnan(values) & kept & _within(found, size))),
         map_dust_mass=factor * map_mass,
         map_dust_mass_error=float(np.hypot(factor * map_error, 2 * doubt * factor * map_mass)),
         mixture=mixture, inversion=found,
@@ -363,14 +384,19 @@ def dust_from_extinction(
 
 def _map_sum(found: SphericalResult, size: float) -> tuple[float, float]:
     """Sum of a map less its background within the edge, times the area of pixels, and its error."""
-    rows, columns = found.fitted_image.shape
-    y, x = np.mgrid[:rows, :columns]
-    inside = np.hypot(x - found.centre[0], y - found.centre[1]) * size <= found.radius[-1]
+    inside = _within(found, size)
     filled = np.where(np.isnan(found.residual), 0.0, found.residual) + found.fitted_image - found.background
     # The residual itself says how large the pixels' noise is, wherever it is larger than elsewhere.
     noise = np.sqrt(np.nansum(found.residual[inside] ** 2))
     error = float(np.hypot(noise, inside.sum() * found.background_error))
     return float(filled[inside].sum()) * size**2, error * size**2
+
+
+def _within(found: SphericalResult, size: float) -> NDArray[np.bool_]:
+    """Which pixels of the image lie within the edge (y, x)."""
+    rows, columns = found.fitted_image.shape
+    y, x = np.mgrid[:rows, :columns]
+    return np.asarray(np.hypot(x - found.centre[0], y - found.centre[1]) * size <= found.radius[-1])
 
 
 def _volume_weights(radius: Array) -> Array:
@@ -382,12 +408,20 @@ def _volume_weights(radius: Array) -> Array:
     return np.asarray(weight @ spline_values(radius, at))
 
 
-def _draws(found: SphericalResult, seed: int) -> Array:
-    """Samples (draw, node) of the density, negative ones set to nought."""
-    values, vectors = np.linalg.eigh(found.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    white = np.random.default_rng(seed).standard_normal((_DRAWS, len(values)))
-    return np.maximum(found.density + white @ root.T, 0.0)
+def _fitted_again(found: SphericalResult, sigma: Any, mask: Any, size: float, averaged: bool, seed: int) -> Array:
+    """Densities (copy, node) found from pictures of the estimate with new noise."""
+    rng = np.random.default_rng(seed + 1)
+    noise = found.noise if sigma is None else np.broadcast_to(np.asarray(sigma, float), found.fitted_image.shape)
+    amount = np.where(np.isfinite(noise), noise, 0.0)
+    copies = [
+        invert_spherical(
+            found.fitted_image + amount * rng.standard_normal(found.fitted_image.shape),
+            sigma, mask, centre=found.centre, edge=float(found.radius[-1]), pixel_size=size, averaged=averaged,
+            samples=_SAMPLES, seed=seed + 2 + k,
+        ).density
+        for k in range(_COPIES)
+    ]  # fmt: skip
+    return np.stack(copies)
 
 
 def _rescaled(found: SphericalResult, scale: float) -> SphericalResult:
@@ -402,9 +436,11 @@ def _rescaled(found: SphericalResult, scale: float) -> SphericalResult:
         "background_error",
         "fitted_image",
         "residual",
+        "free_density",
     )
     changed: dict[str, Any] = {name: getattr(found, name) * scale for name in names}
-    return replace(found, **changed, covariance=found.covariance * scale**2)
+    squares = {name: getattr(found, name) * scale**2 for name in ("covariance", "free_covariance")}
+    return replace(found, **changed, **squares)
 
 
 def _scale(values: Array) -> float:
@@ -432,6 +468,8 @@ def _pixel_length(pixel_angle: Any, distance: Any, distance_error: Any) -> tuple
     far, error = metres(distance, "distance"), metres(distance_error, "distance_error")
     if not (np.isfinite(far) and far > 0):
         raise DomainError("distance", far, "must be a positive length")
+    if far < _NEAREST:
+        raise DomainError("distance", far, "metres are meant by a bare number; give a unit, such as '800 pc'")
     if not (np.isfinite(error) and error >= 0):
         raise DomainError("distance_error", error, "must be 0 or above")
     return angle * _ARCSECOND * far, error / far

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.errors import DomainError
 from skyscatter.inversion.views import Stack
 from skyscatter.inversion.voxelscene import VoxelFrame
+from skyscatter.media.medium import Component
 
 if TYPE_CHECKING:
+    from skyscatter.media.voxels import VoxelGrid
     from skyscatter.space import SpaceScene
 
 Array = NDArray[np.float64]
@@ -26,12 +29,31 @@ RUNS = 4
 
 
 def with_density(scene: SpaceScene, frame: VoxelFrame, density: Array, interpolation: str = "linear") -> SpaceScene:
-    """The scene with its components' densities replaced by voxels (component, x, y, z)."""
+    """The scene with voxels (component, x, y, z) for its components' densities; a unit of them does the same."""
     components = tuple(
-        c.model_copy(update={"density": frame.grid(np.maximum(rho, 0.0), interpolation=interpolation)})
+        _replaced(c, frame.grid(np.maximum(rho, 0.0), interpolation=interpolation))
         for c, rho in zip(scene.medium.components, density, strict=True)
     )
     return scene.model_copy(update={"medium": scene.medium.model_copy(update={"components": components})})
+
+
+def _replaced(component: Component, density: VoxelGrid) -> Component:
+    """Another density with the same optics.
+
+    Optics that are stated by a depth through the whole component are so much for a unit of density: for another
+    density the weight makes up for it.
+    """
+    before, after = (
+        sum(float(v[0]) for v in component.optics.coefficients([550.0], d.reference_column())[:2])
+        for d in (component.density, density)
+    )
+    ratio = before / after if after > 0 and np.isfinite(after) else 1.0
+    if ratio == 1.0:
+        return component.model_copy(update={"density": density})
+    if component.emission != 0.0:
+        rule = "give the optics by coefficients, not by a depth, where the component shines as well"
+        raise DomainError("emission", component.name, rule)
+    return component.model_copy(update={"density": density, "weight": component.weight * ratio})
 
 
 def multiple_light(

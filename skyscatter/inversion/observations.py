@@ -108,6 +108,14 @@ def central_differences(predict: Callable[[Array], Prediction], z: Array, steps:
     return Linearisation(middle.value, middle.error, jacobian)
 
 
+def model_of(subject: Subject, planet: bool, kind: str) -> Any:
+    """The subject's model, which must be that of a planet for data of its sky, and of a nebula for a nebula's."""
+    if hasattr(subject.model, "planet") != planet:
+        sort = "a planet" if planet else "a nebula"
+        raise DomainError("model", subject.model.name, f"the data are {kind}; give the model of {sort}")
+    return subject.model
+
+
 def common_sun(observations: Sequence[Observation]) -> dict[str, float]:
     """The Sun of all observations, where it is one."""
     suns = [observation.sun for observation in observations]

@@ -25,7 +25,7 @@ from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.inversion import paths
 from skyscatter.inversion.distributions import KINDS, Distribution, LogUniform, Normal, Uniform
-from skyscatter.inversion.quantities import QUANTITIES, REFERENCE, Quantity, shifted
+from skyscatter.inversion.quantities import QUANTITIES, REFERENCE, Quantity, placed
 from skyscatter.media.medium import Component
 from skyscatter.record import nearest
 from skyscatter.spectra.surfaces import surface_albedo
@@ -48,6 +48,7 @@ _KNOWN: dict[str, tuple[tuple[float, float], Distribution | None]] = {
     "single_scattering_albedo": ((0, 1), Uniform(0.0, 1.0)),
     "albedo": ((0, 1), Uniform(0.0, 1.0)),
     "effective_radius": ((0, INF), LogUniform(1e-8, 2e-5)),
+    **dict.fromkeys(("temperature", "luminosity", "radius", "scale_height", "weight", "distance"), ((0.0, INF), None)),
     "elevation_deg": ((-90, 90), Uniform(-90.0, 90.0)),
     "azimuth_deg": ((-360, 720), Uniform(0.0, 360.0)),
     "inclination_deg": ((-360, 360), Uniform(0.0, 180.0)),
@@ -281,10 +282,7 @@ def _ground_access(reference: float) -> Access:
         return float(evaluate(table(subject), [reference])[0])
 
     def put(subject: Subject, value: float) -> Subject:
-        moved, aim, old = value, value, table(subject)
-        for _ in range(3):  # see `quantities._with_albedo`
-            moved = shifted(old, reference, aim, 0.0, 1.0)
-            aim = min(max(aim + value - float(evaluate(moved, [reference])[0]), 0.0), 1.0)
+        moved = placed(table(subject), reference, value, 0.0, 1.0)
         return replace(subject, model=paths.replaced(subject.model, ("ground", "albedo"), moved, "ground.albedo"))
 
     return get, put, False, True
@@ -308,6 +306,9 @@ def _sun_access(name: str, word: str, subject: Subject) -> Access:
 def as_prior(prior: Any, name: str, limits: tuple[float, float]) -> Distribution:
     """A prior from what was given for it, inside the values that have a meaning."""
     if isinstance(prior, Normal):
+        if not limits[0] <= prior.mean <= limits[1]:
+            rule = f"lies between {limits[0]:g} and {limits[1]:g}, and so must the middle of its prior"
+            raise DomainError("prior", f"{name}={prior.mean:g}", rule)
         chosen: Distribution = replace(prior, low=max(prior.low, limits[0]), high=min(prior.high, limits[1]))
     elif isinstance(prior, Distribution):
         chosen = prior

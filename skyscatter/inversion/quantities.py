@@ -129,6 +129,18 @@ def shifted(value: Any, at: float, target: float, low: float, high: float) -> An
     return SpectralTable(wavelengths=value.wavelengths, values=tuple((low + (high - low) * share).tolist()))
 
 
+def placed(value: Any, at: float, target: float, low: float, high: float) -> Any:
+    """As `shifted`, and exactly: linear between the nodes of a table, its value there is not that of a shifted node."""
+    if not isinstance(value, SpectralTable) or not low < target < high:
+        return shifted(value, at, target, low, high)
+    below, above = low, high
+    for _ in range(50):  # the value rises with the aim; 50 halvings leave 1e-15
+        aim = 0.5 * (below + above)
+        moved = shifted(value, at, aim, low, high)
+        below, above = (aim, above) if float(evaluate(moved, [at])[0]) < target else (below, aim)
+    return moved
+
+
 def _albedo(component: Component, wavelength: float) -> float:
     c = component.optics.coefficients([wavelength], component.density.reference_column())
     total = float(c.scattering[0] + c.absorption[0])
@@ -137,11 +149,7 @@ def _albedo(component: Component, wavelength: float) -> float:
 
 def _with_albedo(component: Component, value: float, wavelength: float, name: str) -> Component:
     plain, optics = as_particles(component, name)
-    # Linear between the nodes of a table, its value in between is not the shifted one: two repairs bring it there.
-    aim = value
-    for _ in range(3):
-        moved = shifted(optics.single_scattering_albedo, wavelength, aim, 0.0, 1.0)
-        aim = float(np.clip(aim + value - evaluate(moved, [wavelength])[0], 0.0, 1.0))
+    moved = placed(optics.single_scattering_albedo, wavelength, value, 0.0, 1.0)
     return changed(plain, name, optics=changed(optics, name, single_scattering_albedo=moved))
 
 

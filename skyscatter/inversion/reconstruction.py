@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.voxelscene import VoxelFrame
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Reconstruction:
+@dataclass(frozen=True, repr=False)
+class Reconstruction(Brief):
     """Densities found from images, and how well they explain them.
 
     Attributes

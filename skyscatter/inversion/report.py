@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 #: Error of an emulator [standard deviations of a datum] above which a fit says so.
 TRUSTED = 0.33
+#: Probability of a misfit as large or larger below which a fit says that the model is wrong.
+UNLIKELY = 1e-4
 
 
 def rounded(value: float, deviation: float) -> str:
@@ -42,6 +44,13 @@ def table(result: FitResult) -> str:
         f"{len(result.names)}; "
         f"chi2 {result.chi2:.1f} for {free:.1f} (probability {result.probability:.2g})"
     )
+    if result.probability < UNLIKELY:
+        lines.append(
+            "WARNING: the model does not meet the data within their noise, so that deviations are too small; free more "
+            "parameters, or look at the residual for what is missing"
+        )
+    elif result.probability > 1 - UNLIKELY:
+        lines.append("NOTE: the data are met better than their noise allows; it is too large, or not independent")
     state = "converged" if result.converged else "NOT converged"
     lines.append(f"{result.method.replace('_', ' ')} with {result.solver}, {result.iterations} iterations, {state}")
     lines += sampling(result)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.pixels import Pixels, border_distance, check_centre, checked_image, symmetric_centre
 
 Array = NDArray[np.float64]
@@ -37,8 +38,8 @@ NAMES = ("x", "y", "major", "minor", "position_angle_deg", "thickness", "brightn
 GRADIENTS = ("gradient_x", "gradient_y")
 
 
-@dataclass(frozen=True)
-class ShellFit:
+@dataclass(frozen=True, repr=False)
+class ShellFit(Brief):
     """An ellipsoidal shell as it is seen.
 
     Attributes

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.inversion.abel import background_error, band_factor, nonnegative_moments
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.pixels import Pixels, border_distance, check_centre, checked_image, symmetric_centre
 from skyscatter.inversion.smoothness import ORDERS, Posterior, Smooth, compressed
 from skyscatter.inversion.splines import projection_matrix
@@ -23,8 +24,8 @@ _LENGTHS = 8
 _MOST_NODES = 64
 
 
-@dataclass(frozen=True)
-class SphericalResult:
+@dataclass(frozen=True, repr=False)
+class SphericalResult(Brief):
     """A radial density profile of an image.
 
     Attributes
@@ -35,6 +36,9 @@ class SphericalResult:
         As in `AbelResult`; in units of the image over those of `pixel_size`.
     covariance : ndarray, shape (node, node)
         The doubt about the centre included.
+    free_density, free_covariance : ndarray, shape (node,), (node, node)
+        The same without non-negativity: what integrals over the whole are made of.  That a density is nowhere negative
+        lifts it a little wherever nothing is, and far out there is much volume.
     centre : tuple of float
         (x, y) [pixel]
     centre_error : tuple of float
@@ -58,6 +62,8 @@ class SphericalResult:
     lower: Array
     upper: Array
     band_factor: float
+    free_density: Array
+    free_covariance: Array
     centre: tuple[float, float]
     centre_error: tuple[float, float]
     centre_covariance: Array
@@ -133,8 +139,13 @@ def invert_spherical(
     shape = pixels.values.shape
     start = symmetric_centre(pixels) if centre is None else check_centre("centre", centre, shape)
     reach = border_distance(shape, start) if edge is None else float(edge) / pixel_size
-    if not reach >= 6:
-        raise DomainError("edge", edge, "must lie six pixels or more from the centre")
+    if edge is None and not reach >= 6:
+        rule = f"lies within six pixels of a side of the image, at {start}; give centre and edge"
+        raise DomainError("centre", centre, rule)
+    farthest = float(np.hypot(max(start[0], shape[1] - start[0]), max(start[1], shape[0] - start[1])))
+    if not 6 <= reach <= 1.01 * farthest:
+        rule = f"must lie six pixels or more from the centre, and within the image: {6 * pixel_size:.4g} to "
+        raise DomainError("edge", edge, f"{rule}{farthest * pixel_size:.4g}")
     nodes = np.linspace(0.0, reach, int(np.clip(round(reach), 12, _MOST_NODES)) + 1)
     geometry = _Geometry(
         pixels,
@@ -275,7 +286,8 @@ def _result(
     return SphericalResult(
         radius=geometry.nodes * pixel_size, density=density, standard_deviation=sd,
         covariance=covariance / pixel_size**2, lower=np.maximum(density - factor * sd, 0.0),
-        upper=density + factor * sd, band_factor=factor, centre=centre,
+        upper=density + factor * sd, band_factor=factor,
+        free_density=posterior.mean / pixel_size, free_covariance=posterior.covariance / pixel_size**2, centre=centre,
         centre_error=(float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))), centre_covariance=spread,
         background=level, background_error=level_error, fitted_image=fitted, residual=residual, noise=noise,
         degrees_of_freedom=posterior.freedoms, order=best.order, length=best.length * pixel_size,

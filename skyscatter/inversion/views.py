@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+
+if TYPE_CHECKING:
+    from skyscatter.space import SpaceScene
 
 Array = NDArray[np.float64]
 
@@ -60,7 +63,16 @@ class ImageView:
         return cls(image, error, np.ascontiguousarray(o), np.ascontiguousarray(d))
 
     @classmethod
-    def from_camera(cls, data: ArrayLike, sigma: ArrayLike, camera: Any, observer: Any, rays: int = 1) -> ImageView:
+    def from_camera(
+        cls,
+        data: ArrayLike,
+        sigma: ArrayLike,
+        camera: Any,
+        observer: Any,
+        rays: int = 1,
+        *,
+        scene: SpaceScene | None = None,
+    ) -> ImageView:
         """As a camera of skyscatter sees it; `rays` along each side of a pixel.
 
         Parameters
@@ -72,12 +84,18 @@ class ImageView:
             Where from; as `SpaceScene.view`.
         rays : int
             Along each side of a pixel, evenly spread.
+        scene : SpaceScene, optional
+            Whose stars are in the image.  Pixels around them say nothing of the matter before or around them: they
+            are left out.  Without, stars that are seen are taken for bright matter.
         """
         finer = _finer(camera, rays)
         grid = finer.directions(observer)
         h, w = camera.height, camera.width
         directions = grid.reshape(h, rays, w, rays, 3).transpose(0, 2, 1, 3, 4).reshape(h, w, rays * rays, 3)
-        return cls.make(data, sigma, np.asarray(observer.position, float), directions)
+        seen = np.array(data, float)
+        if scene is not None:
+            seen[_starry({"scene": scene.model_dump(mode="json")}, camera)] = np.nan
+        return cls.make(seen, sigma, np.asarray(observer.position, float), directions)
 
     @classmethod
     def parallel(
@@ -127,14 +145,19 @@ class ImageView:
     def load(
         cls, path: str | os.PathLike[str], camera: Any, observer: Any, *, sigma: ArrayLike | None = None, rays: int = 1
     ) -> ImageView:
-        """From an image file of skyscatter (FITS, EXR, netCDF) with its standard errors, or with `sigma`."""
+        """From an image file of skyscatter (FITS, EXR, netCDF) with its standard errors, or with `sigma`.
+
+        Pixels around the stars of the scene in its recipe are left out.
+        """
         from skyscatter.image.spectral import SpectralImage
 
         image = SpectralImage.load(path)
         error = image.standard_error if sigma is None else sigma
         if error is None or (sigma is None and not np.any(np.asarray(error) > 0)):
             raise DomainError("sigma", None, f"{path} holds no standard errors; give those of the data")
-        return cls.from_camera(image.radiance, error, camera, observer, rays)
+        seen = np.array(image.radiance, float)
+        seen[_starry(image.recipe, camera)] = np.nan
+        return cls.from_camera(seen, error, camera, observer, rays)
 
     @property
     def rays(self) -> int:
@@ -176,6 +199,13 @@ class Stack:
         """Rows (pixel, wavelength) back to images."""
         sizes = np.cumsum([s[0] * s[1] for s in self.shapes])[:-1]
         return [part.reshape(s) for part, s in zip(np.split(flat, sizes), self.shapes, strict=True)]
+
+
+def _starry(recipe: dict[str, Any], camera: Any) -> NDArray[np.bool_]:
+    """Pixels around the stars of a recipe's scene, as the camera sees them."""
+    from skyscatter.inversion.images import around_stars
+
+    return around_stars(recipe, camera, (camera.height, camera.width))
 
 
 def _finer(camera: Any, rays: int) -> Any:

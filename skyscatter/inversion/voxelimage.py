@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square, scene_frame
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ SUMS_MEMORY = 1 << 30
 CLOSEST = 1e-6
 
 
-@dataclass(frozen=True)
-class Slope:
+@dataclass(frozen=True, repr=False)
+class Slope(Brief):
     """Derivatives of one number (a misfit) with respect to everything that the model has; attributes in its units.
 
     Sizes: component (c), wavelength (w), star (s).

@@ -102,6 +102,8 @@ class VoxelOptics(NamedTuple):
         for name, values in (("sigma_s", s), ("sigma_t", t), ("emission", j)):
             if not np.all(np.isfinite(values)) or np.any(values < 0):
                 raise DomainError(name, float(values.min()), "finite numbers, never negative")
+        if np.any(s > t * (1 + 1e-12)):
+            raise DomainError("sigma_s", float(s[s > t * (1 + 1e-12)][0]), "is a part of sigma_t and never exceeds it")
         return cls(s, t, j, henyey_greenstein_tables(a)[0])
 
     @classmethod

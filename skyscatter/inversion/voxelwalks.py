@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.inversion.brief import Brief
 
 if TYPE_CHECKING:
     from skyscatter.inversion.kernels.replay import Draws, Walk
@@ -27,8 +28,8 @@ BATCHES = 8
 MOST_COLLISIONS = 256
 
 
-@dataclass(frozen=True)
-class WalkedLight:
+@dataclass(frozen=True, repr=False)
+class WalkedLight(Brief):
     """Light of the second and all higher orders of scattering, and derivatives of a number made of it.
 
     Attributes
@@ -90,7 +91,7 @@ def multiple_scattering(
     derive = weights is not None
     weight = _like("weights", 0.0 if weights is None else weights, shape)
     ready = model.prepare(density)
-    table, draws, walks = model._table(ready), _draws(model), -(-int(samples) // BATCHES)
+    table, draws, walks = model._table(ready), _draws(model, ready.density), -(-int(samples) // BATCHES)
     light, slopes = np.zeros((BATCHES, *shape)), []
     for batch in range(BATCHES):
 
@@ -115,7 +116,7 @@ def _mean(batches: Array) -> tuple[Array, Array]:
     return batches.mean(axis=0), batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
 
 
-def _draws(model: VoxelModel) -> Draws:
+def _draws(model: VoxelModel, density: Array) -> Draws:
     """What directions are drawn from: mean phase functions, and their distribution functions."""
     from skyscatter.inversion.kernels.replay import Draws
 
@@ -126,7 +127,10 @@ def _draws(model: VoxelModel) -> Draws:
     steps = np.pi * (phase[:, 1:] + phase[:, :-1]) * -np.diff(mu)
     cdf = np.concatenate([np.zeros((len(phase), 1)), np.cumsum(steps, axis=1)], axis=1)
     total = cdf[:, -1:]
-    return Draws(optics.sigma_s.mean(axis=1), phase / total, cdf / total)
+    # The scale of densities where there is something; any number will do where there is nothing at all.
+    filled = np.count_nonzero(density, axis=0)
+    scale = np.where(filled > 0, density.sum(axis=0) / np.maximum(filled, 1), 1.0)
+    return Draws(optics.sigma_s.mean(axis=1), phase / total, cdf / total, scale)
 
 
 def _walk(model: VoxelModel) -> Walk:
@@ -137,5 +141,5 @@ def _walk(model: VoxelModel) -> Walk:
     return Walk(
         np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 3)), np.zeros(k), np.zeros(k), np.zeros(k, np.int64),
         np.zeros(k), np.zeros((k, c)), np.zeros((k, w)), np.zeros(w), np.zeros(w), np.zeros(c), np.zeros(w),
-        np.zeros(c), np.zeros((3, w)), np.zeros(c), np.zeros(1, np.uint64),
+        np.zeros(c), np.zeros((3, w)), np.zeros(c), np.zeros(1, np.int64), np.zeros(1, np.uint64),
     )  # fmt: skip

@@ -108,7 +108,7 @@ def test_known_noise_of_uneven_points() -> None:
     known = inversion.abel_invert(RADIUS, data, sigma)
     truth = pair.density(RADIUS)
     assert np.abs(known.density - truth)[RADIUS < 0.3].mean() < np.abs(even.density - truth)[RADIUS < 0.3].mean()
-    np.testing.assert_array_equal(known.noise, sigma)
+    np.testing.assert_allclose(known.noise, sigma, rtol=1e-12)
     assert 0.6 < known.reduced_chi_square < 1.5  # 1 +- sqrt(2 / 95) = 0.145, three of them
 
 
@@ -220,3 +220,12 @@ def test_plummer_truth_is_its_own_field() -> None:
     start = np.stack([y, 0 * y, 0 * y - 2], axis=1)
     columns = field.column(start, start + np.array([0, 0, 4]))
     np.testing.assert_allclose(pair.projection(y), columns, rtol=1e-6, atol=1e-9)
+
+
+def test_a_result_prints_in_a_few_lines() -> None:
+    radius = np.linspace(0, 1, 30)
+    column = inversion.abel_project(radius, 1 - radius**2) + 0.01 * np.sin(40 * radius)
+    text = repr(inversion.abel_invert(radius, column))
+    assert text.startswith("AbelResult\n")
+    assert len(text.splitlines()) < 25
+    assert "array of shape (30,)" in text

@@ -82,6 +82,18 @@ def test_too_few_iterations_are_confessed() -> None:
         optimal_estimation(toy, np.ones(4))
 
 
+def test_derivatives_that_lead_uphill_are_an_error() -> None:
+    """Steps that damping has made short are no sign of a minimum."""
+
+    class Wrong(Toy):
+        def linearise(self, z: Any, steps: Any) -> Linearisation:
+            value, error, jacobian = super().linearise(z, steps)
+            return Linearisation(value, error, -jacobian)
+
+    with pytest.raises(ConvergenceError, match="no step lowers the misfit"):
+        optimal_estimation(Wrong(MATRIX @ np.array([0.5, -1.0, 0.3, 2.0])), np.zeros(4))
+
+
 def test_the_truth_is_inside_as_often_as_stated() -> None:
     """Truths from the prior, a curved model: 95 % of joint regions hold them (2000 draws, within 3 deviations)."""
     rng, inside, count = np.random.default_rng(5), 0, 2000

@@ -165,3 +165,25 @@ def test_bad_background() -> None:
         inversion.extinction_map(np.ones((9, 9)), 0.0)
     with pytest.raises(DomainError, match=r"^emissivity = "):
         inversion.electrons_from_emissivity(-1.0)
+
+
+def test_pixels_that_are_too_dark_are_counted() -> None:
+    y, x = np.mgrid[:32, :32]
+    visual = np.maximum(6 - 0.5 * np.hypot(x - 15.5, y - 15.5), 0.0)
+    visual[14:17, 15] = np.nan
+    found = inversion.dust_from_extinction(visual, 10.0, "150 pc", 0.05, centre=(15.5, 15.5))
+    assert found.opaque_pixels == 3
+    hidden = np.isnan(visual)
+    assert inversion.dust_from_extinction(visual, 10.0, "150 pc", 0.05, hidden, centre=(15.5, 15.5)).opaque_pixels == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [("distance", {"distance": 800}), ("edge", {"edge": "1 pc"}), ("centre", {"image": np.zeros((32, 32))})],
+)
+def test_slips_of_units_are_noticed(name: str, more: dict[str, Any]) -> None:
+    y, x = np.mgrid[:32, :32]
+    given: dict[str, Any] = {"image": np.maximum(100 - (x - 15.5) ** 2 - (y - 15.5) ** 2, 0), "distance": "150 pc"}
+    image, distance = (given | {k: v for k, v in more.items() if k != "edge"}).values()
+    with pytest.raises(DomainError, match=f"^{name} = "):
+        inversion.gas_from_line_image(1e-9 * image, 10.0, distance, edge=more.get("edge"))

@@ -10,7 +10,8 @@ import skyscatter
 from skyscatter.errors import DomainError
 from skyscatter.inversion.distributions import LogNormal, LogUniform, Normal, Uniform, from_json, to_json
 from skyscatter.inversion.parameters import Subject, apply, parse_free, resolve
-from skyscatter.inversion.quantities import as_particles
+from skyscatter.inversion.quantities import as_particles, placed
+from skyscatter.spectra.table import SpectralTable, evaluate
 
 PRIORS = {
     "uniform": (Uniform(-1.0, 3.0), stats.uniform(-1, 4)),
@@ -170,3 +171,10 @@ def test_texts_of_the_command_line() -> None:
     for text in ("=1:2", "a.b=", "a.b=1", "a.b=1:2:3", "a.b=x:2", "a.b=gamma(1,2)", "a.b=normal(1)"):
         with pytest.raises(DomainError):
             parse_free(text)
+
+
+def test_tables_of_few_nodes_meet_their_value() -> None:
+    """Between two far nodes the value is not that of a node moved as far."""
+    table = SpectralTable(wavelengths=(300.0, 900.0), values=(0.95, 0.2))
+    for target in (0.05, 0.7, 0.99):
+        assert float(evaluate(placed(table, 550.0, target, 0.0, 1.0), [550.0])[0]) == pytest.approx(target, abs=1e-12)

@@ -248,3 +248,19 @@ def test_an_interrupted_fit_goes_on(
 
 def _raise(*_: Any, **__: Any) -> Any:
     raise KeyboardInterrupt
+
+
+def test_data_of_a_sky_and_the_model_of_a_nebula_are_refused() -> None:
+    data = radiance_table([180.0], [45.0], [550.0], [0.1], sigma=0.01, sun_elevation_deg=40.0)
+    with pytest.raises(DomainError, match=r"model = 'reflection-nebula'.*of a sky.*planet"):
+        skyscatter.fit("reflection-nebula", data, {"dust.extinction": (0.1, 10.0)})
+
+
+def test_priors_stay_within_what_has_a_meaning() -> None:
+    data = radiance_table([180.0], [45.0], [550.0], [0.1], sigma=0.01, sun_elevation_deg=40.0)
+    for free, words in (
+        ({"ground.albedo": Normal(1.2, 0.1)}, "ground.albedo=1.2"),
+        ({"air.weight": (-1, 2)}, "weight"),
+    ):
+        with pytest.raises(DomainError, match=words):
+            skyscatter.fit("earth", data, free)

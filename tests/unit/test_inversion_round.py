@@ -221,7 +221,7 @@ IMAGE = np.ones((20, 20)) + np.eye(20)
         (inversion.invert_spherical, {"mask": np.ones((20, 20), bool)}, "mask"),
         (inversion.invert_spherical, {"centre": (50.0, 3.0)}, "centre"),
         (inversion.invert_spherical, {"pixel_size": -1.0}, "pixel_size"),
-        (inversion.invert_spherical, {"centre": (2.0, 2.0)}, "edge"),
+        (inversion.invert_spherical, {"centre": (2.0, 2.0)}, "centre"),
         (inversion.invert_axisymmetric, {"axis": "z"}, "axis"),
         (inversion.invert_axisymmetric, {"axis_position": 40.0}, "axis_position"),
         (inversion.invert_axisymmetric, {"pixel_size": np.nan}, "pixel_size"),

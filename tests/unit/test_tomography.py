@@ -349,3 +349,21 @@ def test_bad_input_is_named() -> None:
         reconstruct(views, dusty(truth()))
     with pytest.raises(DomainError, match="component"):
         reconstruct(views, dusty(truth()), [550.0], free=["gas"])
+
+
+def test_stars_in_a_picture_are_no_matter() -> None:
+    """Pixels around the stars of the scene say nothing; without the scene they are bright matter."""
+    from skyscatter import Telescope
+
+    medium = Medium(components=(Component(name="dust", density=FRAME.grid(truth()), optics=dust(0.5, 0.6)),))
+    star = PointStar(spectrum=GREY, position=(0.2, 0.0, 0.0))
+    scene = SpaceScene(medium=medium, stars=(star,), view=View(distance=100.0))
+    camera = Telescope.from_field_of_view(24, 24, float(np.degrees(2.4 / 100)))
+    data = np.ones((24, 24))
+    plain, masked = (ImageView.from_camera(data, 0.1, camera, scene.view, scene=s) for s in (None, scene))
+    assert np.isfinite(plain.sigma).all()
+    hidden = ~np.isfinite(masked.sigma[..., 0])
+    rows, columns = np.nonzero(hidden)
+    assert 0 < hidden.sum() < 60
+    assert abs(rows.mean() - 11.5) < 0.6  # 0.2 m west of the middle of 2.4 m: two pixels to the right
+    assert abs(columns.mean() - 13.5) < 0.6

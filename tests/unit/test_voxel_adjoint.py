@@ -234,3 +234,25 @@ def test_bad_input_is_named() -> None:
         VoxelFrame.of(VoxelGrid(values=np.ones((2, 2, 2)), spacing=1.0, interpolation="nearest"))
     with pytest.raises(DomainError, match="g ="):
         henyey_greenstein_tables(1.0)
+
+
+def test_scattering_beyond_extinction_is_refused() -> None:
+    with pytest.raises(DomainError, match="sigma_s = 2"):
+        VoxelOptics.make(sigma_s=2.0, sigma_t=1.0)
+
+
+def test_steps_may_be_thick() -> None:
+    """What absorbs as much as it shines: S (1 - exp(-tau)) whatever the density, and however deep a step is."""
+    frame = VoxelFrame.cube(6, 1.0)
+    density = np.random.default_rng(4).random(frame.shape)
+    origins, directions = lines_through(np.random.default_rng(5), 12, radius=0.8, spread=0.3)
+    columns = VoxelModel(frame, VoxelOptics.columns(), VoxelLights.none(1), np.zeros(1), step=1.0)
+    column = columns.image(density, origins, directions)
+    for depth in (0.01, 3.0, 100.0):
+        optics = VoxelOptics.make(0.0, depth, emission=2.0 * depth)
+        model = VoxelModel(frame, optics, VoxelLights.none(1), np.zeros(1), step=1.0)
+        light, slope = model.gradient(density, origins, directions, np.ones((12, 1)), optics=True)
+        np.testing.assert_allclose(light, -2.0 * np.expm1(-depth * column), rtol=1e-9)
+        # Both coefficients changed together: 2 d(1 - exp(-depth column)) / d depth.
+        total = slope.sigma_t[0, 0] + 2.0 * slope.emission[0, 0]
+        assert total == pytest.approx(float(np.sum(2.0 * column * np.exp(-depth * column))), rel=1e-7, abs=1e-9)

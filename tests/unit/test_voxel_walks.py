@@ -85,6 +85,29 @@ def test_derivatives_are_those_of_path() -> None:
     assert error[0] < 0.03 * abs(expected[0])
 
 
+def test_a_little_more_where_there_is_nothing() -> None:
+    """Walks go through empty places too: what scattering there would bring is all of their derivative."""
+    filled = cloud() * (FRAME.middles()[..., 0] > 0)
+    empty = np.where(filled > 0, 0.0, 1.0) * np.array([1.0, 0.0])[:, None, None, None]
+
+    def moved(theta: Array) -> skyscatter.SpaceScene:
+        return scene(filled + theta[0] * empty)
+
+    # Densities are never negative: the derivative a little above nought, where second orders are 0.2 % of it.
+    rays, at = (ORIGINS, DIRECTIONS, WAVELENGTHS), ([2e-3], [1e-3])
+    walked = differentiate(moved, *at, *rays, solver="path", samples=65536)
+    once = differentiate(moved, *at, *rays, solver="single")
+    expected = np.sum(WEIGHTS * (walked.jacobian - once.jacobian))
+    noise_of_it = np.sqrt(np.sum((WEIGHTS * walked.jacobian_error) ** 2))
+    runs = np.array([
+        np.sum(empty * multiple_scattering(model(), filled, ORIGINS, DIRECTIONS, WEIGHTS, samples=2000, seed=k).density)
+        for k in range(16)
+    ])  # fmt: skip
+    error = np.hypot(runs.std(ddof=1) / np.sqrt(len(runs)), noise_of_it)
+    assert_agrees(runs.mean(), expected, error, freedom=len(runs) - 1, slack=0.01)
+    assert error < 0.05 * abs(expected)
+
+
 def test_every_voxel_is_within_its_error() -> None:
     """Two runs of other seeds: differences over their errors are as wide as errors of eight batches make them."""
     one, two = (

@@ -144,6 +144,24 @@ def clip(m, o, d):
 
 
 @INLINED
+def depth_within(x):
+    """Optical depth into a step of depth x at which its light is seen on average, -log((1 - exp(-x)) / x)."""
+    if x < 0.5:
+        y = x * x
+        return 0.5 * x - y * (1 / 24 - y * (1 / 2880 - y * (1 / 181440 - y / 9676800)))
+    return -math.log(-math.expm1(-x) / x)
+
+
+@INLINED
+def slope_within(x):
+    """Derivative of `depth_within`."""
+    if x < 0.5:
+        y = x * x
+        return 0.5 - x * (1 / 12 - y * (1 / 720 - y * (1 / 30240 - y / 1209600)))
+    return 1.0 / x - 1.0 / math.expm1(x)
+
+
+@INLINED
 def visit(m, o, d, t, h, n, s, light):
     """One node in the middle of the step from t to t + h: read the densities, add its light."""
     middle = t + 0.5 * h
@@ -155,15 +173,20 @@ def visit(m, o, d, t, h, n, s, light):
     rho = s.rho[n]
     gather(m.density, first, e, f, g, m.shape[1], m.shape[2], rho)
     depth, count = s.by_w[0], m.background.size
+    within = s.by_w[1]
     for i in range(count):
         depth[i] = 0.0
+        within[i] = 0.0
         s.seen[n, i] = 0.0
     for c in range(rho.size):
-        column = s.column[c] + 0.5 * h * rho[c]
-        s.column[c] += h * rho[c]
+        column, own = s.column[c], h * rho[c]
+        s.column[c] += own
         for i in range(count):
             depth[i] += column * m.sigma_t[c, i]
+            within[i] += own * m.sigma_t[c, i]
             s.seen[n, i] += rho[c] * m.emission[c, i]
+    for i in range(count):
+        depth[i] += depth_within(within[i])
     if m.emits:
         for i in range(count):
             emitted, s.seen[n, i] = s.seen[n, i], h * math.exp(-depth[i])
@@ -339,14 +362,18 @@ def turn_back(m, n, s, g, slope, optics, out):
                 s.by_sc[k, c] = -s.far[node, k] * total
             for i in range(count):
                 own[i] += part[i]
+        for i in range(count):
+            part[i] = 0.0
+            for c in range(components):
+                part[i] += h * rho[c] * m.sigma_t[c, i]
+            part[i] = slope_within(part[i])
         for c in range(components):
-            middle = s.column[c] - 0.5 * h * rho[c]
             s.column[c] -= h * rho[c]
             total = 0.0
             for i in range(count):
-                total += m.sigma_t[c, i] * (later[i] + 0.5 * own[i])
+                total += m.sigma_t[c, i] * (later[i] + part[i] * own[i])
                 if optics:
-                    out.sigma_t[c, i] -= middle * own[i]
+                    out.sigma_t[c, i] -= (s.column[c] + part[i] * h * rho[c]) * own[i]
             s.by_c[c] -= h * total
         for i in range(count):
             later[i] += own[i]
@@ -374,9 +401,12 @@ def go_on(m, n, s, density, toward, out):
         first, a, b, e = corner(u, v, w, m.shape[0], m.shape[1], m.shape[2], m.constant)
         gather(density, first, a, b, e, m.shape[1], m.shape[2], change)
         for i in range(count):
-            shade[i], more, now = 0.0, 0.0, 0.0
+            shade[i], more, now, within = 0.0, 0.0, 0.0, 0.0
             for c in range(components):
-                shade[i] += (s.column[c] + 0.5 * h * change[c]) * m.sigma_t[c, i]
+                within += h * rho[c] * m.sigma_t[c, i]
+            within = slope_within(within)
+            for c in range(components):
+                shade[i] += (s.column[c] + within * h * change[c]) * m.sigma_t[c, i]
                 more += change[c] * m.emission[c, i]
                 now += rho[c] * m.emission[c, i]
             out[i] += s.seen[node, i] * (more - now * shade[i])

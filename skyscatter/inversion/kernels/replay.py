@@ -1,8 +1,10 @@
 """Light scattered twice and more in voxels by random walks, and its derivatives along the same walks.
 
-A walk starts at the camera and collides in the medium at every leg (the flight is that of a collision within the grid,
-weighted by its chance); from the second collision on the stars' light is added at every one.  The density along a leg
-is constant within steps, so flights, transmittances and chances are exact for it, and so are their derivatives: in
+A walk starts at the camera and collides in the grid at every leg; from the second collision on the stars' light is
+added at every one.  Most flights are those of a collision within the grid, weighted by its chance; a few end anywhere
+on the leg alike, for where there is nothing a little more would scatter too: that is all of the derivative there.  The
+density along a leg is constant within steps, so flights, transmittances and chances are exact for it, and so are their
+derivatives: in
 
     f = prod_k [T(leg k) sum_c rho_c sigma_s,c p_c] x [light of the star at the last collision]
 
@@ -29,8 +31,8 @@ INLINED = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinl
 
 #: Russian roulette begins after so many collisions, below this share of the throughput after the first.
 FIRST_ROULETTE, ROULETTE_LEVEL = 3, 0.3
-#: Share of the new directions that are drawn alike from all sides.
-EVEN_SHARE = 0.1
+#: Share of the new directions that are drawn alike from all sides, and of the flights that end anywhere alike.
+EVEN_SHARE, EVEN_FLIGHTS = 0.1, 0.1
 
 
 class Draws(NamedTuple):
@@ -39,6 +41,7 @@ class Draws(NamedTuple):
     sigma_s: np.ndarray  #: (c,) mean scattering [m-1]
     phase: np.ndarray  #: (c, angle) [sr-1] at cos = 1 - 2 (k / n)^2
     cdf: np.ndarray  #: (c, angle) chance of an angle nearer to forward
+    scale: np.ndarray  #: (c,) a density that walks through empty places are weighted by
 
 
 class Walk(NamedTuple):
@@ -60,6 +63,7 @@ class Walk(NamedTuple):
     by_c: np.ndarray  #: (c,)
     by_w: np.ndarray  #: (3, w)
     toward: np.ndarray  #: (c,)
+    empty: np.ndarray  #: (1,) int64 number of the collision with nothing that the walk goes on from, or -1
     state: np.ndarray  #: (1,) uint64
 
 
@@ -148,7 +152,7 @@ def clip(m, o, d):
 
 @KERNEL
 def prepare_leg(m, o, d, k, walk):
-    """Begin and step of leg k, and the optical depths of all of it; returns the number of steps, 0 if it is empty."""
+    """Begin and step of leg k, and the optical depths of all of it; returns the number of steps, 0 outside the grid."""
     start, end = clip(m, o, d)
     for c in range(walk.column.size):
         walk.column[c] = 0.0
@@ -162,69 +166,82 @@ def prepare_leg(m, o, d, k, walk):
         read(m.density, first, e, f, g, m.shape[1], m.shape[2], walk.by_c)
         for c in range(walk.column.size):
             walk.column[c] += h * walk.by_c[c]
-    deepest = 0.0
     for i in range(walk.total.size):
         walk.total[i] = 0.0
         for c in range(walk.column.size):
             walk.total[i] += walk.column[c] * m.sigma_t[c, i]
-        deepest = max(deepest, walk.total[i])
     for a in range(3):
         walk.start[k, a], walk.direction[k, a] = o[a], d[a]
     walk.begin[k], walk.step[k] = start, h
-    return count if deepest > 0.0 else 0
+    return count
 
 
 @KERNEL
-def fly(m, o, d, k, count, hero, u, walk):
-    """The collision of leg k, drawn by the hero within the grid; False where it meets nothing."""
-    wanted = -math.log1p(-u * -math.expm1(-walk.total[hero]))
+def fly(m, o, d, k, count, hero, walk):
+    """The collision of leg k: drawn by the hero within the grid, or anywhere alike."""
     h, depth = walk.step[k], 0.0
+    u, v = uniform(walk.state), uniform(walk.state)
+    anywhere = u < EVEN_FLIGHTS or not walk.total[hero] > 0.0
+    wanted = -math.log1p(-v * -math.expm1(-walk.total[hero]))
+    chosen = min(int(v * count), count - 1) if anywhere else count - 1
     rho = walk.rho[k]
     for c in range(rho.size):
         walk.column[c] = 0.0
-    for j in range(count):
+    for j in range(chosen + 1):
         x, y, z = cells(m, o, d, walk.begin[k] + (j + 0.5) * h)
         first, e, f, g = corner(x, y, z, m.shape[0], m.shape[1], m.shape[2])
         read(m.density, first, e, f, g, m.shape[1], m.shape[2], rho)
         sigma = 0.0
         for c in range(rho.size):
             sigma += rho[c] * m.sigma_t[c, hero]
-        if sigma > 0.0 and (depth + sigma * h >= wanted or j == count - 1):
-            part = min((wanted - depth) / sigma, h)
+        if j == chosen or (not anywhere and depth + sigma * h >= wanted):
+            part = v * count * h - j * h if anywhere else (wanted - depth) / sigma if sigma > 0.0 else h
+            part = min(max(part, 0.0), h)
             walk.number[k], walk.flown[k] = j, part
             for c in range(rho.size):
                 walk.column[c] += part * rho[c]
             for a in range(3):
                 walk.place[k, a] = o[a] + (walk.begin[k] + j * h + part) * d[a]
-            return True
+            return
         depth += sigma * h
         for c in range(rho.size):
             walk.column[c] += h * rho[c]
-    return False
 
 
 @KERNEL
-def collide(m, k, walk):
+def collide(m, k, count, walk):
     """Throughput and chances after the flight to collision k; `base` of it.  False if the walk counts for nothing."""
-    mean, count = 0.0, walk.value.size
-    for i in range(count):
+    mean, wavelengths, length = 0.0, walk.value.size, count * walk.step[k]
+    for i in range(wavelengths):
         tau, sigma = 0.0, 0.0
         for c in range(walk.column.size):
             tau += walk.column[c] * m.sigma_t[c, i]
             sigma += walk.rho[k, c] * m.sigma_t[c, i]
         through = math.exp(-tau)
         walk.value[i] *= through
-        lost = -math.expm1(-walk.total[i])
-        walk.chance[i] *= sigma * through / lost if lost > 0.0 else 0.0
+        if walk.total[i] > 0.0:
+            flown = sigma * through / -math.expm1(-walk.total[i])
+            walk.chance[i] *= EVEN_FLIGHTS / length + (1.0 - EVEN_FLIGHTS) * flown
+        else:
+            walk.chance[i] /= length
         mean += walk.chance[i]
-    mean /= count
+    mean /= wavelengths
     if not mean > 0.0:
         return False
-    for i in range(count):
+    for i in range(wavelengths):
         walk.value[i] /= mean
         walk.chance[i] /= mean
         walk.base[k, i] = walk.value[i]
     return True
+
+
+@KERNEL
+def is_empty(k, walk):
+    """Whether there is nothing at collision k."""
+    most = 0.0
+    for c in range(walk.column.size):
+        most = max(most, walk.rho[k, c])
+    return most <= 0.0
 
 
 @INLINED
@@ -349,11 +366,16 @@ def scatter(m, draws, k, d, walk):
 
 
 @KERNEL
-def wander(m, draws, origin, direction, walk, light):
-    """One walk: the light of the second and higher orders that it finds (w,); returns the number of its collisions."""
+def wander(m, draws, origin, direction, derive, walk, light):
+    """One walk: the light of the second and higher orders that it finds (w,); returns the number of its collisions.
+
+    With `derive` it goes on from one place where there is nothing, as if there were something: what follows is no
+    light, but tells what light a little more there would bring.
+    """
     most, count = walk.begin.size, walk.value.size
     hero = min(int(uniform(walk.state) * count), count - 1)
     reference = 0.0
+    walk.empty[0] = -1
     for i in range(count):
         walk.value[i], walk.chance[i] = 1.0, 1.0
     x, y = walk.start, walk.direction
@@ -361,10 +383,19 @@ def wander(m, draws, origin, direction, walk, light):
         x[0, a], y[0, a] = origin[a], direction[a]
     for k in range(most):
         steps = prepare_leg(m, x[k], y[k], k, walk)
-        if steps == 0 or not fly(m, x[k], y[k], k, steps, hero, uniform(walk.state), walk) or not collide(m, k, walk):
+        if steps == 0:
             return k
-        if k > 0:
+        fly(m, x[k], y[k], k, steps, hero, walk)
+        if not collide(m, k, steps, walk):
+            return k
+        if k > 0 and walk.empty[0] < 0:
             add_light(m, k, walk, light)
+        if is_empty(k, walk):
+            if not derive or walk.empty[0] >= 0:
+                return k + 1
+            walk.empty[0] = k
+            for c in range(walk.column.size):
+                walk.rho[k, c] = draws.scale[c]
         if k + 1 == most:
             return most
         for a in range(3):
@@ -375,7 +406,7 @@ def wander(m, draws, origin, direction, walk, light):
         for i in range(count):
             largest = max(largest, walk.value[i])
         if k == 0:
-            reference = largest
+            reference = largest  # also where there was nothing: the densities' scale stands for it
         elif k + 1 >= FIRST_ROULETTE:
             q = min(1.0, largest / (ROULETTE_LEVEL * reference))
             if uniform(walk.state) >= q:
@@ -389,8 +420,11 @@ def wander(m, draws, origin, direction, walk, light):
 
 @KERNEL
 def replay(m, n, walk, weight, density, toward):
-    """Go back along a walk of n collisions: add the derivatives of sum(weight light) to those of the tables."""
-    later, own = walk.by_w[0], walk.by_w[1]
+    """Go back along a walk of n collisions: add the derivatives of sum(weight light) to those of the tables.
+
+    What follows a place with nothing in it is in proportion to the density there: it has a derivative by that alone.
+    """
+    later, own, empty = walk.by_w[0], walk.by_w[1], walk.empty[0]
     components, count = walk.column.size, weight.size
     for i in range(count):
         later[i] = 0.0
@@ -402,7 +436,14 @@ def replay(m, n, walk, weight, density, toward):
         for i in range(count):
             own[i] = 0.0
         if k > 0:
-            light_slope(m, k, walk, weight, own, toward)
+            light_slope(m, k, walk, weight, own, toward, k >= empty >= 0)
+        if k > empty >= 0:
+            for i in range(count):
+                later[i] += own[i]
+            continue
+        if k == empty:
+            for i in range(count):
+                later[i], own[i] = 0.0, 0.0
         for c in range(components):
             walk.column[c] = 0.0
             for i in range(count):
@@ -444,8 +485,11 @@ def onward_slope(m, k, walk, later):
 
 
 @KERNEL
-def light_slope(m, k, walk, weight, own, toward):
-    """The stars' light at collision k, weighted, into `own` (w,); its derivatives to ``walk.by_c`` and `toward`."""
+def light_slope(m, k, walk, weight, own, toward, no_light):
+    """The stars' light at collision k, weighted, into `own` (w,); its derivatives to ``walk.by_c`` and `toward`.
+
+    With `no_light` it is not there, but what it would be is wanted: dimming it changes nothing.
+    """
     for s in range(m.place.shape[0]):
         fall, last, share, far = face_star(m, k, s, walk)
         for c in range(walk.column.size):
@@ -462,8 +506,9 @@ def light_slope(m, k, walk, weight, own, toward):
             own[i] += lit * source
             for c in range(walk.column.size):
                 walk.column[c] -= far * m.sigma_t[c, i] * lit * source
-        first, e, f, g, n1, n2 = column_cell(m, walk.place[k, 0], walk.place[k, 1], walk.place[k, 2])
-        add(toward[:, s], first, e, f, g, n1, n2, walk.column)
+        if not no_light:
+            first, e, f, g, n1, n2 = column_cell(m, walk.place[k, 0], walk.place[k, 1], walk.place[k, 2])
+            add(toward[:, s], first, e, f, g, n1, n2, walk.column)
 
 
 @KERNEL
@@ -479,7 +524,7 @@ def walk_rays(m, draws, origins, directions, first_ray, seed, batch, walks, weig
             start_stream(walk.state, seed, first_ray + r, batch * walks + n)
             for i in range(own):
                 found[i] = 0.0
-            collisions = wander(m, draws, origins[r], directions[r], walk, found)
+            collisions = wander(m, draws, origins[r], directions[r], derive, walk, found)
             for i in range(own):
                 light[r, i] += scaled * found[i]
             if derive and collisions > 1:
