@@ -57,7 +57,8 @@ fig, axes = plt.subplots(1, views, figsize=(2.1 * views, 2.3), layout="constrain
 for k, ax in enumerate(axes):
     shown = ax.imshow(images[k].data[..., 0], extent=(-1.3, 1.3, -1.3, 1.3), cmap="magma")
     ax.set(title=f"view {k + 1}", xlabel="x [m]")
-fig.colorbar(shown, ax=axes, label="column [m]")
+_ = fig.colorbar(shown, ax=axes, label="column [m]")
+
 # %% [markdown]
 # ## Back to the density
 #
