@@ -4,6 +4,7 @@
     cells    the same blobs as codes on cells show them: light and dust constant within each, noise of packets
     blobs    six images by another code, RADMC-3D (reference/inversion_blobs), with the same settings
     voxels   64^3 cells from 8 images of 64x64 with 1 % noise, scattered light and line emission
+    pictures those of docs/gallery/inversion
 
 Errors are ||estimate - truth|| / ||truth||, the correlation of the voxels, and the ratio of the masses.
 """
@@ -25,9 +26,10 @@ from skyscatter.inversion.voxelimage import VoxelModel
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square
 from skyscatter.optics.phase import Isotropic
 
-#: Chosen on the scenes of `own`, seeds 11 and 12, before the images of `blobs` were looked at.
+#: Those of the scenes of `own`; docs/validation-inversion-tomography.md tells what was looked at before.
 SETTINGS: dict[str, Any] = {"prior": "tikhonov", "multiple": 2, "samples": 128, "stop": 1e-4}
 WAVELENGTH = [550.0]
+GALLERY = Path(__file__).parent.parent / "docs" / "gallery" / "inversion"
 #: Views of `cells`: inclination and azimuth [deg], three at right angles to an axis of the grid and more oblique ones.
 CELL_ANGLES = [(0, 0), (90, 0), (90, 60), (90, 120), (45, 30), (45, 210)]
 #: For images made on cells.
@@ -258,6 +260,33 @@ def run_voxels(cells: int, pixels: int, views: int) -> str:
     )
 
 
+def picture(kind: str) -> None:
+    """Truth, estimate, error, one view, its residual and the standard deviation, for the gallery."""
+    import matplotlib.pyplot as plt
+
+    made, model, truth = voxel_case(kind, 32, 48, 8, 5)
+    found = reconstruct(made, model, freedom=True, deviation=True)
+    where, density = truth.shape[2] // 2, found.density[0]
+    error = density - truth
+    side = {"origin": "lower", "extent": (-1, 1, -1, 1)}
+    worst = float(np.abs(error).max())
+    panels = [
+        ("truth", truth[:, :, where].T, {"cmap": "magma", "vmax": truth.max(), **side}),
+        ("estimate", density[:, :, where].T, {"cmap": "magma", "vmax": truth.max(), **side}),
+        ("estimate - truth", error[:, :, where].T, {"cmap": "RdBu_r", "vmin": -worst, "vmax": worst, **side}),
+        ("view 1 of 8", made[0].data[..., 0], {"cmap": "magma"}),
+        ("residual of view 1 / noise", found.residuals[0][..., 0], {"cmap": "RdBu_r", "vmin": -4, "vmax": 4}),
+        ("standard deviation", found.deviation[0][:, :, where].T, {"vmin": 0, **side}),
+    ]
+    fig, spots = plt.subplots(2, 3, figsize=(8.4, 5.2), layout="constrained")
+    for spot, (title, values, options) in zip(spots.flat, panels, strict=True):
+        fig.colorbar(spot.imshow(values, **options), ax=spot)
+        spot.set(title=title, **({"xlabel": "x [m]", "ylabel": "y [m]"} if "extent" in options else {}))
+    words = "Line emission" if kind == "emission" else "Light of a star, scattered by dust"
+    fig.suptitle(f"{words}: 32³ cells, 8 views, 1 % noise; relative error {score(density, truth)[0]:.3f}")
+    fig.savefig(GALLERY / f"tomography_{kind}.png", dpi=100)
+
+
 def main() -> None:
     """Command line."""
     parser = common.parser(__doc__)
@@ -281,8 +310,11 @@ def main() -> None:
         elif case == "voxels":
             title = f"{given.cells}^3 cells, {given.views} images of {given.pixels}x{given.pixels}, 1 % noise:\n\n"
             blocks.append(title + run_voxels(given.cells, given.pixels, given.views))
+        elif case == "pictures":
+            for kind in ("emission", "dust"):
+                picture(kind)
         else:
-            raise SystemExit(f"--cases {case}: choose from own, cells, blobs, voxels")
+            raise SystemExit(f"--cases {case}: choose from own, cells, blobs, voxels, pictures")
     words = [Path(sys.argv[0]).name, *sys.argv[1:]]
     common.report("tomography", where, common.versions("numpy", "numba", "scipy"), blocks, words, given.write)
 
