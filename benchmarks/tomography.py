@@ -274,16 +274,16 @@ def picture(kind: str) -> None:
         ("truth", truth[:, :, where].T, {"cmap": "magma", "vmax": truth.max(), **side}),
         ("estimate", density[:, :, where].T, {"cmap": "magma", "vmax": truth.max(), **side}),
         ("estimate - truth", error[:, :, where].T, {"cmap": "RdBu_r", "vmin": -worst, "vmax": worst, **side}),
-        ("view 1 of 8", made[0].data[..., 0], {"cmap": "magma"}),
-        ("residual of view 1 / noise", found.residuals[0][..., 0], {"cmap": "RdBu_r", "vmin": -4, "vmax": 4}),
+        ("view 1 of 8", made[0].data[..., 0], {"cmap": "magma", "vmax": np.quantile(made[0].data, 0.995)}),
+        ("its residual / noise", found.residuals[0][..., 0], {"cmap": "RdBu_r", "vmin": -4, "vmax": 4}),
         ("standard deviation", found.deviation[0][:, :, where].T, {"vmin": 0, **side}),
     ]
-    fig, spots = plt.subplots(2, 3, figsize=(8.4, 5.2), layout="constrained")
+    fig, spots = plt.subplots(2, 3, figsize=(9.0, 5.2), layout="constrained")
     for spot, (title, values, options) in zip(spots.flat, panels, strict=True):
         fig.colorbar(spot.imshow(values, **options), ax=spot)
         spot.set(title=title, **({"xlabel": "x [m]", "ylabel": "y [m]"} if "extent" in options else {}))
     words = "Line emission" if kind == "emission" else "Light of a star, scattered by dust"
-    fig.suptitle(f"{words}: 32³ cells, 8 views, 1 % noise; relative error {score(density, truth)[0]:.3f}")
+    fig.suptitle(f"{words}: 32³ cells, 8 views, 1 % noise; relative error {score(density, truth)[0]:.3f}", fontsize=10)
     fig.savefig(GALLERY / f"tomography_{kind}.png", dpi=100)
 
 
