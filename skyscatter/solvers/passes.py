@@ -82,7 +82,7 @@ def solve_passes(
     workers: int,
     progress: Callable[[float], None] | None,
 ) -> bool:
-    """Make the passes that `state` lacks; False if interrupted, with all passes before the first unfinished one in it."""
+    """Make the passes that `state` lacks; False if interrupted, with all passes before the first unfinished one."""
     total = module.passes(options)
     stop = threading.Event()
     held: dict[int, Answer] = {}
