@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from skyscatter.atomic import atomic_path
-from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.passes import solve_passes
+from skyscatter.solvers.state import RenderState
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.space import SpaceScene
+    from skyscatter.surfaces.scene import SurfaceScene
 
-    AnyScene = Scene | SpaceScene
+    AnyScene = Scene | SpaceScene | SurfaceScene
 
 #: Rays in a tile at most: enough to hide the cost of handing it out, few enough for Ctrl-C and progress.
 TILE_RAYS = 128
@@ -33,64 +31,9 @@ TILE_RAYS = 128
 TILES_PER_THREAD = 8
 #: The modules of the solvers, by the sort of medium.
 SHELLS = {"orders": "orders", "path": "path", "single": "single"}
-VOLUMES = {"path": "volume_path", "single": "volume_single"}
+VOLUMES = {"path": "volume_path", "single": "volume_single", "photons": "photons"}
+SURFACES = {"path": "surface_path", "photons": "photons"}
 SOLVERS = tuple(SHELLS)
-
-
-@dataclass
-class RenderState:
-    """Finished rays of a render, and the recipe that they belong to."""
-
-    recipe: dict[str, Any]
-    done: NDArray[np.bool_]  #: (ray,)
-    radiance: Array  #: (ray, wavelength), nought where not done
-    standard_error: Array
-    samples: NDArray[np.int64]
-    layers: dict[str, Array] = field(default_factory=dict)
-
-    @classmethod
-    def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
-        """A state in which nothing is done."""
-        zero = np.zeros((rays, wavelengths))
-        return cls(recipe, np.zeros(rays, bool), zero, zero.copy(), np.zeros(rays, np.int64))
-
-    def put(self, rays: slice, answer: Answer) -> None:
-        """Keep the answer for some rays."""
-        self.radiance[rays], self.standard_error[rays] = answer.radiance, answer.standard_error
-        self.samples[rays] = answer.samples
-        for name, values in answer.layers.items():
-            self.layers.setdefault(name, np.zeros_like(self.radiance))[rays] = values
-        self.done[rays] = True
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the state to an .npz file, whole or not at all."""
-        layers: dict[str, Any] = {f"layer_{name}": values for name, values in self.layers.items()}
-        with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(
-                file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
-                standard_error=self.standard_error, samples=self.samples, **layers,
-            )  # fmt: skip
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], recipe: dict[str, Any]) -> RenderState:
-        """Read a state back and check that it belongs to `recipe`."""
-        if not Path(path).is_file():
-            raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
-        try:
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-            found = json.loads(str(content["recipe"]))
-            layers = {name.removeprefix("layer_"): v for name, v in content.items() if name.startswith("layer_")}
-            state = cls(
-                found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers
-            )
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
-        for name in sorted(set(found) | set(recipe)):
-            if found.get(name) != json.loads(json.dumps(recipe.get(name))):
-                raise DomainError("resume", str(path), f"was begun with other {name}; repeat the command as it was")
-        state.recipe = recipe
-        return state
 
 
 class Interrupted(KeyboardInterrupt):
@@ -125,9 +68,14 @@ def worker_count(threads: int | None) -> int:
     return threads
 
 
+def is_space(scene: AnyScene) -> bool:
+    """Whether a scene is one of space, without loading what such scenes are made of."""
+    return hasattr(scene, "star_field")
+
+
 def load_solver(name: str, scene: AnyScene) -> Any:
     """The module of a solver for a scene."""
-    modules = SHELLS if isinstance(scene, Scene) else VOLUMES
+    modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
     if name not in modules:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
     return import_module(f"skyscatter.solvers.{modules[name]}")
@@ -169,16 +117,28 @@ def solve_rays(
     state: RenderState,
     threads: int | None,
     progress: Callable[[float], None] | None,
+    wrap: Callable[[Any], Any] | None = None,
 ) -> bool:
-    """Fill `state` tile by tile; False if interrupted, with every tile that was finished in it.
+    """Fill `state` tile by tile, or pass by pass; False if interrupted, with all in it that was finished.
 
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
-    of threads.
+    of threads.  `wrap` makes another solver of the one that was named, see `skyscatter.solvers.subpixels`.
     """
     module = load_solver(solver, scene)
+    if wrap is not None:
+        module = wrap(module)
     options.check()
+    by_passes = getattr(module, "PASSES", False)
+    if not by_passes:
+        options.refuse(solver, "photons", "radius", "estimator", "direct")
     module.check(options)
     workers = worker_count(threads)
+    if by_passes:
+        try:
+            context = module.prepare(scene, rays, wavelengths, options, workers, progress)
+        except KeyboardInterrupt:
+            return False
+        return solve_passes(module, context, rays, options, state, workers, progress)
     n = len(rays.origins)
     count = getattr(module, "TILES", TILES_PER_THREAD * workers)
     size = min(max(n // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
@@ -237,6 +197,10 @@ def radiance(
     orders: int = 0,
     stokes: bool = False,
     transmittance: str | None = None,
+    photons: int | None = None,
+    radius: float | None = None,
+    estimator: str | None = None,
+    direct: bool | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Answer:
@@ -244,17 +208,18 @@ def radiance(
 
     Parameters
     ----------
-    scene : Scene or SpaceScene
+    scene : Scene, SpaceScene or SurfaceScene
     origins : array_like, shape (..., 3)
         Where the rays are observed [m]: from the planet's centre in the scene's frame (east, north, up), or in the
-        frame of a nebula's model.
+        frame of the model of a nebula or of surfaces.
     directions : array_like, shape (..., 3)
         Unit vectors in which to look.  Broadcast against the origins.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver : {"orders", "path", "single"}
-        All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, or the first by
-        quadrature.
+    solver : {"orders", "path", "single", "photons"}
+        All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, the first by
+        quadrature (planets and nebulae), or all by photons from the lamps that are gathered along the rays (nebulae and
+        surfaces).
     samples : int, optional
         Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 16 if this and `noise` are not given.
     noise : float, optional
@@ -284,6 +249,17 @@ def radiance(
         `skyscatter.geometry.meridian.meridian_frame`): Q > 0 is upright, U > 0 leans to the left, V > 0 turns
         anticlockwise for the observer (IAU 1974).  Without it multiple scattering is that of scalar light, which
         misses the radiance of a clear sky by up to a few per cent.
+    photons : int, optional
+        Photons in every pass (``photons``).
+    radius : float, optional
+        Radius [m] of the spheres in which light is gathered (``photons``), the same in all passes.  When not given, it
+        follows from the scene and falls from pass to pass, so that the bias goes with the noise.
+    estimator : {"both", "points", "paths"}, optional
+        Which photons count in those spheres (``photons``): those that are scattered or absorbed there, those that pass
+        through, or both, weighted.
+    direct : bool, optional
+        Find light that comes straight from lamps by rays to them, and leave it out of what is gathered (``photons``);
+        on when not given.
     threads : int, optional
         All processors when not given.
     progress : callable, optional
@@ -304,7 +280,10 @@ def radiance(
     o, d = check_rays(scene, origins, directions)
     shape = o.shape[:-1]
     rays = Rays(o.reshape(-1, 3), d.reshape(-1, 3), np.arange(int(np.prod(shape)), dtype=np.int64))
-    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance)
+    options = Options(
+        samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
+        radius, estimator, direct,
+    )  # fmt: skip
     state = RenderState.empty({}, len(rays.origins), wl.size)
     if not solve_rays(scene, rays, wl, solver, options, state, threads, progress):
         raise KeyboardInterrupt
