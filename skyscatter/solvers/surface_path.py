@@ -46,6 +46,10 @@ SAMPLINGS = {None: BOTH, "area": AREA, "angular": ANGULAR}
 ANGLES = 513
 #: Share of it that takes scattering as equal in all directions.
 EVEN_SHARE = 0.1
+#: Share of the points on legs that are drawn by where the lamp is near, points on the camera's first leg, and the
+#: throughput below which roulette begins.  The answer is the same whatever they are; measured for the least noise at
+#: equal time in rooms with fog of an optical depth from 0.1 to 10.
+NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
 #: Points from which the middle and the size of a lamp with a surface are found.
 POINTS = 256
 
@@ -140,6 +144,9 @@ def guided(table: SurfaceTable) -> WalkTable:
         scatters=scatters,
         shines=shines,
         extinction=media.extinction.mean(axis=1),
+        near=NEAR_SHARE,
+        points=FIRST_POINTS,
+        level=ROULETTE_LEVEL,
         gathered=gathered,
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide)

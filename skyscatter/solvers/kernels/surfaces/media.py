@@ -171,7 +171,7 @@ def dim_through(media, m, x, d, far, work, out):
         out[i] = fast_exp(-out[i])
 
 
-@inlined
+@kernel
 def transmit(media, m, x, d, far, work, out):
     """Transmittance of medium m from x in direction d over the distance `far` [m], into `out` (wavelength,).
 
