@@ -11,6 +11,7 @@ import math
 from numba import types
 from numba.extending import overload
 
+from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
 
 _COMPILED = {"nogil": True, "_nrt": False, "error_model": "numpy"}
@@ -45,7 +46,7 @@ def _add_field_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
         return nothing
 
     def columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
-        space_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out)
+        space_columns(whole(space), ox, oy, oz, dx, dy, dz, ta, tb, whole(work), out)
 
     return columns
 
@@ -61,7 +62,7 @@ def _field_densities(space, x, y, z, work, out):
         return noughts
 
     def densities(space, x, y, z, work, out):
-        space_densities(space, x, y, z, work, out)
+        space_densities(whole(space), x, y, z, whole(work), out)
 
     return densities
 
@@ -76,6 +77,6 @@ def _clip_to_fields(space, ox, oy, oz, dx, dy, dz):
         return never
 
     def clip(space, ox, oy, oz, dx, dy, dz):
-        return clip_to_space(space, ox, oy, oz, dx, dy, dz)
+        return clip_to_space(whole(space), ox, oy, oz, dx, dy, dz)
 
     return clip

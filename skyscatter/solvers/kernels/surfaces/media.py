@@ -164,7 +164,7 @@ def dim_through(media, m, x, d, far, work, out):
         out[i] = fast_exp(-out[i])
 
 
-@inlined
+@kernel
 def transmit(media, m, x, d, far, work, out):
     """Transmittance of medium m from x in direction d over the distance `far` [m], into `out` (wavelength,).
 
@@ -189,11 +189,11 @@ def reach(media, m, i, x, d, far, wanted, work):
     start, end = clip_to_fields(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
     top = far if far < math.inf else (end if end > start else 0.0)
     add_columns(media, m, x, d, 0.0, top, work, along)
-    whole = depth_of(media, m, along, i)
-    if whole < wanted or not whole > 0.0:
+    depth = depth_of(media, m, along, i)
+    if depth < wanted or not depth > 0.0:
         # Nothing but what is the same everywhere lies beyond.
-        return top + (wanted - whole) / constant if far == math.inf and constant > 0.0 else math.inf
-    low, high, t = 0.0, top, top * (wanted / whole)
+        return top + (wanted - depth) / constant if far == math.inf and constant > 0.0 else math.inf
+    low, high, t = 0.0, top, top * (wanted / depth)
     for _ in range(80):
         for c in range(along.size):
             along[c] = first[c]
