@@ -376,11 +376,12 @@ class ShapeContract:
         """Like the places where isotropic lines cross it: chi-square of both counts in 5 x 5 x 5 cells."""
         middle, radius = self.ball()
         rng = np.random.default_rng(3)
-        _, points, normals = sampled(table, rng, 60_000)
-        assert np.abs(self.residual(points / scale)).max() < 1e-14 * (1 + np.abs(middle).max())
-        assert (self.residual(points / scale + 1e-6 * normals) > 0).mean() > 0.999
+        _, points, normals = sampled(table, rng, 30_000)
+        few = slice(5000)
+        assert np.abs(self.residual(points[few] / scale)).max() < 1e-14 * (1 + np.abs(middle).max())
+        assert (self.residual(points[few] / scale + 1e-6 * normals[few]) > 0).mean() > 0.999
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-14)
-        origins, directions = lines(rng, middle, radius, 200_000)
+        origins, directions = lines(rng, middle, radius, 100_000)
         hit = shoot(table, scale * origins, directions)
         met = hit.item >= 0
         crossed = origins[met] + (hit.distance[met] / scale)[:, None] * directions[met]

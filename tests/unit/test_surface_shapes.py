@@ -238,7 +238,7 @@ def test_no_leak_through_edges_and_corners(rounds: int) -> None:
     points, faces = icosphere(rounds)
     table = pack(Mesh(vertices=points, faces=faces), inside=1)
     rng = np.random.default_rng(7)
-    n = 50_000
+    n = 20_000
     a, b = points[faces[rng.integers(len(faces), size=n)][:, :2]].transpose(1, 0, 2)
     share = rng.choice([0.0, 0.5, 1.0], size=(n, 1))
     share = np.where(rng.random((n, 1)) < 0.5, share, rng.random((n, 1)))
