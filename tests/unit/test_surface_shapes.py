@@ -321,6 +321,20 @@ def test_triangles_without_area_are_dropped() -> None:
         pack(Mesh(vertices=needle, faces=[[0, 1, 2]]))
 
 
+def test_corners_that_differ_by_rounding_are_one() -> None:
+    """A mesh whose triangles each bring their own corners, rounded differently, is closed."""
+    points, faces = icosphere(3)
+    rng = np.random.default_rng(1)
+    own = points[faces].reshape(-1, 3) * (1 + 1e-15 * rng.integers(-4, 5, (3 * len(faces), 3)))
+    mesh = Mesh(vertices=own, faces=np.arange(len(own)).reshape(-1, 3), position=(10.0, 0.0, 0.0))
+    mesh.check_volume()
+    assert len(mesh.triangles.normals) == len(faces)
+    assert len(np.unique(mesh.triangles.corners.reshape(-1, 3), axis=0)) == len(points)
+    # What is smaller than the rounding of the place where it is put has no area left.
+    with pytest.raises(DomainError, match="area"):
+        pack(Mesh(vertices=points, faces=faces, scale=1e-10, position=(6.4e6, 6.4e6, 6.4e6)))
+
+
 def test_meshes_that_hold_no_volume() -> None:
     """Open, twisted, inside out: each is told with its remedy; without a medium inside all are allowed."""
     points, faces = icosphere(1)
