@@ -75,7 +75,7 @@ def _compiled(scene: SurfaceScene | SpaceScene, wavelengths: tuple[float, ...]) 
     rows = [materials.index(body.material) for body in bodies]
     shining = [k for k, body in enumerate(bodies) if body.lamp is not None]
     lamp = [shining.index(k) if k in shining else -1 for k in range(len(bodies))]
-    parts = [(body.shape, *numbers) for body, *numbers in zip(bodies, rows, inside, lamp, strict=True)]
+    parts = list(zip((body.shape for body in bodies), rows, inside, lamp, strict=True))
     shapes = pack_shapes(parts, materials)
     lamps = [surface_lamp(shapes, k, bodies[k], wl) for k in shining] + lamps
     centre, radius = everything(tuple(body.shape for body in bodies), media, lamps, viewpoint)

@@ -13,8 +13,8 @@ Imageworks, SIGGRAPH course notes, which artists use:
     omega = (1 - gamma^2) / (1 - g gamma^2).                                                                  (S-A3)
 
 Its colour is met to 0.0021 for isotropic scattering (against the H function).  The fit to Monte Carlo of Chiang, Kutz &
-Burley (2016, SIGGRAPH talks, Practical and Controllable Subsurface Scattering for Production Path Tracing) agrees with it
-within 0.006 up to an albedo of 0.8 and ends at 0.93 where white is asked for.
+Burley (2016, SIGGRAPH talks, Practical and Controllable Subsurface Scattering for Production Path Tracing) agrees with
+it within 0.006 up to an albedo of 0.8 and ends at 0.93 where white is asked for.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def test_half_spaces_have_the_colour(colour: float) -> None:
 
 
 def test_the_inversion_is_the_published_one() -> None:
-    """Kulla & Conty Estevez (2017) print six digits: gamma is within 2.7e-5, and omega within 2 / (1 - g) times that."""
+    """Kulla & Conty Estevez (2017) print six digits: gamma is within 2.7e-5, omega within 2 / (1 - g) times that."""
     a = np.linspace(0.0, 1.0, 101)
     for g in (0.0, 0.5, -0.3, 0.9):
         gamma = 4.09712 + 4.20863 * a - np.sqrt(9.59217 + 41.6808 * a + 17.7126 * a**2)
