@@ -6,11 +6,13 @@ Fields are records, ``fields.Sphere(radius="1 pc")``, and combine: ``a + b``, ``
 
 from __future__ import annotations
 
+from skyscatter.media.everywhere import Everywhere
 from skyscatter.media.filaments import Filament
 from skyscatter.media.fronts import Front
 from skyscatter.media.nebular import IonisedGas, IonisingSource, Sampled
 from skyscatter.media.operations import Carved, Moved, Power, Product, Rotated, Scaled, Sum, Warped
 from skyscatter.media.particles import ParticleSet
+from skyscatter.media.planets import AroundPlanet
 from skyscatter.media.shapes import (
     BonnorEbert,
     GaussianShell,
@@ -27,11 +29,13 @@ from skyscatter.media.turbulence import Turbulence
 from skyscatter.media.voxels import VoxelGrid
 
 __all__ = [
+    "AroundPlanet",
     "BipolarLobes",
     "BonnorEbert",
     "Box",
     "Carved",
     "Cone",
+    "Everywhere",
     "Filament",
     "FlaredDisk",
     "Front",

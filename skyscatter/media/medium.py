@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
+from skyscatter.media.everywhere import Everywhere
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.operations import AnySpatialField
 from skyscatter.media.space import SpatialField
@@ -18,14 +19,16 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
 from skyscatter.record import Record
 from skyscatter.spectra.table import Spectral
+from skyscatter.surfaces.artist import ArtistMedium
 from skyscatter.units import Metres
 
 AnyOptics = Annotated[
-    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines,
+    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines
+    | ArtistMedium,
     Field(discriminator="kind"),
 ]
 
-AnyDensity = Annotated[AnyField | AnySpatialField, Field(discriminator="kind")]
+AnyDensity = Annotated[AnyField | AnySpatialField | Everywhere, Field(discriminator="kind")]
 
 
 class Component(Record):
