@@ -94,7 +94,7 @@ def main() -> None:
     given = options.parse_args()
     where = machine()
     rows = []
-    scenes = {
+    scenes: dict[str, list[Any]] = {
         "a sphere": [Sphere()],
         "a turned box": [Box(turn_deg=30.0)],
         "a room of ten items": room(),

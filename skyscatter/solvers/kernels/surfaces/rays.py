@@ -23,6 +23,9 @@ from skyscatter.solvers.kernels.surfaces.shapes import (
 from skyscatter.solvers.kernels.surfaces.tables import PLANE, STACK
 from skyscatter.solvers.kernels.surfaces.tree import box_entry, climb, descend, inverse
 
+#: What `shear_of` gives stands here where there is no triangle.
+NO_SHEAR = (np.int64(0), np.int64(1), np.int64(2), 0.0, 0.0, 1.0)
+
 
 @inlined
 def item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip):
@@ -59,7 +62,7 @@ def search_tree(
 @kernel
 def nearest(kind, parameters, triangle, loose, node_box, node_link, order, x, d, near, last, far, skip, hit):
     """First crossing after (`near`, `last`) and before `far`; of crossings at one distance that of the lowest item."""
-    shear = shear_of(d)
+    shear = shear_of(d) if triangle.shape[0] > 0 else NO_SHEAR
     best, found = far, np.int64(-1)
     for k in range(loose.size):
         item = loose[k]
@@ -125,7 +128,7 @@ def stops(shapes, item, x, d, shear, far, skip, skip_far):
 @kernel
 def obstructed(shapes, x, d, far, skip, skip_far):
     """See `blocked`."""
-    shear = shear_of(d)
+    shear = shear_of(d) if shapes.triangle.shape[0] > 0 else NO_SHEAR
     for k in range(shapes.loose.size):
         if stops(shapes, shapes.loose[k], x, d, shear, far, skip, skip_far):
             return True
