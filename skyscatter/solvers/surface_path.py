@@ -16,6 +16,7 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.kernels.path import BATCHES
+from skyscatter.solvers.kernels.pointed import Pointed
 from skyscatter.solvers.kernels.surfaces.flights import make_scratch
 from skyscatter.solvers.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
 from skyscatter.solvers.kernels.surfaces.lamps import LampGuide
@@ -51,7 +52,8 @@ POINTS = 256
 
 def check(options: Options) -> None:
     """Refuse what contradicts itself."""
-    options.refuse("path with surfaces", "stokes", "tolerance", "transmittance", "photons", "radius", "estimator", "direct")
+    of_others = ("stokes", "tolerance", "transmittance", "photons", "radius", "estimator", "direct")
+    options.refuse("path with surfaces", *of_others)
     if options.samples is not None and options.noise is not None:
         raise DomainError("samples", options.samples, "give samples or noise, not both")
     if options.sampling not in SAMPLINGS:
@@ -65,7 +67,7 @@ def prepare(
     options: Options,
     threads: int,
     progress: Callable[[float], None] | None,
-) -> WalkTable:
+) -> Pointed:
     """The tables of a scene, and where its light is."""
     from skyscatter.solvers.surfaces import compile_surfaces
 
@@ -73,22 +75,24 @@ def prepare(
     if options.sampling == "angular" and np.any(np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP))):
         rule = "finds no lamp without extent, and there is one; leave it out, or make it a body that shines"
         raise DomainError("sampling", options.sampling, rule)
-    return guided(table)
+    return Pointed(guided(table))
 
 
-def solve(table: WalkTable, rays: Rays, options: Options) -> Answer:
+def solve(pointed: Pointed, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
+    table: WalkTable = pointed.table
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     apart = np.empty((n, 3, wavelengths))
     used = np.empty(n, np.int64)
     walks = walks_for(options)
+    components, lamps = len(table.media.density), len(table.lamps.kind)
+    scratch = make_scratch(components, wavelengths, lamps, min(walks, BATCHES))
     surface_path_rays(
-        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
+        pointed, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
         MOST_ORDERS if options.max_order is None else int(options.max_order), SAMPLINGS[options.sampling],
-        make_scratch(len(table.media.density), wavelengths, len(table.lamps.kind), min(walks, BATCHES)), mean, error,
-        by_order, apart, used,
+        Pointed(scratch), mean, error, by_order, apart, used,
     )  # fmt: skip
     if np.any(used < 0):
         place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])
