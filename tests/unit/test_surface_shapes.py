@@ -383,8 +383,14 @@ def test_a_million_triangles() -> None:
     hit = shoot(table, origins, directions)
     assert (hit.item >= 0).all()
     radius = np.linalg.norm(origins + hit.distance[:, None] * directions, axis=1)
-    # The height of the arc over an edge: edge^2 / 8, edge about 1.1 / 2^8.
-    assert np.abs(radius - 1).max() < 3e-6
+    # The plane of a triangle whose circumscribed circle has the radius rho lies sqrt(1 - rho^2) from the middle.
+    corners = points[faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    depth = 1 - np.sqrt(1 - (sides.prod(axis=1) / (4 * area)).max() ** 2)
+    assert radius.max() < 1 + 1e-14
+    assert depth < 1e-5
+    assert radius.min() > 1 - depth - 1e-14
     np.testing.assert_array_equal(crossings(table, origins, directions), 1)
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
+from skyscatter.solvers.kernels.surfaces.facets import after_more, between_facets, kept_share
 from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
 from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe
 from skyscatter.solvers.kernels.surfaces.tables import (
@@ -49,6 +50,14 @@ def same(index_here, index_there, i):
     return i > 0 and index_here[i] == index_here[i - 1] and index_there[i] == index_there[i - 1]
 
 
+@inlined
+def metal_value(materials, k, i, here, facet, lobe, broad):
+    """Both lobes of a conductor, with what each absorbs."""
+    re, im = materials.index[k, i] / here, materials.absorption[k, i] / here
+    value = fresnel_conductor(facet, re, im) * lobe
+    return value + broad * after_more(re, im, materials.kept_mean[k]) if broad > 0.0 else value
+
+
 @kernel
 def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance):
     """`bsdf_value` and `bsdf_pdf` at once, into `value` and `chance` (wavelength,)."""
@@ -64,10 +73,10 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
     elif alpha > 0.0 and cosine > 0.0:
         lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
         if kind == CONDUCTOR:
+            broad, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
             for i in range(last):
-                here = index_here[i]
-                share = fresnel_conductor(facet, materials.index[k, i] / here, materials.absorption[k, i] / here)
-                value[i], chance[i] = share * lobe, density
+                value[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
+                chance[i] = single * density + rest
         else:
             for i in range(last):
                 share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
@@ -98,13 +107,13 @@ def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
             out[i] = 0.0
     elif cosine > 0.0:
         lobe, _, facet = reflected_lobe(alpha, n, side, wo, wi)
+        broad, _, _ = between_facets(materials, k, side * dot(n, wo), cosine)
         for i in range(out.size):
-            here = index_here[i]
             if kind == CONDUCTOR:
-                share = fresnel_conductor(facet, materials.index[k, i] / here, materials.absorption[k, i] / here)
+                out[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
             else:
-                share, _ = fresnel_dielectric(facet, here, index_there[i])
-            out[i] = share * lobe
+                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
+                out[i] = share * lobe
     else:
         for i in range(out.size):
             if same(index_here, index_there, i):
@@ -130,11 +139,13 @@ def bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out):
             out[i] = 0.0
     elif cosine > 0.0:
         _, density, facet = reflected_lobe(alpha, n, side, wo, wi)
+        _, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
         for i in range(out.size):
-            share = 1.0
             if kind == DIELECTRIC:
                 share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
-            out[i] = share * density
+                out[i] = share * density
+            else:
+                out[i] = single * density + rest
     else:
         for i in range(out.size):
             if same(index_here, index_there, i):
@@ -154,7 +165,7 @@ def frame_of(x, y, z):
     return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
 
 
-@merged
+@inlined
 def draw_cosine(n, side, u, v, wi):
     """A direction by the cosine around `side` n, into `wi`."""
     z = math.sqrt(max(u, 1e-18))
@@ -233,6 +244,10 @@ def sample_facets(
 ):  # fmt: skip
     """`sample_bsdf` of dielectrics and conductors."""
     kind, alpha = materials.kind[k], materials.roughness[k]
+    if alpha > 0.0 and kind == CONDUCTOR and w >= kept_share(materials, k, side * dot(n, wo)):
+        draw_cosine(n, side, u, v, wi)
+        evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance)
+        return REFLECTED if chance[hero] > 0.0 else lose(value, chance)
     if alpha > 0.0:
         draw_facet(alpha, n, side, wo, u, v, wi)
     else:
