@@ -143,7 +143,8 @@ def parse_triple(text: str, name: str, lengths: bool) -> tuple[float, float, flo
 
 def build_camera(request: Request, model: Any) -> Any:
     """The model's camera, with the size and the field that were asked for."""
-    camera, changes = model.camera, {}
+    camera = model.camera
+    changes: dict[str, Any] = {}
     if request.size != (0, 0):
         changes = {"width": request.size[0], "height": request.size[1]}
     if request.field_of_view is not None:

@@ -27,6 +27,7 @@ WL = "486.27,500.82,656.46,672.55"
 
 class State:
     done = np.array([True, False])
+    share = 0.5
 
     def save(self, path):
         Path(path).write_text("state")
@@ -55,8 +56,8 @@ def fake(monkeypatch, tmp_path):
 
     def load_model(name):
         if name == "earth":
-            return SimpleNamespace(name="earth", planet=None)
-        return SimpleNamespace(name="orion", scene=scene)
+            return SimpleNamespace(name="earth", command="sky")
+        return SimpleNamespace(name="orion", command="nebula", scene=scene)
 
     def render(scene, camera, wavelengths, **options):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
