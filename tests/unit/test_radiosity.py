@@ -111,7 +111,7 @@ def test_an_element_sees_what_a_small_patch_sees() -> None:
         small = Piece(axis, point[axis], int(normal[axis]), low, high, np.zeros(1), np.zeros(1))
         both = radiosity.cut((small, *room), 0.5)
         of_patch = radiosity.exchange(both)[0, 1:] / (2 * half) ** 2
-        away = (patches.axis != axis) | (np.abs(patches.at - point[axis]) > 1e-9)
+        away = radiosity.away(patches, point, normal)
         factors = radiosity.element_factors(point[None], normal[None], patches)[0]
         # The mean over the small patch differs by its second derivative, size^2 / 6 over the distance squared.
         np.testing.assert_allclose(factors[away], of_patch[away], atol=2e-6)
@@ -155,9 +155,10 @@ def test_extrapolation_over_the_patches() -> None:
     rng = np.random.default_rng(2)
     directions = rng.normal(size=(60, 3))
     origins = np.tile([1.2, 1.0, 1.1], (60, 1))
-    coarse, fine = (radiosity.look(room, origins, directions, edge) for edge in (1.0, 0.5))
-    assert coarse.correction > 1.5 * fine.correction
-    # What the extrapolation is to take off must be larger than what is left: judged by a solution twice as fine.
-    left = np.sqrt(((coarse.radiance - fine.radiance) ** 2).mean()) / fine.radiance.mean()
-    assert left < 0.7 * coarse.correction
-    assert fine.correction < 2e-3
+    coarse, middle, fine = (radiosity.look(room, origins, directions, edge) for edge in (1.0, 0.5, 0.25))
+    # The size of the differences falls, and bounds what is left: judged by patches half as large.
+    assert coarse.error > 1.4 * middle.error > 1.4**2 * fine.error
+    assert fine.error < 3e-3
+    for rough, good in ((coarse, middle), (middle, fine)):
+        left = np.sqrt(((rough.radiance - good.radiance) ** 2).mean()) / good.radiance.mean()
+        assert left < rough.error
