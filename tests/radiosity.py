@@ -338,8 +338,8 @@ def look(pieces: tuple[Piece, ...], origins: Array, directions: Array, edge: flo
     """What rays (ray, 3) from inside the room see: the radiance of the walls, extrapolated over the size of patches.
 
     The room is solved with patches of at most `edge` and `edge` / 2 [m].  Averages over patches and the linear course
-    between them are of second order in the size, so a third of the difference is added once more.  The bound is all of the
-    difference, root mean square over rays: it holds as soon as the order is at least the first.
+    between them are of second order in the size, so a third of the difference is added once more.  The bound is all of
+    the difference, root mean square over rays: it holds as soon as the order is at least the first.
     """
     points, normals, piece = hit_walls(pieces, origins, directions)
     own = np.array([p.exitance for p in pieces])[piece]
