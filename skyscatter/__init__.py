@@ -33,6 +33,11 @@ _HOME = {
     "ParallelLight": "skyscatter.lights",
     "PointStar": "skyscatter.lights",
     "SpaceScene": "skyscatter.space",
+    "Body": "skyscatter.surfaces.scene",
+    "SurfaceMedium": "skyscatter.surfaces.scene",
+    "SurfaceModel": "skyscatter.surfaces.model",
+    "SurfaceScene": "skyscatter.surfaces.scene",
+    "Viewpoint": "skyscatter.surfaces.scene",
     "StarField": "skyscatter.starfield",
     "View": "skyscatter.space",
     "Medium": "skyscatter.media.medium",
@@ -67,12 +72,12 @@ _HOME = {
     "render": "skyscatter.solvers.render",
 }
 
-_MODULES = ("dehaze", "fields", "inversion")
+_MODULES = ("dehaze", "fields", "inversion", "surfaces")
 
 __all__ = ["__version__", *_HOME, *_MODULES]
 
 if TYPE_CHECKING:
-    from skyscatter import dehaze, fields, inversion
+    from skyscatter import dehaze, fields, inversion, surfaces
     from skyscatter.columns import optical_depth, transmittance
     from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
     from skyscatter.geometry.telescope import Telescope
@@ -98,6 +103,8 @@ if TYPE_CHECKING:
     from skyscatter.space import SpaceScene, View
     from skyscatter.spectra.table import SpectralTable
     from skyscatter.starfield import StarField
+    from skyscatter.surfaces.model import SurfaceModel
+    from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
 
 
 def __getattr__(name: str) -> Any:

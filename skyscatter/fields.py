@@ -6,6 +6,7 @@ Fields are records, ``fields.Sphere(radius="1 pc")``, and combine: ``a + b``, ``
 
 from __future__ import annotations
 
+from skyscatter.media.everywhere import Everywhere
 from skyscatter.media.filaments import Filament
 from skyscatter.media.fronts import Front
 from skyscatter.media.nebular import IonisedGas, IonisingSource, Sampled
@@ -32,6 +33,7 @@ __all__ = [
     "Box",
     "Carved",
     "Cone",
+    "Everywhere",
     "Filament",
     "FlaredDisk",
     "Front",

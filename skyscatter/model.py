@@ -116,8 +116,9 @@ def load_model(name_or_path: str | Path) -> Any:
 
     Returns
     -------
-    Model or NebulaModel
-        A planet with its air, or, where the file has a table ``view``, a nebula.
+    Model, NebulaModel or SurfaceModel
+        A planet with its air, or, where the file has a table ``view``, a nebula, or, where it has a table
+        ``viewpoint``, a scene of surfaces.
 
     Raises
     ------
@@ -142,13 +143,24 @@ def load_model(name_or_path: str | Path) -> Any:
 
 
 def parse_model(content: dict[str, Any], source: object) -> Any:
-    """Build a `Model` or a `NebulaModel` from the content of a file; `source` is named in errors."""
-    from skyscatter.nebula import NebulaModel
-
+    """Build a `Model`, a `NebulaModel` or a `SurfaceModel` from the content of a file; `source` is named in errors."""
     try:
-        return (NebulaModel if "view" in content else Model).model_validate(content)
+        return _sort_of(content).model_validate(content)
     except ValidationError as error:
         raise ModelFileError(source, first_problem(error)) from error
+
+
+def _sort_of(content: dict[str, Any]) -> type[Record]:
+    """What a file describes, by the tables that only such a file has."""
+    if not {"viewpoint", "bodies", "media"}.isdisjoint(content):
+        from skyscatter.surfaces.model import SurfaceModel
+
+        return SurfaceModel
+    if "view" in content:
+        from skyscatter.nebula import NebulaModel
+
+        return NebulaModel
+    return Model
 
 
 def first_problem(error: ValidationError) -> str:
@@ -175,8 +187,12 @@ def first_problem(error: ValidationError) -> str:
     return f"{field} = {shown if len(shown) < 80 else shown[:77] + '...'}: {message}"
 
 
+#: Fields that are written as tables of their own, one after the other.
+_LISTS = ("components", "media", "bodies", "lamps")
+
+
 def to_toml(model: Record) -> str:
-    """TOML text of plain values, tables and one list of tables.
+    """TOML text of plain values, tables and lists of tables.
 
     Raises
     ------
@@ -184,13 +200,14 @@ def to_toml(model: Record) -> str:
         If the model holds an array that is too large to be written out.
     """
     content = model.model_dump(mode="json", exclude_none=True)
-    plain = {k: v for k, v in content.items() if not isinstance(v, dict) and k != "components"}
+    plain = {k: v for k, v in content.items() if not isinstance(v, dict) and k not in _LISTS}
     lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
     for key, value in content.items():
         if isinstance(value, dict):
             lines += ["", f"[{key}]", *(f"{k} = {_value(v)}" for k, v in value.items())]
-    for component in content["components"]:
-        lines += ["", "[[components]]", *(f"{k} = {_value(v)}" for k, v in component.items())]
+    for name in _LISTS:
+        for table in content.get(name, ()):
+            lines += ["", f"[[{name}]]", *(f"{k} = {_value(v)}" for k, v in table.items())]
     return "\n".join(lines) + "\n"
 
 

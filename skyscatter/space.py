@@ -120,6 +120,10 @@ class SpaceScene(Record):
     def _check(self) -> SpaceScene:
         if self.medium.planet_radius is not None:
             raise DomainError("medium", "planet_radius", "a scene in space has no planet; leave it out")
+        for component in self.medium.components:
+            if component.density.kind == "everywhere":
+                rule = "has no end; it is for scenes with surfaces, give this component a field that ends"
+                raise DomainError("density", "everywhere", rule)
         if not isinstance(self.background, str) and bounds(self.background)[0] < 0:
             raise DomainError("background", self.background, "a radiance is never negative")
         return self

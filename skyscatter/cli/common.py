@@ -185,7 +185,7 @@ def render_request(
     except Interrupted as stop:
         _keep(stop, request, arguments)
         # never 1: what `report` says of an interrupted run
-        return stop.partial, min(float(stop.state.done.mean()), np.nextafter(1.0, 0.0))
+        return stop.partial, min(stop.state.share, np.nextafter(1.0, 0.0))
     return image, 1.0
 
 

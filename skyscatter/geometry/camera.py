@@ -14,7 +14,7 @@ each class states its mapping as an equation.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -134,18 +134,31 @@ class Fisheye(CameraBase):
 class Perspective(Pinhole):
     """Pinhole camera by pointing and horizontal field of view: ``f = (width / 2) / tan(fov / 2)`` pixels.
 
-    Up in the picture is towards the zenith; roll turns the camera clockwise as seen from behind it.
+    Up in the picture is towards the zenith; roll turns the camera clockwise as seen from behind it.  Without azimuth
+    and elevation it looks as the observer does, which is for observers that look somewhere: `skyscatter.Viewpoint`.
     """
 
     kind: Literal["perspective"] = "perspective"
-    azimuth_deg: Degrees
+    azimuth_deg: Degrees | None = None
     elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 0.0
     fov_deg: Annotated[float, Field(gt=0.0, lt=180.0)] = 60.0
     roll_deg: Degrees = 0.0
 
-    def _view(self, observer: ObserverLike | None) -> tuple[float, Array, Array, Array]:
+    @model_validator(mode="after")
+    def _check(self) -> Perspective:
+        if self.azimuth_deg is None and self.elevation_deg != 0.0:
+            raise DomainError("elevation_deg", self.elevation_deg, "goes with azimuth_deg; give both or neither")
+        return self
+
+    def _view(self, observer: Any) -> tuple[float, Array, Array, Array]:
         focal = self.width / 2 / np.tan(np.radians(self.fov_deg) / 2)
-        return focal, *camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
+        if self.azimuth_deg is not None:
+            return focal, *camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
+        if not all(hasattr(observer, name) for name in ("forward", "right", "up")):
+            raise DomainError("azimuth_deg", None, "this observer looks nowhere by itself; give azimuth_deg")
+        forward, right, up = (np.asarray(getattr(observer, name), float) for name in ("forward", "right", "up"))
+        cosine, sine = np.cos(np.radians(self.roll_deg)), np.sin(np.radians(self.roll_deg))
+        return focal, forward, cosine * right - sine * up, cosine * up + sine * right
 
 
 class PlanetView(Pinhole):

@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
+from skyscatter.media.everywhere import Everywhere
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.operations import AnySpatialField
 from skyscatter.media.space import SpatialField
@@ -25,7 +26,7 @@ AnyOptics = Annotated[
     Field(discriminator="kind"),
 ]
 
-AnyDensity = Annotated[AnyField | AnySpatialField, Field(discriminator="kind")]
+AnyDensity = Annotated[AnyField | AnySpatialField | Everywhere, Field(discriminator="kind")]
 
 
 class Component(Record):

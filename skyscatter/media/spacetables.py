@@ -42,10 +42,16 @@ def pack_space(fields: Sequence[SpatialField], bound_cells: int = BOUND_CELLS) -
         parameters.append(block)
         index.append(numbers)
         at, at_index = at + block.size, at_index + numbers.size
-    boxes = np.array([term.box for term in terms], float)
-    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-    bound_low, bound_high, wrap = bounded_region(fields, low, high)
+    boxes = np.array([term.box for term in terms], float).reshape(-1, 2, 3)
+    bounded = [field for field, group in zip(fields, groups, strict=True) if group]
+    low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
+    if not bounded:
+        low, high = np.zeros(3), np.ones(3)
+    bound_low, bound_high, wrap = bounded_region(bounded, low, high)
     cells, upper, lower = bound_grid(fields, bound_low, bound_high, bound_cells)
+    # What has no term is not the table's business: its density is kept elsewhere, by who packs it.
+    endless = np.array([not group for group in groups], bool)
+    upper[:, endless], lower[:, endless] = 0.0, 0.0
     return SpaceTable(
         term_start=np.concatenate([[0], np.cumsum([len(group) for group in groups])]).astype(np.int64),
         code_start=np.concatenate([[0], np.cumsum([len(term.program) for term in terms])]).astype(np.int64),
@@ -70,6 +76,8 @@ def pack_space(fields: Sequence[SpatialField], bound_cells: int = BOUND_CELLS) -
 
 def bounded_region(fields: Sequence[SpatialField], low: Array, high: Array) -> tuple[Array, Array, NDArray[np.int64]]:
     """Corners of the grid of bounds, and along which axes it repeats: there it covers one period of all fields."""
+    if not fields:
+        return low, high, np.zeros(3, np.int64)
     periods = np.array([field.periods for field in fields])
     wrap = (periods[0] > 0) & (periods == periods[0]).all(axis=0)
     low = np.where(wrap, 0.5 * (low + high) - 0.5 * periods[0], low)
@@ -82,6 +90,8 @@ def bound_grid(
     """Cells along each axis, and bounds (cell, component) of every field within each cell."""
     size = high - low
     cells = np.maximum(np.ceil(bound_cells * size / size.max() - 1e-9), 1).astype(np.int64)
+    if not fields:
+        return cells, np.zeros((int(cells.prod()), 0)), np.zeros((int(cells.prod()), 0))
     corners = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     step = size / cells
     pairs = [field.extremes(low + corners * step, low + (corners + 1) * step) for field in fields]

@@ -117,12 +117,19 @@ class Options:
     orders: int = 0
     stokes: bool = False
     transmittance: str | None = None
+    photons: int | None = None
+    radius: float | None = None
+    estimator: str | None = None
+    direct: bool | None = None
 
     def check(self) -> None:
         """Refuse values that no solver can use."""
         _at_least("samples", self.samples, 2)  # one walk has no standard error
         _at_least("max_order", self.max_order, 1)
         _at_least("orders", self.orders, 0)
+        _at_least("photons", self.photons, 1)
+        if self.radius is not None and not 0 < self.radius < np.inf:
+            raise DomainError("radius", self.radius, "a positive length [m]")
         if self.noise is not None and not 0 < self.noise < 1:
             raise DomainError("noise", self.noise, "a relative standard error between 0 and 1, such as 0.01")
         if self.tolerance is not None and not 1e-9 <= self.tolerance <= 0.1:

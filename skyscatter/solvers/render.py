@@ -13,7 +13,8 @@ from skyscatter.geometry.telescope import Telescope
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.direct import disk_light
-from skyscatter.solvers.run import Interrupted, RenderState, check_wavelengths, load_solver, solve_rays
+from skyscatter.solvers.run import Interrupted, check_wavelengths, load_solver, solve_rays
+from skyscatter.solvers.state import RenderState
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -38,6 +39,10 @@ def render(
     tolerance: float | None = None,
     sampling: str | None = None,
     transmittance: str | None = None,
+    photons: int | None = None,
+    radius: float | None = None,
+    estimator: str | None = None,
+    direct: bool | None = None,
     parts: bool = False,
     orders: int = 0,
     stokes: bool = False,
@@ -59,6 +64,7 @@ def render(
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
     solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads
+    photons, radius, estimator, direct
         As for `skyscatter.radiance`.
     progress : callable, optional
         Called with the finished share, 0 to 1.
@@ -78,7 +84,10 @@ def render(
         For options out of range, and for a checkpoint of another render.
     """
     wl = check_wavelengths(wavelengths)
-    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance)
+    options = Options(
+        samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
+        radius, estimator, direct,
+    )  # fmt: skip
     recipe = _recipe(scene, camera, wl, solver, options)
     grid = camera.directions(scene.observer)
     if isinstance(camera, Telescope) and not isinstance(scene, Scene):

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from skyscatter.atomic import atomic_path
-from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.passes import solve_passes
+from skyscatter.solvers.state import RenderState
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -33,64 +30,8 @@ TILE_RAYS = 128
 TILES_PER_THREAD = 8
 #: The modules of the solvers, by the sort of medium.
 SHELLS = {"orders": "orders", "path": "path", "single": "single"}
-VOLUMES = {"path": "volume_path", "single": "volume_single"}
+VOLUMES = {"path": "volume_path", "single": "volume_single", "photons": "photons"}
 SOLVERS = tuple(SHELLS)
-
-
-@dataclass
-class RenderState:
-    """Finished rays of a render, and the recipe that they belong to."""
-
-    recipe: dict[str, Any]
-    done: NDArray[np.bool_]  #: (ray,)
-    radiance: Array  #: (ray, wavelength), nought where not done
-    standard_error: Array
-    samples: NDArray[np.int64]
-    layers: dict[str, Array] = field(default_factory=dict)
-
-    @classmethod
-    def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
-        """A state in which nothing is done."""
-        zero = np.zeros((rays, wavelengths))
-        return cls(recipe, np.zeros(rays, bool), zero, zero.copy(), np.zeros(rays, np.int64))
-
-    def put(self, rays: slice, answer: Answer) -> None:
-        """Keep the answer for some rays."""
-        self.radiance[rays], self.standard_error[rays] = answer.radiance, answer.standard_error
-        self.samples[rays] = answer.samples
-        for name, values in answer.layers.items():
-            self.layers.setdefault(name, np.zeros_like(self.radiance))[rays] = values
-        self.done[rays] = True
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the state to an .npz file, whole or not at all."""
-        layers: dict[str, Any] = {f"layer_{name}": values for name, values in self.layers.items()}
-        with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(
-                file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
-                standard_error=self.standard_error, samples=self.samples, **layers,
-            )  # fmt: skip
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], recipe: dict[str, Any]) -> RenderState:
-        """Read a state back and check that it belongs to `recipe`."""
-        if not Path(path).is_file():
-            raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
-        try:
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-            found = json.loads(str(content["recipe"]))
-            layers = {name.removeprefix("layer_"): v for name, v in content.items() if name.startswith("layer_")}
-            state = cls(
-                found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers
-            )
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
-        for name in sorted(set(found) | set(recipe)):
-            if found.get(name) != json.loads(json.dumps(recipe.get(name))):
-                raise DomainError("resume", str(path), f"was begun with other {name}; repeat the command as it was")
-        state.recipe = recipe
-        return state
 
 
 class Interrupted(KeyboardInterrupt):
@@ -170,15 +111,24 @@ def solve_rays(
     threads: int | None,
     progress: Callable[[float], None] | None,
 ) -> bool:
-    """Fill `state` tile by tile; False if interrupted, with every tile that was finished in it.
+    """Fill `state` tile by tile, or pass by pass; False if interrupted, with all in it that was finished.
 
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
     of threads.
     """
     module = load_solver(solver, scene)
     options.check()
+    by_passes = getattr(module, "PASSES", False)
+    if not by_passes:
+        options.refuse(solver, "photons", "radius", "estimator", "direct")
     module.check(options)
     workers = worker_count(threads)
+    if by_passes:
+        try:
+            context = module.prepare(scene, rays, wavelengths, options, workers, progress)
+        except KeyboardInterrupt:
+            return False
+        return solve_passes(module, context, rays, options, state, workers, progress)
     n = len(rays.origins)
     count = getattr(module, "TILES", TILES_PER_THREAD * workers)
     size = min(max(n // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
@@ -237,6 +187,10 @@ def radiance(
     orders: int = 0,
     stokes: bool = False,
     transmittance: str | None = None,
+    photons: int | None = None,
+    radius: float | None = None,
+    estimator: str | None = None,
+    direct: bool | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Answer:
@@ -284,6 +238,17 @@ def radiance(
         `skyscatter.geometry.meridian.meridian_frame`): Q > 0 is upright, U > 0 leans to the left, V > 0 turns
         anticlockwise for the observer (IAU 1974).  Without it multiple scattering is that of scalar light, which
         misses the radiance of a clear sky by up to a few per cent.
+    photons : int, optional
+        Photons in every pass (``photons``).
+    radius : float, optional
+        Radius [m] of the spheres in which light is gathered (``photons``), the same in all passes.  When not given, it
+        follows from the scene and falls from pass to pass, so that the bias goes with the noise.
+    estimator : {"both", "points", "paths"}, optional
+        Which photons count in those spheres (``photons``): those that are scattered or absorbed there, those that pass
+        through, or both, weighted.
+    direct : bool, optional
+        Find light that comes straight from lamps by rays to them, and leave it out of what is gathered (``photons``);
+        on when not given.
     threads : int, optional
         All processors when not given.
     progress : callable, optional
@@ -304,7 +269,10 @@ def radiance(
     o, d = check_rays(scene, origins, directions)
     shape = o.shape[:-1]
     rays = Rays(o.reshape(-1, 3), d.reshape(-1, 3), np.arange(int(np.prod(shape)), dtype=np.int64))
-    options = Options(samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance)
+    options = Options(
+        samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
+        radius, estimator, direct,
+    )  # fmt: skip
     state = RenderState.empty({}, len(rays.origins), wl.size)
     if not solve_rays(scene, rays, wl, solver, options, state, threads, progress):
         raise KeyboardInterrupt

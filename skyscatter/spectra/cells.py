@@ -44,3 +44,33 @@ def cell_edges(wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
     low, high = np.empty_like(wl), np.empty_like(wl)
     low[order], high[order] = wl[order] - 0.5 * gaps[:-1], wl[order] + 0.5 * gaps[1:]
     return low, high
+
+
+def cell_means(nodes: Array, values: Array, wavelengths_nm: ArrayLike) -> Array:
+    """Means over the cells of a grid of what is linear between nodes and nought outside; energy is kept.
+
+    Parameters
+    ----------
+    nodes, values : ndarray, shape (node,)
+        Rising wavelengths [nm], and values per nm.
+    wavelengths_nm : array_like, shape (wavelength,)
+        No two alike; a single one gives the value there.
+
+    Returns
+    -------
+    ndarray, shape (wavelength,)
+    """
+    wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
+    if wl.size < 2:
+        return np.interp(wl, nodes, values, left=0.0, right=0.0)
+    low, high = (np.clip(edge, nodes[0], nodes[-1]) for edge in cell_edges(wl))
+    width = np.subtract(*cell_edges(wl)[::-1])
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(nodes))])
+
+    def integral(x: Array) -> Array:
+        i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
+        part = x - nodes[i]
+        slope = (values[i + 1] - values[i]) / (nodes[i + 1] - nodes[i])
+        return np.asarray(total[i] + part * (values[i] + 0.5 * part * slope))
+
+    return (integral(high) - integral(low)) / width

@@ -11,7 +11,7 @@ import skyscatter
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.media.fields import Exponential
 from skyscatter.optics.rayleigh import RayleighPowerLaw
-from skyscatter.solvers.run import RenderState
+from skyscatter.solvers.state import RenderState
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ class ShapeTable(NamedTuple):
     kind: np.ndarray  #: (shape,) int64
     parameters: np.ndarray  #: (shape, 16) float64, layout by kind, see `kernels.surfaces.shapes`
     shape_body: np.ndarray  #: (shape,) int64
-    triangle: np.ndarray  #: (triangle, 12) corner, two edges from it, unit normal
+    triangle: np.ndarray  #: (triangle, 12) three corners (shared ones must agree to the last bit), unit normal
     triangle_body: np.ndarray  #: (triangle,) int64
     loose: np.ndarray  #: (n,) int64 items that are tested one by one: endless ones, and all where there are few
     node_box: np.ndarray  #: (node, 6) float64 bounds of the nodes of the tree over all other items; none without such
@@ -41,7 +41,8 @@ class ShapeTable(NamedTuple):
     material: np.ndarray  #: (body,) int64 row of `MaterialTable`
     inside: np.ndarray  #: (body,) int64 medium that the body bounds, -1 where it bounds none
     lamp: np.ndarray  #: (body,) int64 row of `LampTable`, -1 for bodies that do not shine
-    passable: bool  #: whether some body is an INTERFACE, through which shadow rays go on
+    thin: np.ndarray  #: (body,) bool, whether it is an INTERFACE, through which shadow rays go on
+    passable: bool  #: whether some body is one
 
 
 class MaterialTable(NamedTuple):

@@ -1,0 +1,49 @@
+"""The plainest field: as much everywhere, without end."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from skyscatter.media.space import Array, FieldTerm, SpatialField
+
+
+class Everywhere(SpatialField):
+    """Density 1 everywhere, for the media of scenes with surfaces: fog in a room, milk in a glass.
+
+    It has no end, and so no column by which an optical depth could be meant: its component's optics are given by
+    coefficients.  Kernels know it as a number for each component, not as a term of the table of fields.
+    """
+
+    kind: Literal["everywhere"] = "everywhere"
+
+    def terms(self) -> tuple[FieldTerm, ...]:
+        """No terms: see above."""
+        return ()
+
+    def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds of the density within boxes; see `SpatialField`."""
+        return np.ones(len(low)), np.ones(len(low))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Without end."""
+        return np.full(3, -np.inf), np.full(3, np.inf)
+
+    @property
+    def centre(self) -> Array:
+        """The model's origin, as good as any point."""
+        return np.zeros(3)
+
+    def density(self, points: object) -> Array:
+        """1, in the shape of the points (..., 3) without the last axis."""
+        return np.ones(np.shape(points)[:-1])  # type: ignore[arg-type]
+
+    def column(self, start: object, end: object) -> Array:
+        """Length of straight segments [m]."""
+        return np.asarray(np.linalg.norm(np.subtract(end, start), axis=-1))  # type: ignore[call-overload]
+
+    def reference_column(self) -> float:
+        """Not a number: a field without end has none."""
+        return float("nan")

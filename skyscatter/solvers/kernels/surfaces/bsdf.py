@@ -1,0 +1,322 @@
+"""What surfaces do to light: drawn directions, values, densities.
+
+`n` is the outward normal of the body, `wo` = minus the direction of the walk and `wi` the new direction, both away
+from the surface.  *Here* is the medium on the side of `wo`, *there* that on the other side.  Values are those of
+f |cos(n, wi)|, for every wavelength; of directions that are no matter of chance (DELTA) the coefficient itself.
+
+Camera walks carry radiance, which refraction from there to here multiplies by (index here / index there)^2; photons
+(`adjoint`) carry power and do not take that factor (Veach 1997, thesis, section 5.2).
+
+Densities are per solid angle and under each hero.  Smooth refraction by indices that depend on the wavelength takes
+each hero elsewhere: all others then have value and chance 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skyscatter.solvers.kernels.jit import inlined, kernel, merged
+from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
+from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe
+from skyscatter.solvers.kernels.surfaces.tables import (
+    ABSORBED,
+    CONDUCTOR,
+    DELTA,
+    DIELECTRIC,
+    INTERFACE,
+    LAMBERT,
+    MIRROR,
+    REFLECTED,
+    TRANSMITTED,
+)
+
+
+@inlined
+def dot(a, b):
+    """Scalar product of two vectors (3,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def is_delta(materials, k):
+    """Whether a material has no directions but those that are no matter of chance."""
+    return materials.kind[k] != LAMBERT and materials.roughness[k] == 0.0
+
+
+@inlined
+def same(index_here, index_there, i):
+    """Whether wavelength i meets the same indices as the one before it."""
+    return i > 0 and index_here[i] == index_here[i - 1] and index_there[i] == index_there[i - 1]
+
+
+@kernel
+def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance):
+    """`bsdf_value` and `bsdf_pdf` at once, into `value` and `chance` (wavelength,)."""
+    kind, alpha, last = materials.kind[k], materials.roughness[k], value.size
+    for i in range(last):
+        value[i], chance[i] = 0.0, 0.0
+    side = 1.0 if dot(n, wo) >= 0.0 else -1.0
+    cosine = side * dot(n, wi)
+    if kind == LAMBERT:
+        if cosine > 0.0:
+            for i in range(last):
+                value[i], chance[i] = materials.reflectance[k, i] * cosine / math.pi, cosine / math.pi
+    elif alpha > 0.0 and cosine > 0.0:
+        lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
+        if kind == CONDUCTOR:
+            for i in range(last):
+                here = index_here[i]
+                share = fresnel_conductor(facet, materials.index[k, i] / here, materials.absorption[k, i] / here)
+                value[i], chance[i] = share * lobe, density
+        else:
+            for i in range(last):
+                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
+                value[i], chance[i] = share * lobe, share * density
+    elif alpha > 0.0 and kind == DIELECTRIC:
+        for i in range(last):
+            if same(index_here, index_there, i):
+                value[i], chance[i] = value[i - 1], chance[i - 1]
+                continue
+            here, there = index_here[i], index_there[i]
+            lobe, density, facet = refracted_lobe(alpha, n, side, wo, wi, here, there)
+            share, _ = fresnel_dielectric(facet, here, there)
+            radiance = 1.0 if adjoint else (here / there) ** 2
+            value[i], chance[i] = (1.0 - share) * lobe * radiance, (1.0 - share) * density
+
+
+@kernel
+def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
+    """f |cos(n, wi)| without the parts that are no matter of chance, into `out` (wavelength,) [sr-1]."""
+    kind, alpha = materials.kind[k], materials.roughness[k]
+    side = 1.0 if dot(n, wo) >= 0.0 else -1.0
+    cosine = side * dot(n, wi)
+    if kind == LAMBERT:
+        for i in range(out.size):
+            out[i] = materials.reflectance[k, i] * max(cosine, 0.0) / math.pi
+    elif alpha == 0.0 or (cosine <= 0.0 and kind != DIELECTRIC):
+        for i in range(out.size):
+            out[i] = 0.0
+    elif cosine > 0.0:
+        lobe, _, facet = reflected_lobe(alpha, n, side, wo, wi)
+        for i in range(out.size):
+            here = index_here[i]
+            if kind == CONDUCTOR:
+                share = fresnel_conductor(facet, materials.index[k, i] / here, materials.absorption[k, i] / here)
+            else:
+                share, _ = fresnel_dielectric(facet, here, index_there[i])
+            out[i] = share * lobe
+    else:
+        for i in range(out.size):
+            if same(index_here, index_there, i):
+                out[i] = out[i - 1]
+                continue
+            here, there = index_here[i], index_there[i]
+            lobe, _, facet = refracted_lobe(alpha, n, side, wo, wi, here, there)
+            share, _ = fresnel_dielectric(facet, here, there)
+            out[i] = (1.0 - share) * lobe * (1.0 if adjoint else (here / there) ** 2)
+
+
+@kernel
+def bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out):
+    """Density [sr-1] with which `sample_bsdf` draws `wi` under each hero, into `out` (wavelength,)."""
+    kind, alpha = materials.kind[k], materials.roughness[k]
+    side = 1.0 if dot(n, wo) >= 0.0 else -1.0
+    cosine = side * dot(n, wi)
+    if kind == LAMBERT:
+        for i in range(out.size):
+            out[i] = max(cosine, 0.0) / math.pi
+    elif alpha == 0.0 or (cosine <= 0.0 and kind != DIELECTRIC):
+        for i in range(out.size):
+            out[i] = 0.0
+    elif cosine > 0.0:
+        _, density, facet = reflected_lobe(alpha, n, side, wo, wi)
+        for i in range(out.size):
+            share = 1.0
+            if kind == DIELECTRIC:
+                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
+            out[i] = share * density
+    else:
+        for i in range(out.size):
+            if same(index_here, index_there, i):
+                out[i] = out[i - 1]
+                continue
+            _, density, facet = refracted_lobe(alpha, n, side, wo, wi, index_here[i], index_there[i])
+            share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
+            out[i] = (1.0 - share) * density
+
+
+@inlined
+def frame_of(x, y, z):
+    """Two unit vectors across a unit vector, without a singularity (Duff et al. 2017, JCGT 6, 1)."""
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
+
+
+@merged
+def draw_cosine(n, side, u, v, wi):
+    """A direction by the cosine around `side` n, into `wi`."""
+    z = math.sqrt(max(u, 1e-18))
+    r = math.sqrt(max(1.0 - z * z, 0.0))
+    x, y = r * math.cos(2.0 * math.pi * v), r * math.sin(2.0 * math.pi * v)
+    tx, ty, tz, bx, by, bz = frame_of(n[0], n[1], n[2])
+    wi[0] = x * tx + y * bx + side * z * n[0]
+    wi[1] = x * ty + y * by + side * z * n[1]
+    wi[2] = x * tz + y * bz + side * z * n[2]
+
+
+@merged
+def draw_facet(alpha, n, side, wo, u, v, m):
+    """Normal of a facet as seen from `wo`, into `m` (3,)."""
+    tx, ty, tz, bx, by, bz = frame_of(n[0], n[1], n[2])
+    ox, oy = wo[0] * tx + wo[1] * ty + wo[2] * tz, wo[0] * bx + wo[1] * by + wo[2] * bz
+    x, y, z = draw_normal(alpha, ox, oy, max(side * dot(n, wo), 1e-300), u, v)
+    m[0] = x * tx + y * bx + side * z * n[0]
+    m[1] = x * ty + y * by + side * z * n[1]
+    m[2] = x * tz + y * bz + side * z * n[2]
+
+
+@inlined
+def lose(value, chance):
+    """A walk that ends."""
+    for i in range(value.size):
+        value[i], chance[i] = 0.0, 0.0
+    return ABSORBED
+
+
+@inlined
+def mirror_into(wi, wo, cosine):
+    """Turn `wi`, which holds a facet's normal, into the reflected direction; `cosine` is that of `wo` on the facet."""
+    for i in range(3):
+        wi[i] = 2.0 * cosine * wi[i] - wo[i]
+    norm = 1.0 / math.sqrt(dot(wi, wi))
+    for i in range(3):
+        wi[i] *= norm
+
+
+@inlined
+def bend_into(wi, wo, cosine, beyond, ratio):
+    """Turn `wi`, which holds a facet's normal, into the refracted direction."""
+    for i in range(3):
+        wi[i] = (ratio * cosine - beyond) * wi[i] - ratio * wo[i]
+    norm = 1.0 / math.sqrt(dot(wi, wi))
+    for i in range(3):
+        wi[i] *= norm
+
+
+@merged
+def pass_smooth(hero, cosine, index_here, index_there, dispersive, adjoint, value, chance):
+    """Values and chances of refraction by a smooth surface."""
+    for i in range(value.size):
+        here, there = index_here[i], index_there[i]
+        share, _ = fresnel_dielectric(cosine, here, there)
+        away = dispersive and i != hero
+        value[i] = 0.0 if away else (1.0 - share) * (1.0 if adjoint else (here / there) ** 2)
+        chance[i] = 0.0 if away else 1.0 - share
+
+
+@merged
+def go_straight(hero, dispersive, wo, wi, value, chance):
+    """Passage without a change of direction: no boundary, or one between equal indices."""
+    for i in range(3):
+        wi[i] = -wo[i]
+    for i in range(value.size):
+        stays = not dispersive or i == hero
+        value[i], chance[i] = (1.0, 1.0) if stays else (0.0, 0.0)
+    return TRANSMITTED + DELTA
+
+
+@merged
+def sample_facets(
+    materials, k, hero, n, side, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
+):  # fmt: skip
+    """`sample_bsdf` of dielectrics and conductors."""
+    kind, alpha = materials.kind[k], materials.roughness[k]
+    if alpha > 0.0:
+        draw_facet(alpha, n, side, wo, u, v, wi)
+    else:
+        for i in range(3):
+            wi[i] = side * n[i]
+    cosine = min(max(dot(wi, wo), 0.0), 1.0)
+    here, there = index_here[hero], index_there[hero]
+    share, beyond = fresnel_dielectric(cosine, here, there) if kind == DIELECTRIC else (1.0, 0.0)
+    reflected = w < share
+    if reflected:
+        mirror_into(wi, wo, cosine)
+    else:
+        bend_into(wi, wo, cosine, beyond, here / there)
+    event = REFLECTED if reflected else TRANSMITTED
+    if alpha > 0.0:
+        if (side * dot(n, wi) > 0.0) != reflected:
+            return lose(value, chance)
+        evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance)
+        return event
+    if kind == CONDUCTOR:
+        for i in range(value.size):
+            here = index_here[i]
+            value[i] = fresnel_conductor(cosine, materials.index[k, i] / here, materials.absorption[k, i] / here)
+            chance[i] = 1.0
+    elif reflected:
+        for i in range(value.size):
+            share, _ = fresnel_dielectric(cosine, index_here[i], index_there[i])
+            value[i], chance[i] = share, share
+    else:
+        pass_smooth(hero, cosine, index_here, index_there, dispersive, adjoint, value, chance)
+    return event + DELTA
+
+
+@kernel
+def sample_bsdf(
+    materials, k, hero, n, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
+):  # fmt: skip
+    """Draw what becomes of light at a surface.
+
+    Parameters
+    ----------
+    materials : MaterialTable
+    k : int
+        Row of it.
+    hero : int
+        Wavelength that decides.
+    n, wo : (3,)
+        See the module.
+    u, v, w : float
+        Random numbers in [0, 1): two of the direction, one of reflection or refraction.
+    index_here, index_there : (wavelength,)
+    dispersive : bool
+        Whether the ratio of the indices depends on the wavelength.
+    adjoint : bool
+        Whether power is carried (photons), not radiance.
+    wi : (3,), output
+        The new direction.
+    value, chance : (wavelength,), output
+        f |cos| and density of `wi` under each hero; after DELTA coefficient and probability.
+
+    Returns
+    -------
+    int
+        ABSORBED, REFLECTED or TRANSMITTED, plus DELTA.  ABSORBED leaves value and chance 0.
+    """
+    kind = materials.kind[k]
+    side = 1.0 if dot(n, wo) >= 0.0 else -1.0
+    if kind == INTERFACE:
+        return go_straight(hero, False, wo, wi, value, chance)
+    if kind == DIELECTRIC and index_here[hero] == index_there[hero]:
+        return go_straight(hero, dispersive, wo, wi, value, chance)
+    if kind == LAMBERT:
+        draw_cosine(n, side, u, v, wi)
+        cosine = max(side * dot(n, wi), 0.0)
+        for i in range(value.size):
+            value[i], chance[i] = materials.reflectance[k, i] * cosine / math.pi, cosine / math.pi
+        return REFLECTED
+    if kind == MIRROR:
+        for i in range(3):
+            wi[i] = side * n[i]
+        mirror_into(wi, wo, side * dot(n, wo))
+        for i in range(value.size):
+            value[i], chance[i] = materials.reflectance[k, i], 1.0
+        return REFLECTED + DELTA
+    return sample_facets(
+        materials, k, hero, n, side, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
+    )  # fmt: skip

@@ -1,0 +1,173 @@
+"""Light of photons gathered at visibility points.
+
+With F the power that a photon carries (of `count`), P its chance under each hero, both at the start of a flight, tau and
+sigma transmittance and extinction of each wavelength, the fluence rate at a visibility point y follows from
+
+- the *points* at which photons are scattered or absorbed within the sphere of radius R around y:
+  phi_i = F_i tau_i / mean_h(P_h tau_h sigma_h) / (4/3 pi R^3);
+- the *paths* whose foot, the place nearest to y, lies in the sphere: phi_i = F_i tau_i / mean_h(P_h tau_h) / (pi R^2),
+  where tau reaches to the foot and the photon has not had its event before.
+
+*Both* are weighted by the balance heuristic.  The density with which a photon is found by the one way is to that of the
+other as  A = 4/3 R mean_h(P_h tau_h sigma_h)  to  B = mean_h(P_h tau_h),  with the extinction at y; the weights are
+A / (A + B) and B / (A + B).  See docs/theory-surfaces-photons.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skyscatter.solvers.kernels.gridwalk import enter_cells, next_cell
+from skyscatter.solvers.kernels.jit import inlined, kernel, merged
+from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
+from skyscatter.solvers.kernels.surfaces.media import transmit
+from skyscatter.solvers.kernels.surfaces.neighbours import cell_at
+
+#: Ways to gather: one bit each.
+POINTS, PATHS = 1, 2
+#: Cosine between the normals of a photon's surface and the point's, below which the photon lies round a corner.
+SAME_SIDE = 0.7
+
+
+@inlined
+def wanted(points, p, kind, order, most):
+    """Whether point p takes photons of this kind that something happened to `order` times."""
+    return (points.accepts[p] & kind) != 0 and points.order[p] + order + 1 <= most
+
+
+@inlined
+def add_to_ray(points, p, factor, light, order, sums, by_order):
+    """Add light (wavelength,) times a factor and the point's weight to its ray."""
+    ray = points.ray[p]
+    for i in range(light.size):
+        sums[ray, i] += factor * points.weight[p, i] * light[i]
+    n = points.order[p] + order
+    if n < by_order.shape[0]:
+        for i in range(light.size):
+            by_order[n, ray, i] += factor * points.weight[p, i] * light[i]
+
+
+@kernel
+def add_scattered(media, points, p, flux, factor, d, order, s, sums, by_order):
+    """Light of a fluence rate `flux` (wavelength,) from the direction of flight d, scattered at p towards the camera."""
+    e = points.direction[p]
+    cos_theta = -(d[0] * e[0] + d[1] * e[1] + d[2] * e[2])
+    last = media.phase.shape[1] - 1
+    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
+    scale = 2.0 / (last * last)
+    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    light, m = s.light, points.medium[p]
+    for i in range(light.size):
+        light[i] = 0.0
+    for c in range(media.first[m], media.first[m + 1]):
+        n = points.density[p, c]
+        if n > 0.0:
+            for i in range(light.size):
+                low, high = media.phase[c, k, i], media.phase[c, k + 1, i]
+                light[i] += n * media.sigma_s[c, i] * (low + w * (high - low))
+    for i in range(light.size):
+        light[i] *= flux[i]
+    add_to_ray(points, p, factor, light, order, sums, by_order)
+
+
+@inlined
+def extinction_density(media, points, p, through, s):
+    """mean_h(P_h tau_h sigma_h) with the extinction at point p."""
+    m, total = points.medium[p], 0.0
+    for c in range(media.first[m], media.first[m + 1]):
+        n = points.density[p, c]
+        if n > 0.0:
+            for h in range(through.size):
+                total += n * media.sigma_t[c, h] * s.chance[h] * through[h]
+    return total / through.size
+
+
+@inlined
+def survival_density(through, s):
+    """mean_h(P_h tau_h)."""
+    total = 0.0
+    for h in range(through.size):
+        total += s.chance[h] * through[h]
+    return total / through.size
+
+
+@merged
+def gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums, by_order):
+    """An extinction event of a photon, where its walk is: light for all points within whose spheres it lies."""
+    x, media = s.walk.position, scene.media
+    cell = cell_at(grid, x[0], x[1], x[2])
+    if cell < 0 or grid.start[cell] == grid.start[cell + 1]:
+        return
+    through = s.work.through
+    survival = survival_density(through, s)
+    volume = 4.0 / 3.0 * math.pi * radius**3
+    for n in range(grid.start[cell], grid.start[cell + 1]):
+        p = grid.entry[n]
+        a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+        if a * a + b * b + c * c < radius * radius and points.medium[p] == m and wanted(points, p, kind, order, most):
+            factor = 1.0 / volume
+            if how & PATHS:
+                density = 4.0 / 3.0 * radius * extinction_density(media, points, p, through, s)
+                factor *= density / (density + survival)
+            add_scattered(media, points, p, s.walk.value, factor, s.walk.direction, order, s, sums, by_order)
+            s.found[0] += 1
+
+
+@merged
+def gather_segment(scene, points, grid, how, radius, m, kind, order, most, length, s, sums, by_order):
+    """A photon's flight of a length from where its walk is: light for all points whose foot on it is near enough."""
+    x, d, media, through = s.walk.position, s.walk.direction, scene.media, s.light_through
+    t = enter_cells(grid, x[0], x[1], x[2], d[0], d[1], d[2], 0.0, s.walker)
+    cell = -1
+    if t < length:
+        cell, leave = next_cell(s.walker)
+    while cell >= 0 and t < length:
+        end = min(leave, length)
+        for n in range(grid.start[cell], grid.start[cell + 1]):
+            p = grid.entry[n]
+            a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+            foot = a * d[0] + b * d[1] + c * d[2]
+            if t <= foot < end:
+                a, b, c = a - foot * d[0], b - foot * d[1], c - foot * d[2]
+                near = a * a + b * b + c * c < radius * radius
+                if near and points.medium[p] == m and wanted(points, p, kind, order, most):
+                    transmit(media, m, x, d, foot, s.work, through)
+                    density = survival_density(through, s)
+                    if how & POINTS:
+                        density += 4.0 / 3.0 * radius * extinction_density(media, points, p, through, s)
+                    if density > 0.0:
+                        for i in range(through.size):
+                            through[i] *= s.value[i]
+                        factor = 1.0 / (math.pi * radius * radius * density)
+                        add_scattered(media, points, p, through, factor, d, order, s, sums, by_order)
+                        s.found[1] += 1
+        t = leave
+        cell, leave = next_cell(s.walker)
+
+
+@merged
+def gather_arrival(scene, points, grid, radius, body, kind, order, most, s, sums, by_order):
+    """A photon that arrives on a surface, where its walk is: light for all points on it within the disk around them."""
+    x, d, normal, light = s.walk.position, s.walk.direction, s.hit, s.light
+    cell = cell_at(grid, x[0], x[1], x[2])
+    if cell < 0:
+        return
+    material = scene.shapes.material[body]
+    for n in range(grid.start[cell], grid.start[cell + 1]):
+        p = grid.entry[n]
+        a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+        if points.body[p] != body or not a * a + b * b + c * c < radius * radius:
+            continue
+        q = points.normal[p]
+        same = q[0] * normal[1] + q[1] * normal[2] + q[2] * normal[3]
+        cosine = abs(q[0] * d[0] + q[1] * d[1] + q[2] * d[2])
+        if same < SAME_SIDE or cosine < 1e-6 or not wanted(points, p, kind, order, most):
+            continue
+        for k in range(3):
+            s.towards[k], s.from_[k] = -points.direction[p, k], -d[k]
+        here, beyond = scene.media.index[points.medium[p]], scene.media.index[points.beyond[p]]
+        bsdf_value(scene.materials, material, q, s.towards, s.from_, here, beyond, False, light)
+        for i in range(light.size):
+            light[i] *= s.walk.value[i] / cosine
+        add_to_ray(points, p, 1.0 / (math.pi * radius * radius), light, order, sums, by_order)
+        s.found[2] += 1

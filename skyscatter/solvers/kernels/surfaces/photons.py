@@ -1,0 +1,319 @@
+"""Photons: traced from the lamps through media and surfaces, and gathered on their way.
+
+A photon carries the power of its lamp at all wavelengths.  Its hero draws: the free path by its extinction, scattering
+or absorption by its albedo, the new direction by its phase function; value and chances follow as in `kernels.path`.
+So a photon weighs nearly the same all its way and ends where its hero is absorbed or leaves the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.solvers.kernels.gridwalk import Walker, make_walker
+from skyscatter.solvers.kernels.jit import entry, kernel, merged
+from skyscatter.solvers.kernels.path import Walk, make_walk, rebalance
+from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
+from skyscatter.solvers.kernels.surfaces.bsdf import is_delta, sample_bsdf
+from skyscatter.solvers.kernels.surfaces.emit import emit_photon
+from skyscatter.solvers.kernels.surfaces.gather import (
+    PATHS,
+    POINTS,
+    gather_arrival,
+    gather_event,
+    gather_segment,
+)
+from skyscatter.solvers.kernels.surfaces.media import (
+    MediaWork,
+    current_medium,
+    fly,
+    make_media_work,
+    pull,
+    push,
+    scatter_walk,
+)
+from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
+from skyscatter.solvers.kernels.surfaces.shapes import item_body
+from skyscatter.solvers.kernels.surfaces.tables import (
+    ABSORBED,
+    DELTA,
+    DIELECTRIC,
+    INTERFACE,
+    STACK,
+    SURROUNDINGS,
+    TRANSMITTED,
+)
+
+#: Encounters with surfaces and media after which a photon is given up, and counted as such.
+MOST_EVENTS = 100_000
+#: What became of photons.
+ESCAPED, ABSORBED_BY_MEDIA, ABSORBED_BY_SURFACES, LEFT = 0, 1, 2, 3
+
+
+class PhotonScratch(NamedTuple):
+    """Scratch arrays of a thread, for walks from the camera and from lamps."""
+
+    walk: Walk
+    work: MediaWork
+    walker: Walker
+    stack: np.ndarray  #: (STACK,) int64, media that the walk is inside of
+    there: np.ndarray  #: (STACK,) int64, the same behind a surface
+    first: np.ndarray  #: (STACK,) int64, the same at the camera
+    origin: np.ndarray  #: (3,) where the walk last turned
+    place: np.ndarray  #: (6,) point and normal on a lamp
+    hit: np.ndarray  #: (4,) distance and outward normal of what a ray meets
+    other_hit: np.ndarray  #: (4,)
+    towards: np.ndarray  #: (3,)
+    from_: np.ndarray  #: (3,)
+    value: np.ndarray  #: (wavelength,) F at the start of a flight
+    chance: np.ndarray  #: (wavelength,) P at the start of a flight
+    factor: np.ndarray  #: (wavelength,) what a surface does to F
+    density: np.ndarray  #: (wavelength,) and to P
+    light: np.ndarray  #: (wavelength,)
+    light_through: np.ndarray  #: (wavelength,)
+    shift: np.ndarray  #: (EVEN_DIMENSIONS,) uint32, of the even numbers of a pass
+    power: np.ndarray  #: (1,) total of F over the wavelengths at the lamp
+    found: np.ndarray  #: (3,) int64, how often events, flights and arrivals were gathered
+
+
+def make_photon_scratch(components: int, wavelengths: int) -> PhotonScratch:
+    """Scratch arrays for a scene of that size."""
+    return PhotonScratch(
+        make_walk(wavelengths), make_media_work(components, wavelengths), make_walker(),
+        *(np.zeros(STACK, np.int64) for _ in range(3)), np.zeros(3), np.zeros(6), np.zeros(4), np.zeros(4), np.zeros(3),
+        np.zeros(3), *(np.zeros(wavelengths) for _ in range(6)), np.zeros(EVEN_DIMENSIONS, np.uint32), np.zeros(1),
+        np.zeros(3, np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def media_behind(scene, s, body):
+    """Media behind a surface that the walk has met, into ``s.there``; the number of the current one there."""
+    for n in range(s.stack.size):
+        s.there[n] = s.stack[n]
+    inside, d = scene.shapes.inside[body], s.walk.direction
+    if inside >= 0:
+        if d[0] * s.hit[1] + d[1] * s.hit[2] + d[2] * s.hit[3] < 0.0:
+            push(s.there, inside)
+        else:
+            pull(s.there, inside)
+    return current_medium(scene.media, s.there)
+
+
+@kernel
+def bounce(scene, body, m, beyond, hero, adjoint, s):
+    """A walk that has met a surface is reflected, refracted or absorbed; the event, see `sample_bsdf`."""
+    walk, media = s.walk, scene.media
+    d, normal = walk.direction, s.hit[1:]
+    for n in range(3):
+        s.towards[n] = -d[n]
+    event = sample_bsdf(
+        scene.materials, scene.shapes.material[body], hero, normal, s.towards, uniform(walk.state),
+        uniform(walk.state), uniform(walk.state), media.index[m], media.index[beyond],
+        media.dispersive[m] or media.dispersive[beyond], adjoint, d, s.factor, s.density,
+    )  # fmt: skip
+    if event == ABSORBED:
+        return event
+    for i in range(walk.value.size):
+        walk.value[i] *= s.factor[i]
+        walk.chance[i] *= s.density[i]
+    if not rebalance(walk):
+        return ABSORBED
+    if event & TRANSMITTED:
+        for n in range(s.stack.size):
+            s.stack[n] = s.there[n]
+    return event
+
+
+@merged
+def survive(hero, s):
+    """Scattering or absorption of a photon by the hero's albedo, at an event; False where it is absorbed."""
+    walk, total = s.walk, s.work.total
+    for i in range(walk.chance.size):
+        # ``s.light`` holds the scattering coefficient, ``total`` the extinction.
+        s.density[i] = s.light[i] / total[i] if total[i] > 0.0 else 0.0
+    if uniform(walk.state) >= s.density[hero]:
+        return False
+    for i in range(walk.chance.size):
+        walk.chance[i] *= s.density[i]
+    return rebalance(walk)
+
+
+@merged
+def mix_scattering(media, m, s):
+    """Scattering coefficient at the event, into ``s.light``."""
+    for i in range(s.light.size):
+        s.light[i] = 0.0
+    for c in range(media.first[m], media.first[m + 1]):
+        for i in range(s.light.size):
+            s.light[i] += s.work.density[c] * media.sigma_s[c, i]
+
+
+@kernel
+def tally(fates, kind, value, factor):
+    """Add value x factor to the fates of the photons."""
+    for i in range(value.size):
+        fates[kind, i] += value[i] * factor[i]
+
+
+@kernel
+def roulette(s):
+    """Give up photons that surfaces have made weak, so that those that go on are as strong as they were at first."""
+    walk, now = s.walk, 0.0
+    for i in range(walk.value.size):
+        now += walk.value[i]
+    chance = min(now / s.power[0], 1.0)
+    if uniform(walk.state) >= chance:
+        return False
+    for i in range(walk.value.size):
+        walk.value[i] /= chance
+    return True
+
+
+@kernel
+def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, hero, most, s, sums, by_order, fates):
+    """One photon from its lamp to its end."""
+    walk, shapes, media = s.walk, scene.shapes, scene.media
+    x, d, hit = walk.position, walk.direction, s.hit
+    kind = FOCUSED if scene.lamps.kind[lamp] == SURROUNDINGS else DIRECT
+    order, near, last = 0, 0.0, np.int64(-1)
+    u = walk.even[7]
+    for n in range(3):
+        s.origin[n] = x[n]
+    for _ in range(MOST_EVENTS):
+        m = current_medium(media, s.stack)
+        if last >= 0:
+            item = next_hit(shapes, s.origin, d, near, last, math.inf, hit)
+        else:
+            item = closest_hit(shapes, x, d, math.inf, skip, hit)
+        far = hit[0] - near if item >= 0 else math.inf
+        flown, event = far, False
+        if media.first[m + 1] > media.first[m]:
+            for i in range(walk.value.size):
+                s.value[i], s.chance[i] = walk.value[i], walk.chance[i]
+            flown, event = fly(media, m, hero, x, d, far, u, walk, s.work)
+            u = uniform(walk.state)
+            if how & PATHS:
+                gather_segment(
+                    scene, points, grid, how, radius, m, kind, order, most, flown, s, sums, by_order
+                )  # fmt: skip
+        if not event and item < 0:
+            for i in range(walk.value.size):
+                fates[ESCAPED, i] += walk.value[i]
+            return
+        for n in range(3):
+            x[n] += flown * d[n]
+        if event:
+            if how & POINTS:
+                # `gather_segment` has overwritten the densities and the transmittance with those of its feet.
+                gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums, by_order)
+            order += 1
+            if order >= most or not scatter_photon(media, m, hero, s, fates):
+                return
+            kind, near, last, skip = SCATTERED, 0.0, np.int64(-1), np.int64(-1)
+        else:
+            body = item_body(shapes, item)
+            beyond = media_behind(scene, s, body)
+            material = shapes.material[body]
+            what = scene.materials.kind[material]
+            if what == INTERFACE or (what == DIELECTRIC and beyond == m):
+                for n in range(s.stack.size):
+                    s.stack[n] = s.there[n]
+                near, last = hit[0], item
+                if what != INTERFACE and kind == DIRECT:
+                    # Rays to lamps do not see through it.
+                    kind = FOCUSED
+                continue
+            if not is_delta(scene.materials, material):
+                gather_arrival(scene, surfaces, floor, disk, body, kind, order, most, s, sums, by_order)
+            order += 1
+            if order >= most:
+                return
+            met = meet_surface(scene, body, m, beyond, hero, s, fates)
+            if met == ABSORBED:
+                return
+            kind = max(kind, FOCUSED) if met & DELTA else SCATTERED
+            near, last, skip = 0.0, np.int64(-1), item
+        for n in range(3):
+            s.origin[n] = x[n]
+    for i in range(walk.value.size):
+        fates[LEFT, i] += walk.value[i]
+
+
+@kernel
+def scatter_photon(media, m, hero, s, fates):
+    """What becomes of a photon at an event: False where it ends."""
+    walk = s.walk
+    mix_scattering(media, m, s)
+    for i in range(walk.value.size):
+        fates[ABSORBED_BY_MEDIA, i] += walk.value[i] * (s.work.total[i] - s.light[i])
+    if not survive(hero, s):
+        return False
+    return scatter_walk(media, m, hero, uniform(walk.state), uniform(walk.state), s.work, walk)
+
+
+@kernel
+def meet_surface(scene, body, m, beyond, hero, s, fates):
+    """What becomes of a photon at a surface: the event, ABSORBED where it ends."""
+    walk = s.walk
+    for i in range(walk.value.size):
+        fates[ABSORBED_BY_SURFACES, i] += walk.value[i]
+    met = bounce(scene, body, m, beyond, hero, True, s)
+    if met == ABSORBED:
+        return met
+    for i in range(walk.value.size):
+        fates[ABSORBED_BY_SURFACES, i] -= walk.value[i]
+    return met if roulette(s) else ABSORBED
+
+
+@entry
+def trace_photons(
+    scene, points, surfaces, grid, floor, how, radius, disk, seed, stream, first, last, count, most, s, sums, by_order,
+    fates,
+):  # fmt: skip
+    """Trace photons `first` to `last` of `count` and gather their light.
+
+    Parameters
+    ----------
+    scene : SurfaceTable
+    points, surfaces : Points
+        Visibility points in media and on surfaces.
+    grid, floor : Cells
+        Where the ones and the others are.
+    how : int
+        POINTS, PATHS or both.
+    radius, disk : float
+        Of the spheres in media and of the disks on surfaces [m].
+    seed, stream : int
+        Seed, and number of the streams of this pass.
+    most : int
+        Light that was scattered more often than this is left out.
+    s : PhotonScratch
+    sums : (ray, wavelength)
+        Radiance of the rays is added here.
+    by_order : (order, ray, wavelength)
+        The same by orders of scattering.
+    fates : (4, wavelength)
+        Power of the photons that escaped, were absorbed by media, by surfaces, or given up is added here.
+    """
+    walk = s.walk
+    start_stream(walk.state, seed, stream, -1)
+    for n in range(EVEN_DIMENSIONS):
+        s.shift[n] = np.uint32(uniform(walk.state) * 4294967296.0)
+    for photon in range(first, last):
+        start_stream(walk.state, seed, stream, photon)
+        even_point(s.shift, photon, walk.even)
+        lamp, skip = emit_photon(scene, walk.even, count, s)
+        if lamp < 0:
+            return
+        s.power[0] = 0.0
+        for i in range(walk.value.size):
+            s.power[0] += walk.value[i]
+        hero = min(int(walk.even[1] * walk.value.size), walk.value.size - 1)
+        follow(
+            scene, points, surfaces, grid, floor, how, radius, disk, lamp, np.int64(skip), hero, most, s, sums,
+            by_order, fates,
+        )  # fmt: skip

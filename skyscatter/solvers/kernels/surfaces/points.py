@@ -1,0 +1,36 @@
+"""Visibility points: where the light of the photons is gathered."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+#: What may have happened to a photon before it is gathered, one bit each: nothing at all since it left a lamp that rays
+#: to lamps find too; only reflections and refractions without any spread, or it is light from all around; more.
+DIRECT, FOCUSED, SCATTERED = 1, 2, 4
+
+
+class Points(NamedTuple):
+    """The visibility points of a pass, those in media or those on surfaces."""
+
+    place: np.ndarray  #: (point, 3) [m]
+    direction: np.ndarray  #: (point, 3) of the camera's walk, away from the camera
+    normal: np.ndarray  #: (point, 3) outward normal of the surface
+    density: np.ndarray  #: (point, component) in the medium
+    weight: np.ndarray  #: (point, wavelength) by which scattered light counts for the ray: [m] in media, 1 on surfaces
+    ray: np.ndarray  #: (point,) int64
+    medium: np.ndarray  #: (point,) int64: the point's, or that on the walk's side of the surface
+    beyond: np.ndarray  #: (point,) int64, medium on the other side
+    body: np.ndarray  #: (point,) int64, whose surface it is
+    order: np.ndarray  #: (point,) int64, what happened between camera and point
+    accepts: np.ndarray  #: (point,) int64, kinds of photons that count
+    count: np.ndarray  #: (1,) int64, points in use
+
+
+def make_points(capacity: int, components: int, wavelengths: int) -> Points:
+    """Room for so many points: 8 (15 + components + wavelengths) bytes each."""
+    return Points(
+        np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, components)),
+        np.zeros((capacity, wavelengths)), *(np.zeros(capacity, np.int64) for _ in range(6)), np.zeros(1, np.int64),
+    )  # fmt: skip

@@ -1,0 +1,87 @@
+"""What a run has done so far, and how it is kept to go on later."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.solvers.base import Answer, Array
+
+
+@dataclass
+class RenderState:
+    """Finished rays of a render, and the recipe that they belong to."""
+
+    recipe: dict[str, Any]
+    done: NDArray[np.bool_]  #: (ray,)
+    radiance: Array  #: (ray, wavelength), nought where not done
+    standard_error: Array
+    samples: NDArray[np.int64]
+    layers: dict[str, Array] = field(default_factory=dict)
+    sums: dict[str, Array] = field(default_factory=dict)  #: over passes, of solvers that work in passes
+    passes: int = 0  #: in those sums
+    total: int = 0  #: passes that were to be made; 0 where rays are solved one by one
+
+    @classmethod
+    def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
+        """A state in which nothing is done."""
+        zero = np.zeros((rays, wavelengths))
+        return cls(recipe, np.zeros(rays, bool), zero, zero.copy(), np.zeros(rays, np.int64))
+
+    @property
+    def share(self) -> float:
+        """Finished share of the work, 0 to 1."""
+        return self.passes / self.total if self.total else float(self.done.mean())
+
+    def put(self, rays: slice, answer: Answer) -> None:
+        """Keep the answer for some rays."""
+        self.radiance[rays], self.standard_error[rays] = answer.radiance, answer.standard_error
+        self.samples[rays] = answer.samples
+        for name, values in answer.layers.items():
+            self.layers.setdefault(name, np.zeros_like(self.radiance))[rays] = values
+        self.done[rays] = True
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the state to an .npz file, whole or not at all."""
+        more: dict[str, Any] = {f"layer_{name}": values for name, values in self.layers.items()}
+        more |= {f"sum_{name}": values for name, values in self.sums.items()}
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            np.savez(
+                file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
+                standard_error=self.standard_error, samples=self.samples, passes=np.array(self.passes),
+                total=np.array(self.total), **more,
+            )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], recipe: dict[str, Any]) -> RenderState:
+        """Read a state back and check that it belongs to `recipe`."""
+        if not Path(path).is_file():
+            raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
+        try:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+            found = json.loads(str(content["recipe"]))
+            layers, sums = (
+                {name.removeprefix(kind): v for name, v in content.items() if name.startswith(kind)}
+                for kind in ("layer_", "sum_")
+            )
+            state = cls(
+                found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers,
+                sums, int(content["passes"]), int(content["total"]),
+            )  # fmt: skip
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
+        for name in sorted(set(found) | set(recipe)):
+            if found.get(name) != json.loads(json.dumps(recipe.get(name))):
+                raise DomainError("resume", str(path), f"was begun with other {name}; repeat the command as it was")
+        state.recipe = recipe
+        return state

@@ -1,0 +1,328 @@
+"""From scenes of surfaces, or of nebulae, and wavelengths to the tables that the kernels of surfaces read."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.media.medium import Medium
+from skyscatter.solvers.compile import PHASE_CELLS, medium_optics
+from skyscatter.solvers.kernels.surfaces.tables import (
+    PARALLEL_LAMP,
+    POINT_LAMP,
+    STACK,
+    SURFACE_LAMP,
+    SURROUNDINGS,
+    LampTable,
+    MediaTable,
+    ShapeTable,
+    SurfaceTable,
+)
+from skyscatter.space import SpaceScene
+from skyscatter.surfaces.indices import refractive_index
+from skyscatter.surfaces.lobes import IsotropicLobe, LobeTable, lobe_table
+from skyscatter.surfaces.packing import (
+    body_items,
+    bounding_sphere,
+    item_areas,
+    pack_materials,
+    pack_shapes,
+    starting_stack,
+)
+from skyscatter.surfaces.scene import SurfaceMedium, SurfaceScene
+
+if TYPE_CHECKING:
+    from skyscatter.media.medium import Component
+    from skyscatter.surfaces.lamps import AreaLamp
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Points of a lamp's surface around which the media are looked at.
+LAMP_POINTS = 16
+#: How far from its surface, in units of its size: near enough to be beside it, far enough to be told from it.
+BESIDE = 1e-6
+
+
+def compile_surfaces(scene: SurfaceScene | SpaceScene, wavelengths: ArrayLike) -> SurfaceTable:
+    """Tables of a scene at wavelengths [nm]; kept between calls.
+
+    A `SpaceScene` becomes one medium without surfaces: its stars are point lamps, its parallel lights and its
+    background light from outside.
+
+    Raises
+    ------
+    DomainError
+        For lamps of no extent, lamps across a boundary of media, and optics that the scene gives no meaning.
+    """
+    return _compiled(scene, tuple(float(w) for w in np.atleast_1d(np.asarray(wavelengths, float))))
+
+
+@lru_cache(maxsize=8)
+def _compiled(scene: SurfaceScene | SpaceScene, wavelengths: tuple[float, ...]) -> SurfaceTable:
+    wl = np.array(wavelengths)
+    if isinstance(scene, SpaceScene):
+        media = compile_media((SurfaceMedium(name="space", components=scene.medium.components),), wavelengths)
+        bodies, lamps = (), space_lamps(scene, wl)
+    else:
+        media, bodies = compile_media(scene.media, wavelengths), scene.bodies
+        lamps = free_lamps(scene, wl)
+    names = [medium.name for medium in getattr(scene, "media", ())]
+    inside = [-1 if body.inside is None else names.index(body.inside) for body in bodies]
+    materials = tuple(dict.fromkeys(body.material for body in bodies))
+    rows = [materials.index(body.material) for body in bodies]
+    shining = [k for k, body in enumerate(bodies) if body.lamp is not None]
+    lamp = [shining.index(k) if k in shining else -1 for k in range(len(bodies))]
+    parts = [(body.shape, *numbers) for body, *numbers in zip(bodies, rows, inside, lamp, strict=True)]
+    shapes = pack_shapes(parts, materials)
+    lamps = [surface_lamp(shapes, k, bodies[k].name, bodies[k].lamp, wl) for k in shining] + lamps
+    viewpoint = None if isinstance(scene, SpaceScene) else np.array(scene.viewpoint.position)
+    centre, radius = everything(shapes, media, lamps, viewpoint)
+    table = pack_lamps(shapes, media, lamps, centre, radius)
+    return SurfaceTable(shapes, pack_materials(materials, wl), media, table)
+
+
+# --- media --------------------------------------------------------------------------------------------------------
+
+
+def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ...]) -> MediaTable:
+    """Media at wavelengths [nm]."""
+    from skyscatter.media.everywhere import Everywhere
+    from skyscatter.media.spacetables import medium_table
+
+    wl = np.array(wavelengths)
+    components = [
+        component.model_copy(update={"name": f"{medium.name}: {component.name}"})
+        for medium in media
+        for component in medium.components
+    ]
+    first = np.cumsum([0, *(len(medium.components) for medium in media)])
+    sigma_s, sigma_t, emission, phase, cdf = _optics(components, wavelengths)
+    endless = np.array([isinstance(component.density, Everywhere) for component in components], bool)
+    density = endless.astype(float)
+    owners = [slice(a, b) for a, b in pairwise(first)]
+    constant = np.array([bool(endless[own].all()) for own in owners])
+    index = np.array([refractive_index(medium.index, wl) for medium in media])
+    return MediaTable(
+        first=first.astype(np.int64),
+        priority=np.array([medium.priority for medium in media], np.int64),
+        index=index,
+        dispersive=np.ptp(index, axis=1) > 0,
+        constant=constant,
+        extinction=np.array([c * (density[own] @ sigma_t[own]) for c, own in zip(constant, owners, strict=True)]),
+        scattering=np.array([c * (density[own] @ sigma_s[own]) for c, own in zip(constant, owners, strict=True)]),
+        space=medium_table(tuple(component.density for component in components)),
+        density=density,
+        sigma_s=sigma_s,
+        sigma_t=sigma_t,
+        emission=emission,
+        phase=phase,
+        phase_cdf=cdf,
+        rate=sigma_t.max(axis=1, initial=0.0),
+    )
+
+
+def _optics(components: list[Component], wavelengths: tuple[float, ...]) -> tuple[Array, Array, Array, Array, Array]:
+    """`medium_optics` of components, of which there may be none."""
+    if not components:
+        none, angles = np.zeros((0, len(wavelengths))), np.zeros((0, PHASE_CELLS + 1, len(wavelengths)))
+        return none, none.copy(), none.copy(), angles, np.zeros((0, len(wavelengths), PHASE_CELLS + 1))
+    optics = medium_optics(Medium(components=tuple(components)), wavelengths)
+    for k, component in enumerate(components):
+        if not all(np.all(np.isfinite(values[k])) for values in optics[:3]):
+            rule = "by optical depth has no meaning where the density has no end; give coefficients"
+            raise DomainError("optics", component.name, rule)
+    return optics
+
+
+# --- lamps --------------------------------------------------------------------------------------------------------
+
+
+class Lamp(NamedTuple):
+    """A lamp on its way into the table."""
+
+    name: str
+    kind: int
+    power: Array  #: (wavelength,)
+    position: Array  #: (3,)
+    axis: Array  #: (3,)
+    lobe: LobeTable
+    items: Integers  #: (n,)
+    areas: Array  #: (n,) [m2]
+    points: Array  #: (n, 3) where the media around it are looked at; none for light from outside
+
+
+_NO_ITEMS, _NO_POINTS, _UP = np.zeros(0, np.int64), np.zeros((0, 3)), np.array([0.0, 0.0, 1.0])
+_WHOLE = IsotropicLobe().table()
+#: Stand-in for the lobes of light from outside, which have none.
+_NO_LOBE = lobe_table([-1.0, 1.0], [1.0, 1.0])
+
+
+def point_lamp(name: str, power: Array, position: ArrayLike, axis: Array, lobe: LobeTable) -> Lamp:
+    """A lamp without extent."""
+    place = np.asarray(position, float)
+    return Lamp(name, POINT_LAMP, power, place, axis, lobe, _NO_ITEMS, np.zeros(0), place[None])
+
+
+def parallel_lamp(name: str, irradiance: Array, towards: Array) -> Lamp:
+    """Light from one direction."""
+    return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, _NO_LOBE, _NO_ITEMS, np.zeros(0), _NO_POINTS)
+
+
+def surroundings(name: str, radiance: Array) -> Lamp:
+    """Light from all around."""
+    return Lamp(name, SURROUNDINGS, radiance, np.zeros(3), _UP, _NO_LOBE, _NO_ITEMS, np.zeros(0), _NO_POINTS)
+
+
+def surface_lamp(shapes: ShapeTable, body: int, name: str, lamp: AreaLamp, wl: Array) -> Lamp:
+    """A body that shines."""
+    items = body_items(shapes, body)
+    areas = item_areas(shapes)[items]
+    items, areas = items[areas > 0], areas[areas > 0]
+    area = float(areas.sum())
+    if not area > 0:
+        raise DomainError("lamp", name, "its surface has no area; give it some, or use a point lamp")
+    points, normals = points_on(shapes, items, areas)
+    beside = points + BESIDE * np.sqrt(area) * normals
+    power = lamp.spectral_power(wl, area)
+    return Lamp(name, SURFACE_LAMP, power, points.mean(axis=0), _UP, lamp.lobe.table(), items, areas, beside)
+
+
+def points_on(shapes: ShapeTable, items: Integers, areas: Array) -> tuple[Array, Array]:
+    """Points (n, 3) spread over the items of a lamp by their areas, and the normals there."""
+    from skyscatter.solvers.kernels.surfaces.shapes import sample_item
+
+    even = (np.arange(LAMP_POINTS) + 0.5) / LAMP_POINTS
+    chosen = items[np.searchsorted(np.cumsum(areas) / areas.sum(), even).clip(max=len(items) - 1)]
+    out = np.zeros((LAMP_POINTS, 6))
+    for k, item in enumerate(chosen):
+        # Points of Hammersley's set: even over the surface, whatever the number.
+        sample_item(shapes, item, even[k], _reversed(k), out[k])
+    return out[:, :3], out[:, 3:]
+
+
+def _reversed(k: int) -> float:
+    """The number of four binary digits as a fraction with its digits in reverse."""
+    return int(f"{k:04b}"[::-1], 2) / 16 + 1 / 32
+
+
+def free_lamps(scene: SurfaceScene, wl: Array) -> list[Lamp]:
+    """The lamps of a scene that are no bodies."""
+    lamps = []
+    for lamp in scene.lamps:
+        amount = lamp.spectral_amount(wl)
+        if lamp.kind == "parallel":
+            lamps.append(parallel_lamp(lamp.name, amount, lamp.towards))
+        elif lamp.kind == "surroundings":
+            lamps.append(surroundings(lamp.name, amount))
+        else:
+            lobe = lamp.distribution.table()
+            lamps.append(point_lamp(lamp.name, amount, lamp.position, lamp.direction, lobe))
+    return lamps
+
+
+def space_lamps(scene: SpaceScene, wl: Array) -> list[Lamp]:
+    """Lights of a nebula."""
+    lamps = [
+        point_lamp(star.name, star.spectral_luminosity(wl, scene.view.distance), star.position, _UP, _WHOLE)
+        for star in scene.stars
+    ]
+    lamps += [parallel_lamp(light.name, light.spectral_irradiance(wl), light.towards) for light in scene.parallel]
+    background = scene.background_radiance(wl)
+    if np.any(background > 0):
+        lamps.append(surroundings("background", background))
+    return lamps
+
+
+def everything(
+    shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], viewpoint: Array | None
+) -> tuple[Array, float]:
+    """Centre (3,) and radius [m] of a sphere around all that is finite: shapes, fields, lamps, and who looks on."""
+    middle, reach = bounding_sphere(shapes)
+    points = [lamp.points for lamp in lamps if len(lamp.points)]
+    if media.space.term_start[-1] > 0:
+        points.append(np.array([media.space.low, media.space.high]))
+    if viewpoint is not None:
+        points.append(viewpoint[None])
+    if reach > 0:
+        points.append(middle + reach * np.array([[-1.0], [1.0]]))
+    if not points:
+        return np.zeros(3), 1.0
+    cloud = np.concatenate(points)
+    centre = 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
+    # Of the shapes' own sphere nothing sticks out that is nearer than its far side; its box would be larger.
+    cloud = np.concatenate(points[: len(points) - (reach > 0)] or [middle[None]])
+    radius = max(float(np.linalg.norm(cloud - centre, axis=1).max()), float(np.linalg.norm(middle - centre)) + reach)
+    # A rounding error wider; where all is in one point, any size will do.
+    return centre, radius * (1 + 1e-9) if radius > 0 else 1.0
+
+
+def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre: Array, radius: float) -> LampTable:
+    """Lamps as a table."""
+    wavelengths = media.index.shape[1]
+    endless = bool(media.constant[0] and np.any(media.extinction[0] > 0))
+    for lamp in lamps:
+        if endless and lamp.kind in (PARALLEL_LAMP, SURROUNDINGS):
+            rule = "comes from outside, where the first medium has no end and lets no light through; bound that medium"
+            raise DomainError("lamps", lamp.name, rule)
+    power = np.array([lamp.power for lamp in lamps], float).reshape(-1, wavelengths)
+    through = {PARALLEL_LAMP: np.pi * radius**2, SURROUNDINGS: 4 * np.pi**2 * radius**2}
+    total = power * np.array([through.get(lamp.kind, 1.0) for lamp in lamps]).reshape(-1, 1)
+    share = (total / np.maximum(total.sum(axis=0), 1e-300)).mean(axis=1)
+    item_cdf = [np.cumsum(lamp.areas) / lamp.areas.sum() for lamp in lamps if len(lamp.areas)]
+    for cdf in item_cdf:
+        cdf[-1] = 1.0
+    stacks = [lamp_stack(shapes, lamp, centre, radius) for lamp in lamps]
+    return LampTable(
+        kind=np.array([lamp.kind for lamp in lamps], np.int64),
+        power=power,
+        position=np.array([lamp.position for lamp in lamps], float).reshape(-1, 3),
+        axis=np.array([lamp.axis for lamp in lamps], float).reshape(-1, 3),
+        lobe_first=_starts([len(lamp.lobe.cosine) for lamp in lamps]),
+        lobe_cosine=_joined([lamp.lobe.cosine for lamp in lamps]),
+        lobe_value=_joined([lamp.lobe.value for lamp in lamps]),
+        lobe_cdf=_joined([lamp.lobe.cdf for lamp in lamps]),
+        item_first=_starts([len(lamp.items) for lamp in lamps]),
+        item=np.concatenate([_NO_ITEMS, *(lamp.items for lamp in lamps)]),
+        item_cdf=_joined(item_cdf),
+        area=np.array([lamp.areas.sum() for lamp in lamps], float),
+        share=share / share.sum() if share.sum() > 0 else share,
+        stack=np.array(stacks, np.int64).reshape(-1, STACK),
+        centre=centre,
+        radius=radius,
+    )
+
+
+def lamp_stack(shapes: ShapeTable, lamp: Lamp, centre: Array, radius: float) -> Integers:
+    """Media (STACK,) around a lamp.
+
+    Raises
+    ------
+    DomainError
+        If it lies across a boundary: photons would not know in which medium they start.
+    """
+    points = lamp.points
+    if lamp.kind == PARALLEL_LAMP:
+        points = (centre + 1.001 * radius * lamp.position)[None]
+    elif lamp.kind == SURROUNDINGS:
+        points = centre + 1.001 * radius * np.concatenate([np.eye(3), -np.eye(3)])
+    stacks = np.array([starting_stack(shapes, point) for point in points])
+    if not (stacks == stacks[0]).all():
+        rule = "lies across a boundary of media; move it, or make one lamp for each side"
+        if lamp.kind == SURROUNDINGS:
+            rule = "come from more than one medium; bound the media, with a box in place of a plane for instance"
+        raise DomainError("lamp", lamp.name, rule)
+    return np.asarray(stacks[0])
+
+
+def _starts(counts: list[int]) -> Integers:
+    return np.cumsum([0, *counts]).astype(np.int64)
+
+
+def _joined(parts: list[Array]) -> Array:
+    return np.concatenate([np.zeros(0), *parts])

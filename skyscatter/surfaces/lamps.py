@@ -1,0 +1,221 @@
+"""Lamps: points with a lobe, surfaces that shine, parallel light, and light from all around."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.spectra.table import Spectral, evaluate
+from skyscatter.surfaces.lobes import AnyLobe, ConeLobe, CosinePowerLobe, IsotropicLobe, LambertLobe, Lobe
+from skyscatter.surfaces.power import Powered, Shining
+from skyscatter.units import Metres
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+Place = tuple[Metres, Metres, Metres]
+
+
+class _PointSource(Powered):
+    """A lamp without extent.
+
+    Parameters
+    ----------
+    name : str
+    position : three lengths
+        [m]
+    target : three lengths, optional
+        Point [m] towards which its axis points; give this or `axis`.
+    axis : three floats, optional
+        Direction of its axis, of any length.  Up (0, 0, 1) when neither is given.
+    """
+
+    name: str = "lamp"
+    position: Place
+    target: Place | None = None
+    axis: Triple | None = None
+
+    @model_validator(mode="after")
+    def _check_axis(self) -> Self:
+        if self.target is not None and self.axis is not None:
+            raise DomainError("axis", self.axis, "give axis or target, not both")
+        if self.axis is not None and not any(self.axis):
+            raise DomainError("axis", self.axis, "must point somewhere: one of its numbers is not 0")
+        if self.target is not None and self.target == self.position:
+            raise DomainError("target", self.target, "is where the lamp is; name another point")
+        return self
+
+    @property
+    def direction(self) -> Array:
+        """Unit vector (3,) of the middle of the lobe."""
+        vector = np.array(self.axis or (0.0, 0.0, 1.0), float)
+        if self.target is not None:
+            vector = np.array(self.target) - np.array(self.position)
+        return vector / np.linalg.norm(vector)
+
+    @property
+    def distribution(self) -> Lobe:
+        """How its light is spread over directions."""
+        raise NotImplementedError
+
+
+class PointLamp(_PointSource):
+    """A point that shines, equally into all directions if no `lobe` is given."""
+
+    kind: Literal["point"] = "point"
+    lobe: AnyLobe = IsotropicLobe()
+
+    @property
+    def distribution(self) -> Lobe:
+        """How its light is spread over directions."""
+        return self.lobe
+
+
+class SpotLamp(_PointSource):
+    """A point that shines into a cone, see `ConeLobe`: a spot, a searchlight."""
+
+    kind: Literal["spot"] = "spot"
+    half_angle_deg: float = 20.0
+    edge_deg: float = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _ = self.distribution
+        return self
+
+    @property
+    def distribution(self) -> Lobe:
+        """How its light is spread over directions."""
+        return ConeLobe(half_angle_deg=self.half_angle_deg, edge_deg=self.edge_deg)
+
+
+class Led(_PointSource):
+    """A light-emitting diode as a point with a lobe by its half angle, see `CosinePowerLobe`."""
+
+    kind: Literal["led"] = "led"
+    half_angle_deg: float = 60.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _ = self.distribution
+        return self
+
+    @property
+    def distribution(self) -> Lobe:
+        """How its light is spread over directions."""
+        return CosinePowerLobe(half_angle_deg=self.half_angle_deg)
+
+
+class AreaLamp(Powered):
+    """What makes a body shine: its power, evenly spread over its surface, outwards.
+
+    Parameters
+    ----------
+    radiance : float or SpectralTable, optional
+        Instead of the power: the radiance along the normal [W m-2 sr-1 nm-1].
+    lobe : lobe
+        About the normal; Lambert's (the same radiance from all sides) when not given.
+    """
+
+    radiance: Spectral | None = None
+    lobe: AnyLobe = LambertLobe()
+
+    @classmethod
+    def amounts(cls) -> tuple[str, ...]:
+        """The fields of which exactly one is given."""
+        return *super().amounts(), "radiance"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        cosine, value, _ = self.lobe.table()
+        if cosine[0] < 0:
+            raise DomainError("lobe", self.lobe.kind, "shines into the body; a surface's ends at 90 degrees")
+        if cosine[0] == 0 and value[0] > 0:
+            rule = "still shines along the surface, where its radiance would have no bounds; use a point lamp"
+            raise DomainError("lobe", self.lobe.kind, rule)
+        return self
+
+    def spectral_power(self, wavelengths_nm: ArrayLike, area: float) -> Array:
+        """Power [W nm-1] of a surface of so many square metres; shape (wavelength,)."""
+        if self.radiance is None:
+            return self.spectral_amount(wavelengths_nm)
+        return evaluate(self.radiance, wavelengths_nm) * area / float(self.lobe.value(1.0))
+
+
+class ParallelLamp(Shining):
+    """Light from one direction, as of the Sun.
+
+    Parameters
+    ----------
+    name : str
+    direction : three floats, optional
+        Towards the light, of any length.
+    azimuth_deg, elevation_deg : float, optional
+        The same as angles [degree]: azimuth in the x-y plane from +y towards +x, elevation above it towards +z.
+    irradiance : float or SpectralTable, optional
+        On a surface that faces the light [W m-2 nm-1].
+    watts_per_m2, lux : float, optional
+        The same in all, with a `spectrum`, such as "sun".
+    """
+
+    _spectral: ClassVar[str] = "irradiance"
+    _radiant: ClassVar[str] = "watts_per_m2"
+    _luminous: ClassVar[str] = "lux"
+
+    kind: Literal["parallel"] = "parallel"
+    name: str = "light"
+    direction: Triple | None = None
+    azimuth_deg: float | None = None
+    elevation_deg: float | None = None
+    irradiance: Spectral | None = None
+    watts_per_m2: float | None = None
+    lux: float | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        angles = (self.azimuth_deg is not None, self.elevation_deg is not None)
+        if any(angles) != all(angles) or any(angles) == (self.direction is not None):
+            raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
+        if self.direction is not None and not any(self.direction):
+            raise DomainError("direction", self.direction, "must not be nought")
+        if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
+            raise DomainError("elevation_deg", self.elevation_deg, "lies between -90 and 90 degrees")
+        return self
+
+    @property
+    def towards(self) -> Array:
+        """Unit vector towards the light, shape (3,)."""
+        if self.direction is not None:
+            vector = np.asarray(self.direction, float)
+            return vector / np.linalg.norm(vector)
+        return direction_from_azimuth_elevation(self.azimuth_deg or 0.0, self.elevation_deg or 0.0)
+
+
+class Surroundings(Shining):
+    """Uniform radiance from outside of everything.
+
+    Parameters
+    ----------
+    name : str
+    radiance : float or SpectralTable, optional
+        [W m-2 sr-1 nm-1]
+    watts_per_m2_sr, candela_per_m2 : float, optional
+        The same in all, with a `spectrum`.
+    """
+
+    _spectral: ClassVar[str] = "radiance"
+    _radiant: ClassVar[str] = "watts_per_m2_sr"
+    _luminous: ClassVar[str] = "candela_per_m2"
+
+    kind: Literal["surroundings"] = "surroundings"
+    name: str = "surroundings"
+    radiance: Spectral | None = None
+    watts_per_m2_sr: float | None = None
+    candela_per_m2: float | None = None
+
+
+AnyLamp = Annotated[PointLamp | SpotLamp | Led | ParallelLamp | Surroundings, Field(discriminator="kind")]

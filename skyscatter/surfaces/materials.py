@@ -1,0 +1,96 @@
+"""What surfaces are made of: the light that they throw back, let through or keep."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.ground import Albedo, check_albedo, spectrum_of
+from skyscatter.record import Record
+from skyscatter.spectra.table import Spectral, bounds
+
+Array = NDArray[np.float64]
+#: Least GGX alpha of a rough surface: below it the lobe is narrower than anything that could be told from smooth.
+LEAST_ROUGHNESS = 1e-3
+
+
+class Interface(Record):
+    """A boundary of a medium that light does not notice: fog in a box, the edge of a cloud."""
+
+    kind: Literal["interface"] = "interface"
+
+
+class Lambert(Record):
+    """An opaque surface, equally bright from all sides.
+
+    Parameters
+    ----------
+    albedo : float or SpectralTable or str
+        Reflected share of the light, 0 to 1, or the name of a surface of the shipped table (``"snow"``, ...).
+    """
+
+    kind: Literal["lambert"] = "lambert"
+    albedo: Albedo = 0.5
+
+    @model_validator(mode="after")
+    def _check(self) -> Lambert:
+        check_albedo(self.albedo)
+        return self
+
+    def reflectance(self, wavelengths_nm: ArrayLike) -> Array:
+        """Albedo per wavelength, shape (wavelength,)."""
+        return spectrum_of(self.albedo, wavelengths_nm)
+
+
+class Mirror(Record):
+    """A smooth opaque surface that reflects the same share at every angle.
+
+    Parameters
+    ----------
+    reflectance : float or SpectralTable
+        0 to 1.
+    """
+
+    kind: Literal["mirror"] = "mirror"
+    reflectance: Spectral = 1.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Mirror:
+        low, high = bounds(self.reflectance)
+        if low < 0 or high > 1:
+            raise DomainError("reflectance", low if low < 0 else high, "lies between 0 and 1")
+        return self
+
+
+def _check_roughness(value: float) -> None:
+    if value != 0 and not LEAST_ROUGHNESS <= value <= 1:
+        raise DomainError("roughness", value, f"is 0 (smooth) or lies between {LEAST_ROUGHNESS} and 1")
+
+
+class Dielectric(Record):
+    """A clear surface: it reflects by Fresnel's equations and refracts the rest.
+
+    The refractive indices are those of the media on both sides, so water, glass, air bubbles are told by what is
+    inside of a body and around it.
+
+    Parameters
+    ----------
+    roughness : float
+        Alpha of the GGX distribution of slopes (about the root mean square slope over sqrt 2); 0 for a smooth surface.
+    """
+
+    kind: Literal["dielectric"] = "dielectric"
+    roughness: float = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Dielectric:
+        _check_roughness(self.roughness)
+        return self
+
+
+Material = Interface | Lambert | Mirror | Dielectric
+AnyMaterial = Annotated[Material, Field(discriminator="kind")]

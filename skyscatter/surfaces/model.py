@@ -1,0 +1,68 @@
+"""Model files of scenes with surfaces: media, bodies, lamps, and the camera that looks at them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import model_validator
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError
+from skyscatter.geometry.camera import Camera, Perspective
+from skyscatter.record import Record
+from skyscatter.surfaces.lamps import AnyLamp
+from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
+
+
+class SurfaceModel(Record):
+    """What a model file of surfaces says.
+
+    Parameters
+    ----------
+    name, description : str
+    sources : tuple of str
+        Where the numbers come from.
+    viewpoint : Viewpoint
+    camera : camera
+        A `Perspective` without azimuth looks as the viewpoint says; a `Fisheye` or a `Panorama` stands at its position
+        (z up).
+    media : tuple of SurfaceMedium
+        The first is outside of all bodies; a vacuum if there is none.
+    bodies : tuple of Body
+    lamps : tuple of lamps
+    """
+
+    name: str
+    description: str = ""
+    sources: tuple[str, ...] = ()
+    viewpoint: Viewpoint
+    camera: Camera = Perspective(width=320, height=240, fov_deg=60.0)
+    media: tuple[SurfaceMedium, ...] = (SurfaceMedium(name="outside"),)
+    bodies: tuple[Body, ...] = ()
+    lamps: tuple[AnyLamp, ...] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> SurfaceModel:
+        _ = self.scene()
+        if self.camera.kind == "planet":
+            raise DomainError("camera", "planet", "there is no planet to look at; choose perspective or fisheye")
+        return self
+
+    def scene(self, position: Any = None, target: Any = None, up: Any = None) -> SurfaceScene:
+        """The scene, seen as the model says or from elsewhere: three lengths [m], and a direction."""
+        given = {"position": position, "target": target, "up": up}
+        seen = {name: value for name, value in given.items() if value is not None}
+        viewpoint = Viewpoint(**{**self.viewpoint.model_dump(), **seen})
+        return SurfaceScene(media=self.media, bodies=self.bodies, lamps=self.lamps, viewpoint=viewpoint)
+
+    def to_toml(self) -> str:
+        """The model as TOML text, which `load_model` reads back to an equal model."""
+        from skyscatter.model import to_toml
+
+        return to_toml(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model file; an existing one is replaced only when the new one is complete."""
+        with atomic_path(path) as temporary:
+            temporary.write_text(self.to_toml(), encoding="utf-8")

@@ -1,0 +1,168 @@
+"""Records of shapes and materials as the tables that kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.kernels.surfaces import tables
+from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
+from skyscatter.spectra.table import evaluate
+from skyscatter.surfaces.materials import Dielectric, Interface, Lambert, Mirror
+from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+_PARAMETERS = 16
+
+
+def _row(shape: Any) -> tuple[int, list[Any]]:
+    """Kind and parameters of an analytic shape, as `kernels.surfaces.shapes` lays them out."""
+    if isinstance(shape, Sphere):
+        return tables.SPHERE, [shape.position, [shape.radius]]
+    if isinstance(shape, Plane):
+        return tables.PLANE, [shape.position, shape.unit_normal]
+    if isinstance(shape, Rectangle):
+        corner, a, b = shape.edges
+        normal = np.cross(a, b)
+        return tables.RECTANGLE, [corner, a, b, normal / np.linalg.norm(normal), [1 / (a @ a), 1 / (b @ b)]]
+    if isinstance(shape, Box):
+        return tables.BOX, [shape.position, 0.5 * np.array(shape.size), shape.axes.ravel()]
+    if isinstance(shape, Disk):
+        return tables.DISK, [shape.position, shape.unit_normal, [shape.radius, shape.inner_radius], shape.across]
+    raise TypeError(f"no shape: {type(shape).__name__}")
+
+
+def pack_shapes(bodies: Sequence[tuple[Any, int, int, int]], materials: Sequence[Any]) -> ShapeTable:
+    """The table of everything that rays can meet.
+
+    Parameters
+    ----------
+    bodies : sequence of (shape, material, inside, lamp)
+        In the order in which kernels will number them: the shape's record, the row of its material, the number of the
+        medium inside or -1, the number of its lamp or -1.
+    materials : sequence of records
+        The same as for `pack_materials`.
+
+    Raises
+    ------
+    DomainError
+        If a medium is to be inside of a shape that holds no volume.
+    """
+    kinds, rows, owners = [], [], []
+    for body, (shape, _, inside, _) in enumerate(bodies):
+        if inside >= 0 and not shape.holds_volume:
+            raise DomainError("inside", inside, f"a {shape.kind} holds no volume: give a sphere, box, plane or mesh")
+        kind, parts = _row(shape)
+        row = np.zeros(_PARAMETERS)
+        values = np.concatenate([np.asarray(part, float).ravel() for part in parts])
+        row[: values.size] = values
+        kinds.append(kind)
+        rows.append(row)
+        owners.append(body)
+    numbers = np.array([numbers for _, *numbers in bodies], np.int64).reshape(-1, 3)
+    thin = np.array([isinstance(materials[m], Interface) for m in numbers[:, 0]], bool)
+    return ShapeTable(
+        kind=np.array(kinds, np.int64),
+        parameters=np.array(rows).reshape(-1, _PARAMETERS),
+        shape_body=np.array(owners, np.int64),
+        triangle=np.zeros((0, 12)),
+        triangle_body=np.zeros(0, np.int64),
+        loose=np.arange(len(kinds), dtype=np.int64),
+        node_box=np.zeros((0, 6)),
+        node_link=np.zeros((0, 2), np.int64),
+        order=np.zeros(0, np.int64),
+        material=np.ascontiguousarray(numbers[:, 0]),
+        inside=np.ascontiguousarray(numbers[:, 1]),
+        lamp=np.ascontiguousarray(numbers[:, 2]),
+        thin=thin,
+        passable=bool(thin.any()),
+    )
+
+
+def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> MaterialTable:
+    """The table of what surfaces do to light.
+
+    Parameters
+    ----------
+    materials : sequence of records
+        `Interface`, `Lambert`, `Mirror`, `Dielectric`.
+    wavelengths_nm : array_like, shape (wavelength,)
+    """
+    wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
+    count = len(materials)
+    kind, roughness = np.zeros(count, np.int64), np.zeros(count)
+    reflectance, index, absorption = np.zeros((3, count, wl.size))
+    for k, material in enumerate(materials):
+        if isinstance(material, Interface):
+            kind[k] = tables.INTERFACE
+        elif isinstance(material, Lambert):
+            kind[k], reflectance[k] = tables.LAMBERT, material.reflectance(wl)
+        elif isinstance(material, Mirror):
+            kind[k], reflectance[k] = tables.MIRROR, evaluate(material.reflectance, wl)
+        elif isinstance(material, Dielectric):
+            kind[k], roughness[k] = tables.DIELECTRIC, material.roughness
+        else:
+            raise TypeError(f"no material: {type(material).__name__}")
+    return MaterialTable(kind, roughness, reflectance, index, absorption)
+
+
+def body_items(shapes: ShapeTable, body: int) -> Integers:
+    """Numbers of the items of a body, shape (item,)."""
+    triangles = np.flatnonzero(shapes.triangle_body == body) + shapes.kind.size
+    return np.concatenate([np.flatnonzero(shapes.shape_body == body), triangles]).astype(np.int64)
+
+
+def item_areas(shapes: ShapeTable) -> Array:
+    """Area [m2] of every item, shape (item,); infinite for planes."""
+    from skyscatter.solvers.kernels.surfaces import rays
+
+    areas = np.zeros(shapes.kind.size + len(shapes.triangle))
+    rays.item_areas(shapes, areas)
+    return areas
+
+
+def bounding_sphere(records: Sequence[Any]) -> tuple[Array, float]:
+    """Middle (3,) and radius [m] of a sphere around all shapes that have an end; the origin and 0 without such."""
+    boxes = [shape.bounds for shape in records]
+    boxes = [box for box in boxes if np.isfinite(box).all()]
+    if not boxes:
+        return np.zeros(3), 0.0
+    low, high = np.min([a for a, _ in boxes], axis=0), np.max([b for _, b in boxes], axis=0)
+    return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+
+
+def starting_stack(
+    shapes: ShapeTable, position: ArrayLike, direction: ArrayLike | None = None, skip: int = -1
+) -> Integers:
+    """Media that a point is inside of, shape (STACK,), the last entered last, free slots -1.
+
+    Parameters
+    ----------
+    shapes : ShapeTable
+    position : array_like, shape (3,)
+        [m]
+    direction : array_like, shape (3,), optional
+        Where a ray is sent to count; from a point on the item `skip` it goes to the side whose media are asked for.
+    skip : int
+        Item that the point lies on, or -1.
+
+    Raises
+    ------
+    DomainError
+        If there are more than a ray can be inside of.
+    """
+    from skyscatter.solvers.kernels.surfaces import rays
+
+    # No round numbers: a ray along edges and faces is met more often than chance would have it.
+    towards = np.array([0.3717, 0.2911, 0.8815]) if direction is None else np.array(direction, float)
+    stack, place = np.full(tables.STACK, -1, np.int64), np.array(position, float)
+    count = rays.fill_stack(shapes, place, towards / np.linalg.norm(towards), skip, stack, np.zeros(4))
+    if count < 0:
+        allowed = f"at most {tables.STACK} bodies with media inside may lie one in another"
+        raise DomainError("position", tuple(place.tolist()), allowed)
+    return stack

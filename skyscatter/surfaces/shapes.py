@@ -1,0 +1,277 @@
+"""Shapes that light meets: spheres, planes, rectangles, boxes, disks.
+
+Normals point out of a shape; the inside of a plane, a rectangle, a disk is the side from which the normal points away.
+Spheres, boxes and closed meshes hold a volume, a plane bounds a half space; rectangles and disks bound nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError
+from skyscatter.media.shapes import axis_rotation
+from skyscatter.record import Record
+from skyscatter.units import Metres
+
+Array = NDArray[np.float64]
+Point = tuple[Metres, Metres, Metres]
+Triple = tuple[float, float, float]
+
+#: Sides of a rectangle that are this close to a right angle (cosine) are at one.
+SQUARE = 1e-9
+
+
+class Surface(Record):
+    """What all shapes have in common."""
+
+    #: Whether the shape bounds a volume, so that a medium can be inside.
+    holds_volume: ClassVar[bool] = True
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest corner (3,) [m] of a box around it; infinite for a plane."""
+        raise NotImplementedError
+
+
+def _unit(name: str, vector: Triple) -> Array:
+    """A direction of unit length."""
+    length = float(np.linalg.norm(vector))
+    if not length > 0:
+        raise DomainError(name, vector, "must point somewhere: one of its numbers is not 0")
+    return np.array(vector) / length
+
+
+def _positive(shape: Record, *names: str) -> None:
+    for name in names:
+        if not getattr(shape, name) > 0:
+            raise DomainError(name, getattr(shape, name), "must be a length above 0")
+
+
+def _around(points: Array) -> tuple[Array, Array]:
+    return points.min(axis=0), points.max(axis=0)
+
+
+class Sphere(Surface):
+    """A sphere.
+
+    Parameters
+    ----------
+    position : three lengths
+        Its middle [m].
+    radius : length
+    """
+
+    kind: Literal["sphere"] = "sphere"
+    position: Point = (0.0, 0.0, 0.0)
+    radius: Metres = 1.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Sphere:
+        _positive(self, "radius")
+        return self
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        return np.array(self.position) - self.radius, np.array(self.position) + self.radius
+
+
+class Plane(Surface):
+    """An endless plane.  A medium inside of it fills the half space from which the normal points away.
+
+    Parameters
+    ----------
+    position : three lengths
+        Any of its points [m].
+    normal : three numbers
+        Of any length.
+    """
+
+    kind: Literal["plane"] = "plane"
+    position: Point = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Plane:
+        _unit("normal", self.normal)
+        return self
+
+    @property
+    def unit_normal(self) -> Array:
+        """The normal (3,) with length 1."""
+        return _unit("normal", self.normal)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        return np.full(3, -np.inf), np.full(3, np.inf)
+
+
+class Rectangle(Surface):
+    """A rectangle, given in one of two ways.
+
+    Parameters
+    ----------
+    position : three lengths
+        Its middle [m].
+    normal : three numbers
+        Of any length.
+    size : two lengths
+        Sides [m]: the first at right angles to `up`, the second along it.
+    up : three numbers, optional
+        Direction of the second side; only its part across the normal counts.  When not given: z, or y where the
+        normal is along z.
+    corner, first_edge, second_edge : three lengths each, optional
+        Instead of all of the above: a corner and the two edges from it, at right angles; the normal is first x second.
+    """
+
+    holds_volume: ClassVar[bool] = False
+    kind: Literal["rectangle"] = "rectangle"
+    position: Point | None = None
+    normal: Triple | None = None
+    size: tuple[Metres, Metres] | None = None
+    up: Triple | None = None
+    corner: Point | None = None
+    first_edge: Point | None = None
+    second_edge: Point | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Rectangle:
+        by_corner = (self.corner, self.first_edge, self.second_edge)
+        by_middle = (self.position, self.normal, self.size, self.up)
+        ways = "give position, normal, size (and up), or corner, first_edge and second_edge"
+        if any(v is not None for v in by_corner):
+            if any(v is None for v in by_corner) or any(v is not None for v in by_middle):
+                raise DomainError("rectangle", "mixed", ways)
+            a, b = (
+                _unit("first_edge", self.first_edge or (0, 0, 0)),
+                _unit("second_edge", self.second_edge or (0, 0, 0)),
+            )
+            if abs(a @ b) > SQUARE:
+                raise DomainError("second_edge", self.second_edge, "must be at a right angle to first_edge")
+            return self
+        if self.size is None:
+            raise DomainError("size", None, ways)
+        if min(self.size) <= 0:
+            raise DomainError("size", self.size, "must be two lengths above 0")
+        normal = _unit("normal", self.normal or (0.0, 0.0, 1.0))
+        if self.up is not None and np.linalg.norm(np.cross(_unit("up", self.up), normal)) < SQUARE:
+            raise DomainError("up", self.up, "must not be along the normal")
+        return self
+
+    @property
+    def edges(self) -> tuple[Array, Array, Array]:
+        """Corner and the two edges from it, each (3,) [m]; their cross product is along the normal."""
+        if self.corner is not None and self.first_edge is not None and self.second_edge is not None:
+            a, b = np.array(self.first_edge), np.array(self.second_edge)
+            return np.array(self.corner), a, b - (a @ b) / (a @ a) * a
+        assert self.size is not None
+        normal = _unit("normal", self.normal or (0.0, 0.0, 1.0))
+        upright = (0.0, 1.0, 0.0) if abs(normal[2]) > 1 - SQUARE else (0.0, 0.0, 1.0)
+        up = np.array(self.up if self.up is not None else upright, float)
+        up -= (up @ normal) * normal
+        up /= np.linalg.norm(up)
+        first, second = np.cross(up, normal) * self.size[0], up * self.size[1]
+        return np.array(self.position or (0.0, 0.0, 0.0)) - 0.5 * (first + second), first, second
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        corner, a, b = self.edges
+        return _around(np.array([corner, corner + a, corner + b, corner + a + b]))
+
+
+class Box(Surface):
+    """A box.
+
+    Parameters
+    ----------
+    position : three lengths
+        Its middle [m].
+    size : three lengths
+        Sides along its own x, y and z [m].
+    axis : three numbers
+        Direction of its own z axis, of any length; x and y follow on the shortest way (for the opposite of z: about x).
+    turn_deg : float
+        Rotation about its own z axis before that.
+    """
+
+    kind: Literal["box"] = "box"
+    position: Point = (0.0, 0.0, 0.0)
+    size: tuple[Metres, Metres, Metres] = (1.0, 1.0, 1.0)
+    axis: Triple = (0.0, 0.0, 1.0)
+    turn_deg: float = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Box:
+        if min(self.size) <= 0:
+            raise DomainError("size", self.size, "must be three lengths above 0")
+        _unit("axis", self.axis)
+        return self
+
+    @property
+    def axes(self) -> Array:
+        """Its own unit axes (axis, 3)."""
+        return axis_rotation(self.axis, self.turn_deg).T
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        reach = 0.5 * np.array(self.size) @ np.abs(self.axes)
+        return np.array(self.position) - reach, np.array(self.position) + reach
+
+
+class Disk(Surface):
+    """A disk, or a ring.
+
+    Parameters
+    ----------
+    position : three lengths
+        Its middle [m].
+    normal : three numbers
+        Of any length.
+    radius : length
+    inner_radius : length
+        Of the hole; 0 without one.
+    """
+
+    holds_volume: ClassVar[bool] = False
+    kind: Literal["disk"] = "disk"
+    position: Point = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+    radius: Metres = 1.0
+    inner_radius: Metres = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Disk:
+        _positive(self, "radius")
+        if not 0 <= self.inner_radius < self.radius:
+            raise DomainError("inner_radius", self.inner_radius, f"must be from 0 to below the radius, {self.radius}")
+        _unit("normal", self.normal)
+        return self
+
+    @property
+    def unit_normal(self) -> Array:
+        """The normal (3,) with length 1."""
+        return _unit("normal", self.normal)
+
+    @property
+    def across(self) -> Array:
+        """A unit vector (3,) in the disk."""
+        normal = self.unit_normal
+        other = np.eye(3)[np.argmin(np.abs(normal))]
+        across = np.cross(normal, other)
+        return across / np.linalg.norm(across)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        reach = self.radius * np.sqrt(np.maximum(1.0 - self.unit_normal**2, 0.0))
+        return np.array(self.position) - reach, np.array(self.position) + reach
+
+
+AnyShape = Annotated[Sphere | Plane | Rectangle | Box | Disk, Field(discriminator="kind")]
