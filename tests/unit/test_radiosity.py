@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import plain_rooms
 import pytest
 import radiosity
 from radiosity import Piece
+from significance import assert_agrees
 
 WALLS = ("x-", "x+", "y-", "y+", "z-", "z+")
 SIZE = (3.0, 2.0, 2.5)
@@ -162,3 +164,14 @@ def test_extrapolation_over_the_patches() -> None:
     for rough, good in ((coarse, middle), (middle, fine)):
         left = np.sqrt(((rough.radiance - good.radiance) ** 2).mean()) / good.radiance.mean()
         assert left < rough.error
+
+
+def test_plain_walks_find_the_same() -> None:
+    room = grey_room(0.6)
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(8, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    origins = np.tile([1.2, 1.0, 1.1], (8, 1))
+    seen = radiosity.look(room, origins, directions, 0.5)
+    found, error = plain_rooms.walk(room, plain_rooms.Fog(0.0, 0.0, 0.0), origins, directions, 0, 20_000, 1)
+    assert_agrees(found, seen.radiance[:, 0], error, freedom=1000, slack=seen.error)
