@@ -2,8 +2,8 @@
 
 No light is looked for: a walk goes on, from the eye backwards, through grey fog (free flights, albedo as a weight, the
 phase function of Henyey and Greenstein) and from diffuse wall to diffuse wall until it has gone dark, and counts the
-lamp's radiance where it happens to meet the lamp.  Lamps have to be large for that; nothing can be wrong with it but its
-few lines.
+lamp's radiance where it happens to meet the lamp.  Lamps have to be large for that; nothing can be wrong but its few
+lines.
 """
 
 from __future__ import annotations
