@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.errors import DomainError
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.direct import disk_light
-from skyscatter.solvers.run import Interrupted, check_wavelengths, load_solver, solve_rays
+from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
 from skyscatter.solvers.state import RenderState
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.space import SpaceScene
+    from skyscatter.surfaces.scene import SurfaceScene
 
-    AnyScene = Scene | SpaceScene
+    AnyScene = Scene | SpaceScene | SurfaceScene
 
 #: Sub-pixels along each side of a pixel that the edge of the Sun may cross.
 SUN_SUBPIXELS = 8
@@ -46,6 +48,7 @@ def render(
     parts: bool = False,
     orders: int = 0,
     stokes: bool = False,
+    subpixels: int = 1,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
@@ -54,18 +57,21 @@ def render(
 
     Each pixel is the radiance along the ray through its middle; the direct light of the solar disk, which is often
     smaller than a pixel, is averaged over the pixel instead.  In a nebula so is the light scattered once in the pixels
-    around a star, and every star adds its own light, dimmed by the dust before it.
+    around a star, and every star adds its own light, dimmed by the dust before it.  Among surfaces, which have edges,
+    a pixel may be the mean over several rays.
 
     Parameters
     ----------
-    scene : Scene or SpaceScene
+    scene : Scene, SpaceScene or SurfaceScene
     camera : Camera
         What is seen where; see `skyscatter.geometry.camera`.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
     solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads
     photons, radius, estimator, direct
-        As for `skyscatter.radiance`.
+        As for `skyscatter.radiance`; samples are those of a pixel.
+    subpixels : int
+        Send a square of so many by so many rays through each pixel, which share its samples (scenes of surfaces only).
     progress : callable, optional
         Called with the finished share, 0 to 1.
     resume : path, optional
@@ -90,7 +96,10 @@ def render(
     )  # fmt: skip
     recipe = _recipe(scene, camera, wl, solver, options)
     grid = camera.directions(scene.observer)
-    if isinstance(camera, Telescope) and not isinstance(scene, Scene):
+    wrap = _wrapper(scene, camera, grid, subpixels)
+    if wrap is not None:
+        recipe["subpixels"] = int(subpixels)
+    if isinstance(camera, Telescope) and is_space(scene):
         from skyscatter.solvers.starlight import beside_stars
 
         grid = beside_stars(scene, camera, grid)
@@ -103,11 +112,24 @@ def render(
         state = RenderState.empty(recipe, numbers.size, wl.size)
     else:
         state = RenderState.load(resume, recipe)
-    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress)
+    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap)
     image = _picture(scene, camera, grid, inside, wl, state)
     if not complete:
         raise Interrupted(image, state)
     return image
+
+
+def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int) -> Callable[[Any], Any] | None:
+    """What makes a solver of pixels with several rays of one of rays; None where one ray is enough."""
+    from skyscatter.solvers.subpixels import Subpixels, check_subpixels, fine_directions
+
+    check_subpixels(subpixels)
+    if subpixels == 1:
+        return None
+    if isinstance(scene, Scene) or is_space(scene):
+        raise DomainError("subpixels", subpixels, "is for scenes of surfaces; leave it out, and make a larger picture")
+    fine = fine_directions(camera, scene.observer, grid, subpixels).reshape(-1, subpixels**2, 3)
+    return lambda module: Subpixels(module, fine, subpixels**2)
 
 
 def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options) -> dict[str, Any]:
@@ -143,9 +165,9 @@ def _picture(
 
     cube = spread(state.radiance)
     layers = {name: spread(values) for name, values in state.layers.items()}
-    if not isinstance(scene, Scene):
+    if is_space(scene):
         return _space_picture(scene, camera, grid, cube, layers, spread(state.standard_error), wl, state)
-    correction = _sun_correction(scene, grid, wl)
+    correction = _sun_correction(scene, grid, wl) if isinstance(scene, Scene) else None
     if correction is not None:
         cube[correction[0]] += correction[1]
         if "direct" in layers:

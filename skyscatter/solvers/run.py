@@ -21,8 +21,9 @@ from skyscatter.solvers.state import RenderState
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.space import SpaceScene
+    from skyscatter.surfaces.scene import SurfaceScene
 
-    AnyScene = Scene | SpaceScene
+    AnyScene = Scene | SpaceScene | SurfaceScene
 
 #: Rays in a tile at most: enough to hide the cost of handing it out, few enough for Ctrl-C and progress.
 TILE_RAYS = 128
@@ -31,6 +32,7 @@ TILES_PER_THREAD = 8
 #: The modules of the solvers, by the sort of medium.
 SHELLS = {"orders": "orders", "path": "path", "single": "single"}
 VOLUMES = {"path": "volume_path", "single": "volume_single", "photons": "photons"}
+SURFACES = {"path": "surface_path", "photons": "photons"}
 SOLVERS = tuple(SHELLS)
 
 
@@ -66,9 +68,14 @@ def worker_count(threads: int | None) -> int:
     return threads
 
 
+def is_space(scene: AnyScene) -> bool:
+    """Whether a scene is one of space, without loading what such scenes are made of."""
+    return hasattr(scene, "star_field")
+
+
 def load_solver(name: str, scene: AnyScene) -> Any:
     """The module of a solver for a scene."""
-    modules = SHELLS if isinstance(scene, Scene) else VOLUMES
+    modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
     if name not in modules:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
     return import_module(f"skyscatter.solvers.{modules[name]}")
@@ -110,13 +117,16 @@ def solve_rays(
     state: RenderState,
     threads: int | None,
     progress: Callable[[float], None] | None,
+    wrap: Callable[[Any], Any] | None = None,
 ) -> bool:
     """Fill `state` tile by tile, or pass by pass; False if interrupted, with all in it that was finished.
 
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
-    of threads.
+    of threads.  `wrap` makes another solver of the one that was named, see `skyscatter.solvers.subpixels`.
     """
     module = load_solver(solver, scene)
+    if wrap is not None:
+        module = wrap(module)
     options.check()
     by_passes = getattr(module, "PASSES", False)
     if not by_passes:
@@ -198,17 +208,18 @@ def radiance(
 
     Parameters
     ----------
-    scene : Scene or SpaceScene
+    scene : Scene, SpaceScene or SurfaceScene
     origins : array_like, shape (..., 3)
         Where the rays are observed [m]: from the planet's centre in the scene's frame (east, north, up), or in the
-        frame of a nebula's model.
+        frame of the model of a nebula or of surfaces.
     directions : array_like, shape (..., 3)
         Unit vectors in which to look.  Broadcast against the origins.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver : {"orders", "path", "single"}
-        All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, or the first by
-        quadrature.
+    solver : {"orders", "path", "single", "photons"}
+        All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, the first by
+        quadrature (planets and nebulae), or all by photons from the lamps that are gathered along the rays (nebulae and
+        surfaces).
     samples : int, optional
         Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 16 if this and `noise` are not given.
     noise : float, optional

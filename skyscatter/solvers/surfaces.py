@@ -39,14 +39,13 @@ from skyscatter.surfaces.scene import SurfaceMedium, SurfaceScene
 if TYPE_CHECKING:
     from skyscatter.media.medium import Component
     from skyscatter.surfaces.lamps import AreaLamp
+    from skyscatter.surfaces.shapes import AnyShape
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Points of a lamp's surface around which the media are looked at.
 LAMP_POINTS = 16
-#: How far from its surface, in units of its size: near enough to be beside it, far enough to be told from it.
-BESIDE = 1e-6
 
 
 def compile_surfaces(scene: SurfaceScene | SpaceScene, wavelengths: ArrayLike) -> SurfaceTable:
@@ -82,7 +81,7 @@ def _compiled(scene: SurfaceScene | SpaceScene, wavelengths: tuple[float, ...]) 
     shapes = pack_shapes(parts, materials)
     lamps = [surface_lamp(shapes, k, bodies[k].name, bodies[k].lamp, wl) for k in shining] + lamps
     viewpoint = None if isinstance(scene, SpaceScene) else np.array(scene.viewpoint.position)
-    centre, radius = everything(shapes, media, lamps, viewpoint)
+    centre, radius = everything(tuple(body.shape for body in bodies), media, lamps, viewpoint)
     table = pack_lamps(shapes, media, lamps, centre, radius)
     return SurfaceTable(shapes, pack_materials(materials, wl), media, table)
 
@@ -155,28 +154,35 @@ class Lamp(NamedTuple):
     items: Integers  #: (n,)
     areas: Array  #: (n,) [m2]
     points: Array  #: (n, 3) where the media around it are looked at; none for light from outside
+    towards: Array  #: (n, 3) a direction into the medium that is asked for
+    skip: Integers  #: (n,) item on which the point lies, or -1
 
 
+#: No round numbers: a ray along edges and faces is met more often than chance would have it.
+_ASKEW = np.array([0.2717, 0.1911, 0.3815])
 _NO_ITEMS, _NO_POINTS, _UP = np.zeros(0, np.int64), np.zeros((0, 3)), np.array([0.0, 0.0, 1.0])
 _WHOLE = IsotropicLobe().table()
 #: Stand-in for the lobes of light from outside, which have none.
 _NO_LOBE = lobe_table([-1.0, 1.0], [1.0, 1.0])
+#: Where light from outside comes in, as long as no more is known.
+_FROM_OUTSIDE = (_NO_LOBE, _NO_ITEMS, np.zeros(0), _NO_POINTS, _NO_POINTS, _NO_ITEMS)
 
 
 def point_lamp(name: str, power: Array, position: ArrayLike, axis: Array, lobe: LobeTable) -> Lamp:
     """A lamp without extent."""
     place = np.asarray(position, float)
-    return Lamp(name, POINT_LAMP, power, place, axis, lobe, _NO_ITEMS, np.zeros(0), place[None])
+    beside = (place[None], _ASKEW[None], np.array([-1]))
+    return Lamp(name, POINT_LAMP, power, place, axis, lobe, _NO_ITEMS, np.zeros(0), *beside)
 
 
 def parallel_lamp(name: str, irradiance: Array, towards: Array) -> Lamp:
     """Light from one direction."""
-    return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, _NO_LOBE, _NO_ITEMS, np.zeros(0), _NO_POINTS)
+    return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, *_FROM_OUTSIDE)
 
 
 def surroundings(name: str, radiance: Array) -> Lamp:
     """Light from all around."""
-    return Lamp(name, SURROUNDINGS, radiance, np.zeros(3), _UP, _NO_LOBE, _NO_ITEMS, np.zeros(0), _NO_POINTS)
+    return Lamp(name, SURROUNDINGS, radiance, np.zeros(3), _UP, *_FROM_OUTSIDE)
 
 
 def surface_lamp(shapes: ShapeTable, body: int, name: str, lamp: AreaLamp, wl: Array) -> Lamp:
@@ -187,23 +193,21 @@ def surface_lamp(shapes: ShapeTable, body: int, name: str, lamp: AreaLamp, wl: A
     area = float(areas.sum())
     if not area > 0:
         raise DomainError("lamp", name, "its surface has no area; give it some, or use a point lamp")
-    points, normals = points_on(shapes, items, areas)
-    beside = points + BESIDE * np.sqrt(area) * normals
-    power = lamp.spectral_power(wl, area)
-    return Lamp(name, SURFACE_LAMP, power, points.mean(axis=0), _UP, lamp.lobe.table(), items, areas, beside)
+    power, lobe = lamp.spectral_power(wl, area), lamp.lobe.table()
+    points, normals, chosen = points_on(shapes, items, areas)
+    return Lamp(name, SURFACE_LAMP, power, points.mean(axis=0), _UP, lobe, items, areas, points, normals, chosen)
 
 
-def points_on(shapes: ShapeTable, items: Integers, areas: Array) -> tuple[Array, Array]:
-    """Points (n, 3) spread over the items of a lamp by their areas, and the normals there."""
-    from skyscatter.solvers.kernels.surfaces.shapes import sample_item
+def points_on(shapes: ShapeTable, items: Integers, areas: Array) -> tuple[Array, Array, Integers]:
+    """Points (n, 3) spread over the items of a lamp by their areas, the normals there, and the items."""
+    from skyscatter.solvers.kernels.surfaces.rays import sample_items
 
+    # Points of Hammersley's set: even over the surface, whatever the number.
     even = (np.arange(LAMP_POINTS) + 0.5) / LAMP_POINTS
     chosen = items[np.searchsorted(np.cumsum(areas) / areas.sum(), even).clip(max=len(items) - 1)]
     out = np.zeros((LAMP_POINTS, 6))
-    for k, item in enumerate(chosen):
-        # Points of Hammersley's set: even over the surface, whatever the number.
-        sample_item(shapes, item, even[k], _reversed(k), out[k])
-    return out[:, :3], out[:, 3:]
+    sample_items(shapes, chosen, even, np.array([_reversed(k) for k in range(LAMP_POINTS)]), out)
+    return out[:, :3], out[:, 3:], chosen
 
 
 def _reversed(k: int) -> float:
@@ -240,7 +244,7 @@ def space_lamps(scene: SpaceScene, wl: Array) -> list[Lamp]:
 
 
 def everything(
-    shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], viewpoint: Array | None
+    shapes: tuple[AnyShape, ...], media: MediaTable, lamps: list[Lamp], viewpoint: Array | None
 ) -> tuple[Array, float]:
     """Centre (3,) and radius [m] of a sphere around all that is finite: shapes, fields, lamps, and who looks on."""
     middle, reach = bounding_sphere(shapes)
@@ -306,12 +310,12 @@ def lamp_stack(shapes: ShapeTable, lamp: Lamp, centre: Array, radius: float) -> 
     DomainError
         If it lies across a boundary: photons would not know in which medium they start.
     """
-    points = lamp.points
-    if lamp.kind == PARALLEL_LAMP:
-        points = (centre + 1.001 * radius * lamp.position)[None]
-    elif lamp.kind == SURROUNDINGS:
-        points = centre + 1.001 * radius * np.concatenate([np.eye(3), -np.eye(3)])
-    stacks = np.array([starting_stack(shapes, point) for point in points])
+    points, towards, skip = lamp.points, lamp.towards + _ASKEW, lamp.skip
+    if lamp.kind in (PARALLEL_LAMP, SURROUNDINGS):
+        sides = lamp.position[None] if lamp.kind == PARALLEL_LAMP else np.concatenate([np.eye(3), -np.eye(3)])
+        points, towards, skip = centre + 1.001 * radius * sides, sides + _ASKEW, np.full(len(sides), -1)
+    rays = zip(points, towards, skip, strict=True)
+    stacks = np.array([starting_stack(shapes, point, d, int(item)) for point, d, item in rays])
     if not (stacks == stacks[0]).all():
         rule = "lies across a boundary of media; move it, or make one lamp for each side"
         if lamp.kind == SURROUNDINGS:

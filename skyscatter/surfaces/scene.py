@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,12 @@ from skyscatter.surfaces.shapes import AnyShape
 
 Array = NDArray[np.float64]
 
-#: Shapes that have an inside.  The others are sheets: a ray could leave what they bound past their edges.
-CLOSED = ("sphere", "box", "plane", "mesh")
+
+def _distinct(field: str, parts: Sequence[Any]) -> None:
+    names = [part.name for part in parts]
+    for name in names:
+        if names.count(name) > 1:
+            raise DomainError(field, name, "two of one name; rename one")
 
 
 class SurfaceMedium(Record):
@@ -82,13 +86,13 @@ class Body(Record):
     @model_validator(mode="after")
     def _check(self) -> Body:
         shape = self.shape.kind
-        if self.inside is not None and shape not in CLOSED:
-            rule = f"a {shape} has no inside; only {', '.join(CLOSED)} can be filled"
+        if self.inside is not None and not self.shape.holds_volume:
+            rule = f"{self.name}: a {shape} holds no volume; give a sphere, box, plane or closed mesh"
             raise DomainError("inside", self.inside, rule)
         if self.lamp is not None and shape == "plane":
             raise DomainError("lamp", self.name, "a plane has no end, and so no power; use a rectangle or a disk")
         if self.lamp is not None and self.material.kind == "interface":
-            rule = 'an interface is not there for light; make the lamp of { kind = "lambert", reflectance = 0 }'
+            rule = 'an interface is not there for light; make the lamp of { kind = "lambert", albedo = 0 }'
             raise DomainError("material", "interface", rule)
         if self.inside is None and self.material.kind in ("interface", "dielectric"):
             raise DomainError("inside", None, f"{self.name}: its material is a boundary; name the medium in it")
@@ -177,10 +181,3 @@ class SurfaceScene(Record):
 
     def check_origins(self, origins: Array) -> None:
         """Rays may start anywhere."""
-
-
-def _distinct(field: str, parts: Sequence[SurfaceMedium] | Sequence[Component]) -> None:
-    names = [part.name for part in parts]
-    for name in names:
-        if names.count(name) > 1:
-            raise DomainError(field, name, "two of one name; rename one")

@@ -1,0 +1,128 @@
+"""Several rays for every pixel: edges of surfaces become smooth.
+
+A solver is wrapped into one that solves pixels: it sends a square of evenly placed rays through each and returns their
+mean.  Walks of different rays are independent, and so the squared errors add; where a solver works in passes (see
+`skyscatter.solvers.passes`) the mean is taken within each pass, and their spread is that of pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from skyscatter.errors import DomainError
+from skyscatter.geometry.telescope import Telescope
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+
+#: Rays along each side of a pixel at most.
+MOST = 16
+
+
+def check_subpixels(subpixels: int) -> None:
+    """Refuse numbers of rays that make no sense."""
+    if not isinstance(subpixels, (int, np.integer)) or not 1 <= subpixels <= MOST:
+        raise DomainError("subpixels", subpixels, f"rays along each side of a pixel, a whole number from 1 to {MOST}")
+
+
+def fine_directions(camera: Any, observer: Any, grid: Array, subpixels: int) -> Array:
+    """Directions through the middles of the parts of each pixel, shape (height, width, part, 3).
+
+    Parts outside of a round field are replaced by the middle of their pixel (`grid`).
+    """
+    finer: dict[str, Any] = {"width": camera.width * subpixels, "height": camera.height * subpixels}
+    if isinstance(camera, Telescope):
+        finer["pixel_scale_deg"] = camera.pixel_scale_deg / subpixels
+    fine = camera.model_copy(update=finer).directions(observer)
+    parts = fine.reshape(camera.height, subpixels, camera.width, subpixels, 3).swapaxes(1, 2)
+    parts = parts.reshape(camera.height, camera.width, subpixels**2, 3)
+    return np.where(np.isfinite(parts), parts, grid[:, :, None])
+
+
+@dataclass(frozen=True)
+class Subpixels:
+    """A solver of pixels made of one of rays; it has the same functions."""
+
+    module: Any
+    directions: Array  #: (pixel, part, 3) of all pixels of the picture, in their order
+    count: int  #: parts of a pixel
+
+    @property
+    def PASSES(self) -> bool:  # noqa: N802 - the name that solvers have
+        """Whether the solver works in passes."""
+        return bool(getattr(self.module, "PASSES", False))
+
+    @property
+    def TILE_RAYS(self) -> int:  # noqa: N802
+        """Pixels in a tile at most."""
+        from skyscatter.solvers.run import TILE_RAYS
+
+        return max(getattr(self.module, "TILE_RAYS", TILE_RAYS) // self.count, 1)
+
+    def shared(self, options: Options) -> Options:
+        """Options of each part: they share the samples, and the noise of their mean is what counts.
+
+        Raises
+        ------
+        DomainError
+            For fewer samples than each part needs, two, to know its error.
+        """
+        if self.PASSES:
+            return options
+        if options.noise is not None:
+            return replace(options, noise=min(options.noise * self.count**0.5, 0.999))
+        samples = 16 if options.samples is None else options.samples
+        if samples < 2 * self.count:
+            rule = f"with {self.count} rays a pixel at least {2 * self.count}; give more samples, or fewer subpixels"
+            raise DomainError("samples", samples, rule)
+        return replace(options, samples=-(-samples // self.count))
+
+    def check(self, options: Options) -> None:
+        """Refuse what the solver refuses."""
+        self.module.check(self.shared(options))
+
+    def passes(self, options: Options) -> int:
+        """Passes at most."""
+        return int(self.module.passes(options))
+
+    def prepare(
+        self,
+        scene: Any,
+        rays: Rays,
+        wavelengths: Array,
+        options: Options,
+        threads: int,
+        progress: Callable[[float], None] | None,
+    ) -> Any:
+        """What the solver prepares for all rays."""
+        return self.module.prepare(scene, self._parts(rays), wavelengths, self.shared(options), threads, progress)
+
+    def solve(self, context: Any, rays: Rays, options: Options) -> Answer:
+        """Radiance of pixels, one "ray" for each."""
+        return self._mean(self.module.solve(context, self._parts(rays), self.shared(options)))
+
+    def solve_pass(self, context: Any, rays: Rays, number: int, options: Options) -> Answer:
+        """Radiance of pixels from one pass."""
+        return self._mean(self.module.solve_pass(context, self._parts(rays), number, options))
+
+    def _parts(self, rays: Rays) -> Rays:
+        """The rays of all parts of some pixels, part by part."""
+        directions = self.directions[rays.numbers].reshape(-1, 3)
+        origins = np.repeat(rays.origins, self.count, axis=0)
+        numbers = (rays.numbers[:, None] * self.count + np.arange(self.count)).ravel()
+        return Rays(np.ascontiguousarray(origins), np.ascontiguousarray(directions), numbers)
+
+    def _mean(self, answer: Answer) -> Answer:
+        def split(values: Array) -> Array:
+            return values.reshape(-1, self.count, *values.shape[1:])
+
+        def combined(name: str, values: Array) -> Array:
+            parts = split(values)
+            is_error = name.endswith("_error")
+            return np.sqrt((parts**2).sum(axis=1)) / self.count if is_error else parts.mean(axis=1)
+
+        layers = {name: combined(name, values) for name, values in answer.layers.items()}
+        error = combined("radiance_error", answer.standard_error)
+        return Answer(split(answer.radiance).mean(axis=1), error, layers, split(answer.samples).sum(axis=1))
