@@ -1,9 +1,9 @@
 """A room in fog, rendered by skyscatter and by Mitsuba 3: agreement, and the time to equal error.
 
 The walls are diffuse and coloured, an area lamp is in the ceiling, the fog is homogeneous, scatters by Henyey and
-Greenstein and is grey up to a power of the wavelength.  Every variant of Mitsuba is run with both of its volumetric path
-tracers: `mono` carries one wavelength in a path, `rgb` three, `spectral` four of those of the picture; its time is that
-for all wavelengths.  A walk of skyscatter carries them all.
+Greenstein and is grey up to a power of the wavelength.  Every variant of Mitsuba is run with both of its volumetric
+path tracers: `mono` carries one wavelength in a path, `rgb` three, `spectral` four of those of the picture; its time is
+that for all wavelengths.  A walk of skyscatter carries them all.
 """
 
 from __future__ import annotations
@@ -180,8 +180,8 @@ def main() -> None:
     blocks = [
         f"{given.size}x{given.size} pixels, {wavelengths.size} wavelengths 400 to 700 nm, room of "
         f"{' x '.join(f'{a:g}' for a in room.size)} m, extinction {room.extinction:g} per m at 550 nm, albedo "
-        f"{room.albedo}, g {room.g}; {given.threads} threads, medians of {len(runs[0].images)} runs with other seeds. Errors of one "
-        f"run at {', '.join(f'{wavelengths[k]:.0f}' for k in given.chosen)} nm against a long run of path "
+        f"{room.albedo}, g {room.g}; {given.threads} threads, medians of {len(runs[0].images)} runs with "
+        f"other seeds. Errors of one run at {', '.join(f'{wavelengths[k]:.0f}' for k in given.chosen)} nm against a long run of path "
         f"({given.walks * given.reference} walks, {long:.0f} s, root mean square noise "
         f"{100 * float(np.sqrt((noise[kept] ** 2).mean()) / truth[kept].mean()):.2g} %), the lamp's pixels left out.",
         table(header, rows),
@@ -189,8 +189,9 @@ def main() -> None:
         table(["mean over", "Mitsuba over skyscatter", "standard errors off 1"],
               agreement(check, truth, noise, kept, wavelengths[given.chosen])),
     ]  # fmt: skip
-    blocks.append(f"Mitsuba at its best ({best[1]}, {best[2]}) needs {show(best[0] / (runs[0].clock * base[1] ** 2))} times the "
-                  "time of path to equal root mean square error, all wavelengths counted. Goal: 10 times.")  # fmt: skip
+    times = show(best[0] / (runs[0].clock * base[1] ** 2))
+    blocks.append(f"Mitsuba at its best ({best[1]}, {best[2]}) needs {times} times the time of path to equal root mean "
+                  "square error, all wavelengths counted. Goal: 10 times.")  # fmt: skip
     packages = versions("skyscatter", "mitsuba", "drjit", "numba", "numpy")
     report("mitsuba-room", where, packages, blocks, ["mitsuba_room.py", *sys.argv[1:]], given.write)
 

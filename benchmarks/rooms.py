@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+import skyscatter
 from skyscatter.media.everywhere import Everywhere
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
+from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces.lamps import AreaLamp
 from skyscatter.surfaces.materials import Lambert
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
 from skyscatter.surfaces.shapes import Rectangle
-
-import skyscatter
-from skyscatter.optics.particles import Particles
-from skyscatter.optics.phase import HenyeyGreenstein
-from skyscatter.spectra.table import SpectralTable
 
 AT_ONCE = {"mono": 1, "rgb": 3, "spectral": 4}  #: wavelengths that a path of Mitsuba's carries, by variant
 
