@@ -166,8 +166,8 @@ def main() -> None:
         "variance x time: points", "paths", "both", "points over paths", "mean over path's: points", "paths",
     ]  # fmt: skip
     blocks = [
-        f"{given.size}x{given.size} pixels, {WAVELENGTHS.size} wavelengths, spheres of {100 * given.radius:g} cm in the "
-        f"room and {1000 * given.guide_radius:g} mm in the guide, {given.photons} photons in a pass, {given.seconds:g} "
+        f"{given.size}x{given.size} pixels, {WAVELENGTHS.size} wavelengths, spheres of {100 * given.radius:g} cm in "
+        f"the room and {1000 * given.guide_radius:g} mm in the guide, {given.photons} photons in a pass, {given.seconds:g} "
         f"s a run, {given.repeats} runs, {given.threads} threads; "
         + ("all light gathered." if given.gather_direct else "light straight from the lamp by rays to it."),
         table(header, [row for row, _ in made]),

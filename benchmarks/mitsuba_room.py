@@ -181,8 +181,8 @@ def main() -> None:
         f"{given.size}x{given.size} pixels, {wavelengths.size} wavelengths 400 to 700 nm, room of "
         f"{' x '.join(f'{a:g}' for a in room.size)} m, extinction {room.extinction:g} per m at 550 nm, albedo "
         f"{room.albedo}, g {room.g}; {given.threads} threads, medians of {len(runs[0].images)} runs with "
-        f"other seeds. Errors of one run at {', '.join(f'{wavelengths[k]:.0f}' for k in given.chosen)} nm against a long run of path "
-        f"({given.walks * given.reference} walks, {long:.0f} s, root mean square noise "
+        f"other seeds. Errors of one run at {', '.join(f'{wavelengths[k]:.0f}' for k in given.chosen)} nm against a "
+        f"long run of path ({given.walks * given.reference} walks, {long:.0f} s, root mean square noise "
         f"{100 * float(np.sqrt((noise[kept] ** 2).mean()) / truth[kept].mean()):.2g} %), the lamp's pixels left out.",
         table(header, rows),
         f"Agreement: {check.name} and {len(check.images)} runs, over the long run.",
