@@ -12,6 +12,7 @@ from skyscatter.media.fronts import Front
 from skyscatter.media.nebular import IonisedGas, IonisingSource, Sampled
 from skyscatter.media.operations import Carved, Moved, Power, Product, Rotated, Scaled, Sum, Warped
 from skyscatter.media.particles import ParticleSet
+from skyscatter.media.planets import AroundPlanet
 from skyscatter.media.shapes import (
     BonnorEbert,
     GaussianShell,
@@ -28,6 +29,7 @@ from skyscatter.media.turbulence import Turbulence
 from skyscatter.media.voxels import VoxelGrid
 
 __all__ = [
+    "AroundPlanet",
     "BipolarLobes",
     "BonnorEbert",
     "Box",

@@ -19,10 +19,12 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
 from skyscatter.record import Record
 from skyscatter.spectra.table import Spectral
+from skyscatter.surfaces.artist import ArtistMedium
 from skyscatter.units import Metres
 
 AnyOptics = Annotated[
-    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines,
+    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines
+    | ArtistMedium,
     Field(discriminator="kind"),
 ]
 

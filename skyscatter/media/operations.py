@@ -17,6 +17,7 @@ from skyscatter.media.filaments import Filament
 from skyscatter.media.fronts import Front
 from skyscatter.media.nebular import IonisedGas, Sampled
 from skyscatter.media.particles import ParticleSet
+from skyscatter.media.planets import AroundPlanet
 from skyscatter.media.programs import (
     FRAMES,
     STACK,
@@ -390,7 +391,7 @@ def product_of(a: SpatialField, b: SpatialField) -> Product:
 #: Every field of three dimensions that a file can name.
 AnySpatialField = Annotated[
     Sphere | GaussianSphere | Plummer | King | PowerLaw | BonnorEbert | Shell | GaussianShell
-    | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front
+    | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front | AroundPlanet
     | VoxelGrid | ParticleSet
     | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped | IonisedGas | Sampled,
     Field(discriminator="kind"),

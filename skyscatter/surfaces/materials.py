@@ -11,7 +11,8 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError
 from skyscatter.ground import Albedo, check_albedo, spectrum_of
 from skyscatter.record import Record
-from skyscatter.spectra.table import Spectral, bounds
+from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.surfaces.indices import check_metal, metal_index
 
 Array = NDArray[np.float64]
 #: Least GGX alpha of a rough surface: below it the lobe is narrower than anything that could be told from smooth.
@@ -92,5 +93,47 @@ class Dielectric(Record):
         return self
 
 
-Material = Interface | Lambert | Mirror | Dielectric
+class Conductor(Record):
+    """A metal: it reflects by Fresnel's equations with a complex index and keeps the rest.
+
+    Parameters
+    ----------
+    metal : str, optional
+        ``"gold"``, ``"silver"``, ``"copper"`` or ``"aluminium"``, with measured indices.
+    n, k : float or SpectralTable, optional
+        Real and imaginary part of the index, instead of `metal`.
+    roughness : float
+        As for `Dielectric`.
+    """
+
+    kind: Literal["conductor"] = "conductor"
+    metal: str | None = None
+    n: Spectral | None = None
+    k: Spectral | None = None
+    roughness: float = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Conductor:
+        _check_roughness(self.roughness)
+        if self.metal is not None:
+            check_metal(self.metal)
+            if self.n is not None or self.k is not None:
+                raise DomainError("metal", self.metal, "give either the metal's name, or n and k")
+        elif self.n is None or self.k is None:
+            raise DomainError("metal", None, "give the metal's name, or both n and k")
+        else:
+            if not bounds(self.n)[0] > 0:
+                raise DomainError("n", bounds(self.n)[0], "must be above 0")
+            if not bounds(self.k)[0] >= 0:
+                raise DomainError("k", bounds(self.k)[0], "must not be negative: k > 0 absorbs")
+        return self
+
+    def index(self, wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
+        """Its n and k per wavelength, each of shape (wavelength,)."""
+        if self.metal is not None:
+            return metal_index(self.metal, wavelengths_nm)
+        return evaluate(self.n, wavelengths_nm), evaluate(self.k, wavelengths_nm)
+
+
+Material = Interface | Lambert | Mirror | Dielectric | Conductor
 AnyMaterial = Annotated[Material, Field(discriminator="kind")]

@@ -12,7 +12,7 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.kernels.surfaces import tables
 from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
-from skyscatter.surfaces.materials import Dielectric, Interface, Lambert, Mirror
+from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     Parameters
     ----------
     materials : sequence of records
-        `Interface`, `Lambert`, `Mirror`, `Dielectric`.
+        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`.
     wavelengths_nm : array_like, shape (wavelength,)
     """
     wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
@@ -106,6 +106,9 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
             kind[k], reflectance[k] = tables.MIRROR, evaluate(material.reflectance, wl)
         elif isinstance(material, Dielectric):
             kind[k], roughness[k] = tables.DIELECTRIC, material.roughness
+        elif isinstance(material, Conductor):
+            kind[k], roughness[k] = tables.CONDUCTOR, material.roughness
+            index[k], absorption[k] = material.index(wl)
         else:
             raise TypeError(f"no material: {type(material).__name__}")
     return MaterialTable(kind, roughness, reflectance, index, absorption)

@@ -13,8 +13,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.fields import DensityField
 from skyscatter.media.medium import Component
 from skyscatter.record import Record, nearest
-from skyscatter.spectra.table import Spectral, bounds
-from skyscatter.surfaces.indices import check_index
+from skyscatter.surfaces.indices import Index, check_index
 from skyscatter.surfaces.lamps import AnyLamp, AreaLamp, Place, Triple
 from skyscatter.surfaces.materials import AnyMaterial
 from skyscatter.surfaces.shapes import AnyShape
@@ -39,21 +38,19 @@ class SurfaceMedium(Record):
         What scatters and absorbs in it, with fields in three dimensions (in the frame of the scene); most often of the
         density "everywhere".  None at all: a vacuum, or something as clear.
     index : float or SpectralTable or str
-        Refractive index; by name "water", "n-bk7" or "pmma".
+        Refractive index; by name "water", "bk7" or "fused-silica", see `skyscatter.surfaces.indices`.
     priority : int
         Where bodies overlap, the medium of highest priority is the one that is there (of equals the one entered last).
     """
 
     name: str
     components: tuple[Component, ...] = ()
-    index: Spectral | str = 1.0
+    index: Index = 1.0
     priority: Annotated[int, Field(ge=-1000, le=1000)] = 0
 
     @model_validator(mode="after")
     def _check(self) -> SurfaceMedium:
         check_index(self.index)
-        if not isinstance(self.index, str) and not bounds(self.index)[0] > 0:
-            raise DomainError("index", bounds(self.index)[0], "a refractive index is above 0")
         for component in self.components:
             if isinstance(component.density, DensityField):
                 rule = 'belongs to a planet; use "everywhere", "around-planet" or another field of three dimensions'

@@ -11,6 +11,7 @@ import math
 
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.shapes import (
+    AROUND,
     BONNOR_EBERT,
     BOX,
     CONE,
@@ -215,11 +216,27 @@ def sphere_edges(kind, p, at, cuts, n, along, square, m, length):
 
 
 @kernel
+def planet_edges(p, at, cuts, n, along, square, m, length):
+    """The ground, the breaks and the top of a planet's air, and the point nearest to its middle."""
+    nodes, breaks = int(p[at + 5]), int(p[at + 6])
+    n = put_roots(cuts, n, square, along, m - 1.0, length)
+    first = at + 7 + 2 * nodes
+    for k in range(breaks):
+        r = 1.0 + p[first + k] / p[at]
+        n = put_roots(cuts, n, square, along, m - r * r, length)
+    r = 1.0 + p[at + 4] / p[at]
+    n = put_roots(cuts, n, square, along, m - r * r, length)
+    return put_peak(cuts, n, -along / square, p[first + breaks] / math.sqrt(square), length)
+
+
+@kernel
 def shape_edges(kind, p, at, cuts, n, a, b, c, u, v, w, length):
     """Cuts of one shape, its numbers at p[at]."""
     square, along, m = u * u + v * v + w * w, a * u + b * v + c * w, a * a + b * b + c * c
     if kind <= GAUSSIAN_SHELL:
         return sphere_edges(kind, p, at, cuts, n, along, square, m, length)
+    if kind == AROUND:
+        return planet_edges(p, at, cuts, n, along, square, m, length)
     if kind == BOX:
         return box_edges(cuts, n, a, b, c, u, v, w, 1.0, 1.0, 1.0, length)
     if kind == TURBULENCE:

@@ -11,11 +11,12 @@ import math
 
 from numba import njit
 
+from skyscatter.solvers.kernels.columns import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR, find_interval
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, reduction
 
 #: Opcodes of the shapes; 50 to 69 are grids and particles, 100 and above operations.
 SPHERE, GAUSSIAN_SPHERE, POWER_LAW, BONNOR_EBERT, SHELL, GAUSSIAN_SHELL = 0, 1, 2, 3, 4, 5
-DISK, CONE, BOX, FILAMENT, TURBULENCE, FRONT = 6, 7, 8, 9, 10, 11
+DISK, CONE, BOX, FILAMENT, TURBULENCE, FRONT, AROUND = 6, 7, 8, 9, 10, 11, 12
 #: Profiles around a filament.
 GAUSSIAN_PROFILE, PLUMMER_PROFILE = 0, 1
 #: Modes of one component of a warp's displacement.
@@ -101,6 +102,35 @@ def filament_distance(p, at, a, b, c):
         x, y, z = x - s * u, y - s * v, z - s * w
         nearest = min(nearest, x * x + y * y + z * z)
     return nearest
+
+
+@kernel
+def around_planet(p, at, m):
+    """Density over the altitude h = radius (sqrt(m) - 1), nought below the ground.
+
+    p[at]: radius, kind of the profile as in `kernels.columns`, its two numbers, top, number of nodes, number of breaks,
+    altitudes of the nodes, densities there, breaks; last the longest panel.
+    """
+    h = p[at] * (m - 1.0) / (math.sqrt(m) + 1.0)
+    if h < 0.0 or h >= p[at + 4]:
+        return 0.0
+    kind, a, b = int(p[at + 1]), p[at + 2], p[at + 3]
+    if kind == EXPONENTIAL:
+        return math.exp(-h / a)
+    if kind == GAUSSIAN:
+        return math.exp(-0.5 * ((h - a) / b) ** 2)
+    if kind == CHAPMAN:
+        z = (h - a) / b
+        return math.exp(1.0 - z - math.exp(-z))
+    first, count = at + 7, int(p[at + 5])
+    if h < p[first]:
+        return 0.0
+    i = find_interval(p, first, count, h)
+    w = (h - p[i]) / (p[i + 1] - p[i])
+    n0, n1 = p[i + count], p[i + count + 1]
+    if kind == LINEAR:
+        return n0 + w * (n1 - n0)
+    return n0 * math.exp(w * math.log(n1 / n0))
 
 
 @njit(inline="always")

@@ -28,6 +28,7 @@ from skyscatter.solvers.kernels.shapecolumns import (
     sphere_column,
 )
 from skyscatter.solvers.kernels.shapes import (
+    AROUND,
     BONNOR_EBERT,
     BOX,
     CONE,
@@ -40,6 +41,7 @@ from skyscatter.solvers.kernels.shapes import (
     SHELL,
     SPHERE,
     TURBULENCE,
+    around_planet,
     bonnor_ebert,
     cone,
     disk,
@@ -192,6 +194,8 @@ def shape_density(space, row, kind, p, at, a, b, c):
         value = turbulence(p, at, space.data, space.index[i], space.index[i + 1], a, b, c)
     elif kind == FRONT:
         value = front(p, at, a, b, c)
+    elif kind == AROUND:
+        value = around_planet(p, at, m)
     return value
 
 

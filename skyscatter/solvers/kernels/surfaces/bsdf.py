@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from skyscatter.solvers.kernels.jit import inlined, kernel, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
 from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe
 from skyscatter.solvers.kernels.surfaces.tables import (
@@ -86,7 +86,11 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
 
 @kernel
 def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
+<<<<<<< HEAD
     """F |cos(n, wi)| without the parts that are no matter of chance, into `out` (wavelength,) [sr-1]."""
+=======
+    """Value f |cos(n, wi)| without the parts that are no matter of chance, into `out` (wavelength,) [sr-1]."""
+>>>>>>> geometry
     kind, alpha = materials.kind[k], materials.roughness[k]
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
     cosine = side * dot(n, wi)
@@ -320,3 +324,24 @@ def sample_bsdf(
     return sample_facets(
         materials, k, hero, n, side, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
     )  # fmt: skip
+
+
+@entry
+def sample_bsdfs(
+    materials, k, hero, n, wo, numbers, index_here, index_there, dispersive, adjoint, wi, values, chances, events
+):  # fmt: skip
+    """`sample_bsdf` for many random numbers (draw, 3): wi (draw, 3), values, chances (draw, wavelength), events."""
+    for j in range(numbers.shape[0]):
+        events[j] = sample_bsdf(
+            materials, k, hero, n, wo, numbers[j, 0], numbers[j, 1], numbers[j, 2], index_here, index_there,
+            dispersive, adjoint, wi[j], values[j], chances[j],
+        )  # fmt: skip
+
+
+@entry
+def bsdf_values(materials, k, n, wo, wi, index_here, index_there, adjoint, values, chances, both):
+    """`bsdf_value` and `bsdf_pdf` for many directions wi (draw, 3), and `evaluate_bsdf`, into both (2, draw, wl)."""
+    for j in range(wi.shape[0]):
+        bsdf_value(materials, k, n, wo, wi[j], index_here, index_there, adjoint, values[j])
+        bsdf_pdf(materials, k, n, wo, wi[j], index_here, index_there, chances[j])
+        evaluate_bsdf(materials, k, n, wo, wi[j], index_here, index_there, adjoint, both[0, j], both[1, j])

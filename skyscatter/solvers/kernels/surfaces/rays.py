@@ -199,7 +199,7 @@ def are_blocked(shapes, origins, directions, far, skip, skip_far, result):
 
 @entry
 def count_crossings(shapes, origins, directions, crossings, hits):
-    """All crossings of many rays: how often items are entered and left, into `crossings` (ray, 2); hits: scratch (4,)."""
+    """How often many rays enter and leave items, into `crossings` (ray, 2); hits (4,) is scratch."""
     for ray in range(origins.shape[0]):
         x, d = origins[ray], directions[ray]
         crossings[ray, 0] = crossings[ray, 1] = 0

@@ -51,7 +51,7 @@ class MaterialTable(NamedTuple):
     kind: np.ndarray  #: (material,) int64
     roughness: np.ndarray  #: (material,) GGX alpha; 0 where smooth
     reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR
-    index: np.ndarray  #: (material, wavelength) real part n of a CONDUCTOR's index
+    index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's index
     absorption: np.ndarray  #: (material, wavelength) imaginary part k
 
 
@@ -63,7 +63,7 @@ class MediaTable(NamedTuple):
 
     first: np.ndarray  #: (medium + 1,) int64, first component of each medium
     priority: np.ndarray  #: (medium,) int64; where bodies overlap the medium of highest priority is met
-    index: np.ndarray  #: (medium, wavelength) refractive index
+    index: np.ndarray  # type: ignore[assignment]  #: (medium, wavelength) refractive index
     dispersive: np.ndarray  #: (medium,) bool, whether the index depends on the wavelength
     constant: np.ndarray  #: (medium,) bool, whether all of its components are equally dense everywhere
     extinction: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others

@@ -1,0 +1,255 @@
+"""Materials of surfaces: what every one has to keep, Fresnel's equations, indices of metals and glasses."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from surface_bases import MATERIAL_TESTS, WAVELENGTHS, Bsdf, BsdfContract, direction
+
+from skyscatter.errors import DomainError
+from skyscatter.surfaces.indices import METALS, metal_index, refractive_index
+from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Material, Mirror
+
+BK7, WATER = refractive_index("bk7", WAVELENGTHS), refractive_index("water", WAVELENGTHS)
+
+
+class TestInterface(BsdfContract):
+    """A boundary of a medium only."""
+
+    material = Interface()
+    here, there = 1.0, 1.5
+    lossless = True
+    refracts = False
+
+
+class TestLambert(BsdfContract):
+    """A diffuse reflector with a colour."""
+
+    material = Lambert(albedo="vegetation")
+
+
+class TestWhiteLambert(BsdfContract):
+    """One that keeps nothing."""
+
+    material = Lambert(albedo=1.0)
+    lossless = True
+
+
+class TestMirror(BsdfContract):
+    """A mirror."""
+
+    material = Mirror(reflectance=1.0)
+    lossless = True
+
+
+class TestSmoothGlass(BsdfContract):
+    """A smooth surface between air and glass."""
+
+    material = Dielectric()
+    here, there = 1.0, 1.5
+    lossless = True
+
+
+class TestSmoothDispersive(BsdfContract):
+    """Between water and glass as they are."""
+
+    material = Dielectric()
+    here, there = WATER, BK7
+    lossless = True
+
+
+class TestRoughGlass(BsdfContract):
+    """A ground surface."""
+
+    material = Dielectric(roughness=0.3)
+    here, there = 1.0, 1.5
+
+
+class TestRoughDispersive(BsdfContract):
+    """A ground surface in water: each wavelength has its own density of one direction."""
+
+    material = Dielectric(roughness=0.5)
+    here, there = WATER, 1.15 * BK7
+
+
+class TestSmoothMetal(BsdfContract):
+    """A smooth metal."""
+
+    material = Conductor(metal="gold")
+
+
+class TestRoughMetal(BsdfContract):
+    """A rough metal."""
+
+    material = Conductor(metal="copper", roughness=0.4)
+    here = 1.33
+
+
+class TestRoughMirror(BsdfContract):
+    """A metal that keeps nearly nothing: what is lost is what a facet throws on another."""
+
+    material = Conductor(n=1e-6, k=3.0, roughness=0.15)
+
+
+def test_every_material_is_tested() -> None:
+    """A new kind without a test is noticed."""
+    assert set(get_args(Material)) <= set(MATERIAL_TESTS)
+
+
+def reflected_share(sample: Bsdf, cosine: float) -> np.ndarray:
+    """Reflected share per wavelength as the kernels have it."""
+    drawn = sample.draw(direction(cosine, 0.3), 400, adjoint=True)
+    return drawn.value[np.flatnonzero((drawn.event & 3) == 1)[0]]
+
+
+def amplitudes(cosine: float, here: Any, there: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Fresnel's amplitudes (perpendicular, parallel) with complex indices (Born & Wolf 1999, equation 1.5.21)."""
+    m = np.asarray(there, complex) / here
+    beyond = np.sqrt(1 - (1 - cosine**2) / m**2)
+    return (cosine - m * beyond) / (cosine + m * beyond), (m * cosine - beyond) / (m * cosine + beyond)
+
+
+def test_fresnel_in_closed_form() -> None:
+    """Normal incidence, Brewster's angle, total reflection, and all angles with complex arithmetic."""
+    glass = Bsdf(Dielectric(), 1.0, 1.5)
+    np.testing.assert_allclose(reflected_share(glass, 1.0), 0.04, rtol=1e-12)
+    # At Brewster's angle, tan = n, only the perpendicular part is reflected: ((n^2 - 1) / (n^2 + 1))^2 / 2.
+    brewster = 1 / np.hypot(1, 1.5)
+    np.testing.assert_allclose(reflected_share(glass, brewster), 0.5 * (1.25 / 3.25) ** 2, rtol=1e-12)
+    # Total reflection from inside, beyond sin = 1 / n: nothing passes, and just before it something does.
+    inside, critical = glass.turned(), np.sqrt(1 - 1 / 1.5**2)
+    assert (inside.draw(direction(critical - 1e-9, 0.0), 500).event == 5).all()
+    assert (inside.draw(direction(critical + 1e-3, 0.0), 500).event == 6).any()
+    for cosine in np.linspace(0.02, 1.0, 20):
+        share = sum(abs(r) ** 2 for r in amplitudes(cosine, 1.0, 1.5)) / 2
+        np.testing.assert_allclose(reflected_share(glass, cosine), share, rtol=1e-11)
+        for metal in METALS:
+            n, k = metal_index(metal, WAVELENGTHS)
+            expected = sum(abs(r) ** 2 for r in amplitudes(cosine, 1.33, n + 1j * k)) / 2
+            found = reflected_share(Bsdf(Conductor(metal=metal), 1.33), cosine)
+            np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+def test_a_metal_without_absorption_is_a_dielectric() -> None:
+    """k = 0: also within total reflection."""
+    for cosine in (0.1, 0.5, 0.9):
+        metal = reflected_share(Bsdf(Conductor(n=1.2, k=0.0), 1.8), cosine)
+        np.testing.assert_allclose(metal, reflected_share(Bsdf(Dielectric(), 1.8, 1.2), cosine), rtol=1e-12)
+
+
+def test_smooth_refraction_by_snell() -> None:
+    """The sine goes with the inverse of the index, in the plane of incidence; each hero of a dispersive one alone."""
+    for hero in range(3):
+        sample = Bsdf(Dielectric(), WATER, BK7)
+        wo = direction(0.5, 0.7)
+        drawn = sample.draw(wo, 50, hero=hero)
+        passed = (drawn.event & 3) == 2
+        cosine = -(drawn.wi[passed] @ direction(1.0, 0.0))
+        expected = np.sqrt(1 - 0.75 * (WATER[hero] / BK7[hero]) ** 2)
+        np.testing.assert_allclose(cosine, expected, rtol=1e-12)
+        np.testing.assert_allclose(np.cross(wo, direction(1.0, 0.0)) @ drawn.wi[passed].T, 0, atol=1e-15)
+        others = np.arange(3) != hero
+        assert not drawn.chance[passed][:, others].any()
+        assert (drawn.chance[~passed] > 0).all()
+
+
+def test_indices_that_match_leave_nothing_to_see() -> None:
+    """Glass in oil of the same index: light goes straight on, smooth or rough."""
+    for roughness in (0.0, 0.3):
+        drawn = Bsdf(Dielectric(roughness=roughness), 1.5, 1.5).draw(direction(0.2, 0.0), 100)
+        np.testing.assert_array_equal(drawn.wi, np.broadcast_to(-direction(0.2, 0.0), (100, 3)))
+        assert (drawn.value == 1).all()
+        assert (drawn.event == 6).all()
+
+
+@pytest.mark.parametrize("material", [Conductor(n=0.2, k=3.0), Dielectric()], ids=["metal", "glass"])
+def test_rough_becomes_smooth(material: Any) -> None:
+    """As the roughness goes to nought the lobe closes around the mirror direction and carries the smooth share."""
+    rough = material.model_copy(update={"roughness": 0.001})
+    wo = direction(0.6, 0.0)
+    drawn = Bsdf(rough, 1.0, 1.5).draw(wo, 20_000, adjoint=True)
+    reflected = drawn.event == 1
+    mirror = 2 * (wo @ direction(1.0, 0.0)) * direction(1.0, 0.0) - wo
+    # Half of the slopes are below alpha; a slope turns the reflected ray by twice its angle.
+    turned = np.arccos(np.clip(drawn.wi[reflected] @ mirror, -1, 1))
+    assert np.median(turned) < 0.003
+    weight = drawn.value[:, 0] / np.maximum(drawn.chance.mean(axis=1), 1e-300)
+    share = weight[reflected].sum() / 20_000
+    smooth = reflected_share(Bsdf(material, 1.0, 1.5), 0.6)[0]
+    assert abs(share - smooth) < 4 * np.sqrt(smooth / 20_000) + 1e-3
+
+
+def test_energy_lost_between_facets() -> None:
+    """A rough mirror that absorbs nothing keeps 1 - c ln(1 + 1 / c) of the light at alpha = 1.
+
+    There D = 1 / pi, Lambda = (1 / c - 1) / 2, and the integral of the lobe over all directions is elementary.  The
+    rest is what facets throw at each other; it is less at lower roughness.
+    """
+    for cosine in (0.3, 0.7, 1.0):
+        kept = []
+        for roughness in (0.1, 0.5, 1.0):
+            drawn = Bsdf(Conductor(n=1e-9, k=1.0, roughness=roughness)).draw(direction(cosine, 0.0), 40_000)
+            weight = np.divide(
+                drawn.value[:, 0], drawn.chance[:, 0], out=np.zeros(40_000), where=drawn.chance[:, 0] > 0
+            )
+            kept.append(weight.mean())
+        assert 1 > kept[0] > kept[1] > kept[2]
+        assert abs(kept[2] - 1 + cosine * np.log1p(1 / cosine)) < 4 * weight.std() / 200
+
+
+#: n + i k of smooth films at 550 and 650 nm from another laboratory: McPeak et al. 2015, ACS Photonics 2, 326.
+MCPEAK = {
+    "gold": (0.3239 + 2.5972j, 0.1255 + 3.7923j),
+    "silver": (0.0438 + 3.6101j, 0.0509 + 4.4602j),
+    "copper": (0.7975 + 2.5642j, 0.1042 + 3.7757j),
+    "aluminium": (0.7894 + 5.8519j, 1.2464 + 6.8523j),
+}
+
+
+@pytest.mark.parametrize("metal", METALS)
+def test_metals_reflect_as_measured(metal: str) -> None:
+    """At normal incidence to 0.07 on the edges of gold and copper in the green, 0.04 in the red.
+
+    So far apart are laboratories: Rakic et al. 1998 (Applied Optics 37, 5271) differ by more from McPeak et al.
+    """
+    m = np.array(MCPEAK[metal])
+    found = reflected_share(Bsdf(Conductor(metal=metal)), 1.0)[1:]
+    assert (abs(found - abs((m - 1) / (m + 1)) ** 2) < [0.07, 0.04]).all(), found
+
+
+def test_indices_of_glasses() -> None:
+    """At the lines of the makers' data sheets: d 587.5618, F 486.1327, C 656.2725 nm."""
+    lines = [587.5618, 486.1327, 656.2725]
+    np.testing.assert_allclose(refractive_index("bk7", lines), [1.51680, 1.52238, 1.51432], atol=6e-6)
+    np.testing.assert_allclose(refractive_index("fused-silica", lines), [1.45846, 1.46313, 1.45637], atol=6e-6)
+    # Segelstein's water is a compilation good to some 1e-3; at 589 nm and 20 degrees C it is 1.3330.
+    np.testing.assert_allclose(refractive_index("water", [589.0]), 1.333, atol=1.5e-3)
+    np.testing.assert_array_equal(refractive_index(1.3, lines), 1.3)
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: Lambert(albedo=1.2), "albedo"),
+        (lambda: Lambert(albedo="vegtation"), "vegetation"),
+        (lambda: Mirror(reflectance=-0.1), "reflectance"),
+        (lambda: Dielectric(roughness=1e-5), "roughness"),
+        (lambda: Dielectric(roughness=1.5), "roughness"),
+        (lambda: Conductor(metal="golt"), "gold"),
+        (lambda: Conductor(), "both n and k"),
+        (lambda: Conductor(n=0.2), "both n and k"),
+        (lambda: Conductor(metal="gold", k=1.0), "either"),
+        (lambda: Conductor(n=0.0, k=1.0), "above 0"),
+        (lambda: Conductor(n=1.0, k=-1.0), "negative"),
+        (lambda: refractive_index("watre", [500]), "water"),
+        (lambda: refractive_index("bk7", [250]), "300 to 2500"),
+        (lambda: refractive_index(0.0, [250]), "between"),
+        (lambda: metal_index("gold", [2500]), "gold"),
+    ],
+)
+def test_refuses(make: Any, word: str) -> None:
+    """One line that names the field and the remedy."""
+    with pytest.raises((ValueError, DomainError), match=word):
+        make()
