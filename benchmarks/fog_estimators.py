@@ -167,8 +167,8 @@ def main() -> None:
     ]  # fmt: skip
     blocks = [
         f"{given.size}x{given.size} pixels, {WAVELENGTHS.size} wavelengths, spheres of {100 * given.radius:g} cm in "
-        f"the room and {1000 * given.guide_radius:g} mm in the guide, {given.photons} photons in a pass, {given.seconds:g} "
-        f"s a run, {given.repeats} runs, {given.threads} threads; "
+        f"the room and {1000 * given.guide_radius:g} mm in the guide, {given.photons} photons in a pass, "
+        f"{given.seconds:g} s a run, {given.repeats} runs, {given.threads} threads; "
         + ("all light gathered." if given.gather_direct else "light straight from the lamp by rays to it."),
         table(header, [row for row, _ in made]),
         "Variance x time: variance between runs over the squared mean light, averaged over pixels (the lamp left out) "

@@ -12,7 +12,7 @@ from significance import assert_agrees
 from surface_rooms import fog_medium, rays_around
 
 import skyscatter
-from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.errors import SkyscatterError
 from skyscatter.solvers.base import Answer
 from skyscatter.surfaces.lamps import AreaLamp, PointLamp, Surroundings
 from skyscatter.surfaces.materials import Dielectric, Interface, Lambert
@@ -132,13 +132,9 @@ def test_lamp_in_a_closed_opaque_box(solver: str) -> None:
 @pytest.mark.parametrize("solver", ["path", "photons"])
 def test_no_lamp_at_all(solver: str) -> None:
     floor = Body(name="floor", shape=Plane(), material=Lambert(albedo=0.5))
-    try:
-        answer = solve(SurfaceScene(bodies=(floor,)), rays_around((0.0, 0.0, 1.0), 4), solver, samples=4)
-    except DomainError as error:
-        assert "lamp" in str(error)
-        assert "\n" not in str(error)
-    else:
-        assert np.all(answer.radiance == 0.0)
+    answer = solve(SurfaceScene(bodies=(floor,)), rays_around((0.0, 0.0, 1.0), 4), solver, samples=4)
+    assert np.all(answer.radiance == 0.0)
+    assert np.all(answer.standard_error == 0.0)
 
 
 @pytest.mark.parametrize("solver", ["path", "photons"])
