@@ -165,11 +165,11 @@ def main() -> None:
         "medium", "extinction [1/m]", "mean free path [cm]", "extinction x radius", "passes: points", "paths", "both",
         "variance x time: points", "paths", "both", "points over paths", "mean over path's: points", "paths",
     ]  # fmt: skip
+    ways = "all light gathered" if given.gather_direct else "light straight from the lamp by rays to it"
     blocks = [
         f"{given.size}x{given.size} pixels, {WAVELENGTHS.size} wavelengths, spheres of {100 * given.radius:g} cm in "
         f"the room and {1000 * given.guide_radius:g} mm in the guide, {given.photons} photons in a pass, "
-        f"{given.seconds:g} s a run, {given.repeats} runs, {given.threads} threads; "
-        + ("all light gathered." if given.gather_direct else "light straight from the lamp by rays to it."),
+        f"{given.seconds:g} s a run, {given.repeats} runs, {given.threads} threads; {ways}.",
         table(header, [row for row, _ in made]),
         "Variance x time: variance between runs over the squared mean light, averaged over pixels (the lamp left out) "
         "and wavelengths, times seconds. The spheres are the same for both, so is their bias.",

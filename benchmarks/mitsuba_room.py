@@ -48,13 +48,13 @@ def peer(
     samples = paths * wavelengths.size // at_once if mi.is_spectral else paths
     once = max(1, min(samples, given.at_once))
     passes = max(1, samples // once)
-    trace(mi, dr, *scenes[0], *rays, groups[0], once, 10**6)  # compiles
+    trace(mi, dr, *scenes[0], rays, groups[0], once, 10**6)  # compiles
     clocks, spent, images = [], [], []
     for r in range(given.repeats):
         before, start, parts = time.process_time(), time.perf_counter(), []
         for k, (group, scene) in enumerate(zip(groups, scenes, strict=True)):
             seeds = [((r + given.first_run) * len(groups) + k) * passes + j for j in range(passes)]
-            parts.append(np.mean([trace(mi, dr, *scene, *rays, group, once, seed) for seed in seeds], axis=0))
+            parts.append(np.mean([trace(mi, dr, *scene, rays, group, once, seed) for seed in seeds], axis=0))
         # In groups of one or three wavelengths only those are rendered that are compared.
         share = 1.0 if mi.is_spectral else np.ceil(wavelengths.size / at_once) / len(groups)
         clocks.append(share * (time.perf_counter() - start))
@@ -81,7 +81,7 @@ def ours(name: str, run: Any, given: Any) -> Timed:
     clocks, spent, images = [], [], []
     for seed in range(given.repeats):
         before = time.process_time()
-        clock, answer = seconds(lambda s=seed: run(seed=s))
+        clock, answer = seconds(partial(run, seed=seed))
         clocks.append(clock)
         spent.append((time.process_time() - before) / given.threads)
         images.append(answer.radiance[:, given.chosen])
@@ -140,12 +140,12 @@ def main() -> None:
     room = FogRoom(extinction=given.extinction)
     scene = surface_room(room, wavelengths)
     rays = camera_rays(room, given.size)
-    solve = partial(skyscatter.radiance, scene, *rays, wavelengths, threads=given.threads)
+    solve: Any = partial(skyscatter.radiance, scene, *rays, wavelengths, threads=given.threads)
     runs = []
     for solver in given.solvers.split(","):
         samples = given.walks if solver == "path" else given.passes
         call = partial(solve, solver, samples=samples)
-        building, _ = seconds(lambda c=call: c(seed=10**6))
+        building, _ = seconds(partial(call, seed=10**6))
         print(f"{solver}: first run {building:.1f} s", flush=True)
         runs.append(ours(f"skyscatter {solver}, {samples} samples", call, given))
     long, answer = seconds(lambda: solve("path", samples=given.walks * given.reference, seed=2**32))

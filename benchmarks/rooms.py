@@ -65,17 +65,20 @@ class FogRoom:
         """
         x, y, z = self.size
         x0, y0, x1, y1 = self.lamp
-        flat = [(0, 0, x, y0), (0, y1, x, y), (0, y0, x0, y1), (x1, y0, x, y1)]
+        flat = [(0.0, 0.0, x, y0), (0.0, y1, x, y), (0.0, y0, x0, y1), (x1, y0, x, y1)]
         made: list[tuple[str, Any, Any, Any]] = []
-        for name, (a, b, c, d) in [("z+", part) for part in flat] + [("lamp", self.lamp)]:
-            made.append(
-                (name, *map(np.array, (((a + c) / 2, (b + d) / 2, z), (0, (d - b) / 2, 0), ((c - a) / 2, 0, 0))))
-            )
-        made.append(("z-", *map(np.array, ((x / 2, y / 2, 0), (x / 2, 0, 0), (0, y / 2, 0)))))
-        made.append(("x-", *map(np.array, ((0, y / 2, z / 2), (0, y / 2, 0), (0, 0, z / 2)))))
-        made.append(("x+", *map(np.array, ((x, y / 2, z / 2), (0, 0, z / 2), (0, y / 2, 0)))))
-        made.append(("y-", *map(np.array, ((x / 2, 0, z / 2), (0, 0, z / 2), (x / 2, 0, 0)))))
-        made.append(("y+", *map(np.array, ((x / 2, y, z / 2), (x / 2, 0, 0), (0, 0, z / 2)))))
+
+        def add(name: str, *vectors: tuple[float, float, float]) -> None:
+            middle, u, v = (np.array(vector) for vector in vectors)
+            made.append((name, middle, u, v))
+
+        for name, (a, b, c, d) in [*(("z+", part) for part in flat), ("lamp", self.lamp)]:
+            add(name, ((a + c) / 2, (b + d) / 2, z), (0, (d - b) / 2, 0), ((c - a) / 2, 0, 0))
+        add("z-", (x / 2, y / 2, 0), (x / 2, 0, 0), (0, y / 2, 0))
+        add("x-", (0, y / 2, z / 2), (0, y / 2, 0), (0, 0, z / 2))
+        add("x+", (x, y / 2, z / 2), (0, 0, z / 2), (0, y / 2, 0))
+        add("y-", (x / 2, 0, z / 2), (0, 0, z / 2), (x / 2, 0, 0))
+        add("y+", (x / 2, y, z / 2), (x / 2, 0, 0), (0, 0, z / 2))
         return made
 
 
@@ -141,14 +144,13 @@ def mitsuba_room(mi: Any, room: FogRoom, wavelengths: Any, integrator: str, more
     return mi.load_dict(scene | (more or {})), fog
 
 
-def trace(
-    mi: Any, dr: Any, scene: Any, medium: Any, origins: Any, directions: Any, wavelengths: Any, samples: int, seed: int
-) -> Any:
+def trace(mi: Any, dr: Any, scene: Any, medium: Any, rays_at: Any, wavelengths: Any, samples: int, seed: int) -> Any:
     """Mean radiance (ray, wavelength) of `samples` of Mitsuba's paths along each ray that starts in the medium.
 
     A path in the spectral variant carries 4 of the wavelengths, evenly spaced, each of which leads equally often; in
     the others it carries all that the scene has (1 or 3).
     """
+    origins, directions = rays_at
     rays, lanes, count = len(origins), len(origins) * samples, len(wavelengths)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, lanes)

@@ -62,9 +62,8 @@ def render(
 ) -> tuple[float, Any]:
     """Seconds, and the answer."""
     start = time.perf_counter()
-    answer = skyscatter.radiance(
-        scene, *rays, wavelengths, way.solver, samples=samples, seed=seed, threads=threads, **way.options
-    )
+    options = {"samples": samples, "seed": seed, "threads": threads, **way.options}
+    answer = skyscatter.radiance(scene, rays[0], rays[1], wavelengths, way.solver, **options)
     return time.perf_counter() - start, answer
 
 

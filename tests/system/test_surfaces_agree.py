@@ -161,7 +161,7 @@ def test_star_in_dust_is_the_same_among_surfaces_and_in_space() -> None:
     scene = SurfaceScene(
         media=(SurfaceMedium(name="space"), fog_medium("dust", fog(2.0, 0.7, 0.5))),
         bodies=(ball,),
-        lamps=(PointLamp(power=1.0),),
+        lamps=(PointLamp(position=(0.0, 0.0, 0.0), power=1.0),),
     )
     other = Case(scene, case.origins, case.directions, case.radii)
     one, two = (means(c, "path", 16, samples=1024) for c in (case, other))
