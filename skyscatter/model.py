@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import ValidationError, model_validator
 
@@ -54,6 +54,8 @@ class Model(Record):
     components : tuple of Component
         The atmosphere.
     """
+
+    command: ClassVar[str] = "sky"  #: of the command line, which renders it
 
     name: str
     description: str = ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import model_validator
 
@@ -35,6 +35,8 @@ class NebulaModel(Record):
     star_field : StarField, optional
         Stars behind everything, seen through the dust.
     """
+
+    command: ClassVar[str] = "nebula"  #: of the command line, which renders it
 
     name: str
     description: str = ""

@@ -115,6 +115,16 @@ def check_solver(request: RunRequest, meaningless: Mapping[str, tuple[str, ...]]
         raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json")
 
 
+#: What a model is of, by the command that renders it.
+SORTS = {"sky": "a planet with its air", "nebula": "a nebula", "render": "a scene of surfaces"}
+
+
+def check_command(model: Any, name: str, command: str) -> None:
+    """Refuse a model that another command renders."""
+    if model.command != command:
+        raise DomainError("model", name, f"is {SORTS[model.command]}; use skyscatter {model.command}")
+
+
 def has_suffix(outputs: list[Path], *suffixes: str) -> bool:
     """Whether one of the files is of one of these kinds."""
     return any(path.suffix.lower() in suffixes for path in outputs)
@@ -235,7 +245,7 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, finished: fl
         "size": list(request.size),
         "wavelengths_nm": request.wavelengths.tolist(),
         "solver": request.solver,
-        "seed": (request.seed or 0) if request.solver == "path" else None,
+        "seed": (request.seed or 0) if request.solver in ("path", "photons") else None,
         "tolerance": request.tolerance,
         "seconds": round(seconds, 3),
         "complete": finished >= 1.0,

@@ -15,7 +15,7 @@ import typer
 from pydantic import ValidationError
 
 import skyscatter
-from skyscatter.cli import dehaze, info, invert, models, nebula, sky
+from skyscatter.cli import dehaze, info, invert, models, nebula, render, sky
 from skyscatter.errors import SkyscatterError
 
 app = typer.Typer(
@@ -28,6 +28,7 @@ app = typer.Typer(
 )
 app.command("sky")(sky.sky)
 app.command("nebula")(nebula.nebula)
+app.command("render")(render.render)
 app.command("dehaze")(dehaze.dehaze)
 app.command("invert")(invert.invert)
 app.add_typer(models.app, name="models")

@@ -28,17 +28,17 @@ CHECKED_WAVELENGTHS = np.linspace(380.0, 780.0, 9)
 
 @app.callback(invoke_without_command=True)
 def _list(context: typer.Context) -> None:
-    """List the shipped models, skies and nebulae; sub-commands show, draw and check one."""
+    """List the shipped models, skies, nebulae and scenes of surfaces; sub-commands show, draw and check one."""
     if context.invoked_subcommand is not None:
         return
     import skyscatter
 
     models = {name: skyscatter.load_model(name) for name in skyscatter.model_names()}
     width = max(len(name) for name in models)
-    for title, planets in (("skies", True), ("nebulae", False)):
-        chosen = {name: model for name, model in models.items() if hasattr(model, "planet") is planets}
+    for title, command in (("skies", "sky"), ("nebulae", "nebula"), ("scenes of surfaces", "render")):
+        chosen = {name: model for name, model in models.items() if model.command == command}
         if chosen:
-            typer.echo(f"{title} (skyscatter {'sky' if planets else 'nebula'}):")
+            typer.echo(f"{title} (skyscatter {command}):")
         for name, model in chosen.items():
             typer.echo(f"  {name:<{width}}  {model.description.strip()}")
 
@@ -74,6 +74,10 @@ def check(
         for component in model.components:
             _check_component(file, component)
         typer.echo(f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)")
+    elif model.command == "render":
+        from skyscatter.cli.surface_models import check_surfaces
+
+        typer.echo(check_surfaces(file, model))
     else:
         from skyscatter.cli.nebula_models import check_nebula
 
@@ -96,7 +100,11 @@ def _check_component(file: str, component: Any) -> None:
 
 
 def describe_model(model: Any) -> str:
-    """The model as text: planet, components with vertical optical depths, sources; or a nebula's."""
+    """The model as text: planet, components with vertical optical depths, sources; or a nebula's, or a scene's."""
+    if model.command == "render":
+        from skyscatter.cli.surface_models import describe_surfaces
+
+        return describe_surfaces(model, SOURCE_WIDTH)
     if not hasattr(model, "planet"):
         from skyscatter.cli.nebula_models import describe_nebula
 

@@ -185,8 +185,7 @@ def run(request: Request, arguments: list[str]) -> int:
 
     started = clock.monotonic()
     model = skyscatter.load_model(request.model)
-    if hasattr(model, "planet"):
-        raise DomainError("model", request.model, "is a planet with its air; use skyscatter sky")
+    common.check_command(model, request.model, "nebula")
     scene: Any = model.scene(**request.turned)
     camera = build_camera(request, scene)
     sky = SkyFrame.seen(scene.view, camera, model.name)

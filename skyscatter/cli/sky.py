@@ -195,8 +195,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
     import skyscatter
 
     model = skyscatter.load_model(request.model)
-    if not hasattr(model, "planet"):
-        raise DomainError("model", request.model, "is a nebula; use skyscatter nebula")
+    common.check_command(model, request.model, "sky")
     if request.place is None or request.time is None:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude

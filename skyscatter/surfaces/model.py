@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import model_validator
 
@@ -32,6 +32,8 @@ class SurfaceModel(Record):
     bodies : tuple of Body
     lamps : tuple of lamps
     """
+
+    command: ClassVar[str] = "render"  #: of the command line, which renders it
 
     name: str
     description: str = ""

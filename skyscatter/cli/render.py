@@ -1,0 +1,203 @@
+"""``skyscatter render``: one scene of surfaces, from a model file to pictures and data files."""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import typer
+
+from skyscatter.cli import common, parse
+from skyscatter.errors import DomainError, UnitsError
+from skyscatter.units import metres
+
+DEFAULT_WAVELENGTHS = "380:780:10"
+#: Options that some solvers have no use for.
+MEANINGLESS: dict[str, tuple[str, ...]] = {"path": ("photons", "radius", "estimator"), "photons": ()}
+REMEDY = dict.fromkeys(MEANINGLESS["path"], "photons")
+
+
+@dataclass(frozen=True)
+class Request(common.RunRequest):
+    """What the command line asks for, checked as far as that goes without a model."""
+
+    seen: dict[str, tuple[float, float, float]]
+    field_of_view: float | None
+    orders: int | None
+    subpixels: int | None
+    photons: int | None
+    radius: float | None
+    estimator: str | None
+    png: dict[str, Any]
+
+    @property
+    def more(self) -> dict[str, Any]:
+        """Arguments of `skyscatter.render` that only this command has, as far as they were given."""
+        names = ("orders", "subpixels", "photons", "radius", "estimator")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+
+def render(
+    context: typer.Context,
+    model: Annotated[str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")],
+    size: Annotated[str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else the model's.")] = None,
+    position: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Where the camera is, lengths such as 1m or 30cm; else the model's."),
+    ] = None,
+    target: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="The point in the middle of the picture.")] = None,
+    up: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Direction that is upwards in the picture.")] = None,
+    field_of_view: Annotated[
+        str | None, typer.Option(metavar="ANGLE", help="Width of the picture, such as 50deg; else the model's.")
+    ] = None,
+    wavelengths: common.Wavelengths = DEFAULT_WAVELENGTHS,
+    solver: Annotated[
+        str, typer.Option(metavar="NAME", help="path (walks from the camera) or photons (from the lamps, gathered).")
+    ] = "path",
+    samples: Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path), passes (photons).")] = None,
+    noise: Annotated[
+        str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1%.")
+    ] = None,
+    max_order: Annotated[
+        str | None,
+        typer.Option(
+            "--max-order", "--order-limit", metavar="N", help="Most scatterings, reflections and refractions of light."
+        ),
+    ] = None,
+    orders: Annotated[
+        str | None, typer.Option(metavar="N", help="Layers with the light after 1, ..., N of them.")
+    ] = None,
+    subpixels: Annotated[
+        str | None,
+        typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges; 1 if nothing is said."),
+    ] = None,
+    photons: Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")] = None,
+    radius: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Radius in which light is gathered, else one that falls (photons)."),
+    ] = None,
+    estimator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="What is gathered: points, paths or both (photons).")
+    ] = None,
+    seed: common.Seed = None,
+    threads: common.Threads = None,
+    exposure: common.Exposure = None,
+    tone: Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear.")] = None,
+    space: common.Space = None,
+    bits: common.Bits = None,
+    output: common.Output = None,
+    as_json: common.AsJson = False,
+    resume: common.Resume = None,
+    quiet: common.Quiet = False,
+) -> int:
+    """Render a scene of surfaces, media and lamps.
+
+    Camera and viewpoint are the model's where nothing else is said.  Ctrl-C writes what is finished and says how to go
+    on.
+    """
+    outputs = parse.check_outputs(output or [])
+    development = {"exposure": exposure, "tone": tone, "space": space}
+    common.check_png_options(outputs, {**development, "bits": bits})
+    whole = parse.parse_integer
+    seen = {"position": position, "target": target, "up": up}
+    request = Request(
+        model=model,
+        size=(0, 0) if size is None else parse.parse_size(size, "perspective"),
+        seen={name: parse_triple(text, name, name != "up") for name, text in seen.items() if text is not None},
+        field_of_view=None if field_of_view is None else parse.parse_angle(field_of_view, "field_of_view"),
+        solver=solver,
+        orders=whole(orders, "orders", 1, "give a number of layers, 1 or more"),
+        subpixels=whole(subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"),
+        photons=whole(photons, "photons", 1, "give a number of photons, 1 or more"),
+        radius=None if radius is None else metres(radius, "radius"),
+        estimator=estimator,
+        png={
+            "exposure": "auto" if exposure is None else parse.parse_exposure(exposure),
+            "tone": "filmic" if tone is None else tone,
+            "space": "srgb" if space is None else space,
+        },
+        outputs=outputs,
+        **common.run_options(
+            wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
+            threads=threads, bits=bits, as_json=as_json, quiet=quiet, resume=resume,
+        ),
+    )  # fmt: skip
+    common.check_solver(request, MEANINGLESS, REMEDY)
+    common.check_development(request.png["space"], request.png["tone"], request.bits)
+    return common.stoppable(lambda: run(request, list(context.obj or [])))
+
+
+def parse_triple(text: str, name: str, lengths: bool) -> tuple[float, float, float]:
+    """``1m,0,30cm`` as three lengths [m], or three numbers."""
+    words = text.split(",")
+    try:
+        values = [metres(word, name) if lengths else float(word) for word in words]
+    except (UnitsError, ValueError):
+        values = []
+    if len(values) != 3:
+        remedy = "three lengths with commas, such as 2m,0,30cm" if lengths else "three numbers with commas: 0,0,1"
+        raise DomainError(name, text, f"give {remedy}")
+    return values[0], values[1], values[2]
+
+
+def build_camera(request: Request, model: Any) -> Any:
+    """The model's camera, with the size and the field that were asked for."""
+    camera, changes = model.camera, {}
+    if request.size != (0, 0):
+        changes = {"width": request.size[0], "height": request.size[1]}
+    if request.field_of_view is not None:
+        if camera.kind == "telescope":
+            width = changes.get("width", camera.width)
+            finer = type(camera).from_field_of_view(width, camera.height, request.field_of_view)
+            changes["pixel_scale_deg"] = finer.pixel_scale_deg
+        elif hasattr(camera, "fov_deg"):
+            changes["fov_deg"] = request.field_of_view
+        else:
+            raise DomainError("field_of_view", request.field_of_view, f"a {camera.kind} has none; leave it out")
+    return type(camera)(**{**camera.model_dump(), **changes})
+
+
+def run(request: Request, arguments: list[str]) -> int:
+    """Render, write, report; returns the exit status."""
+    import skyscatter
+
+    started = clock.monotonic()
+    model = skyscatter.load_model(request.model)
+    common.check_command(model, request.model, "render")
+    scene, camera = model.scene(**request.seen), build_camera(request, model)
+    request = replace(request, size=(camera.width, camera.height))
+    image, finished = common.render_request(request, scene, camera, model.name, arguments, **request.more)
+    exposure = image.auto_exposure() if request.png["exposure"] == "auto" else float(request.png["exposure"])
+    png = {**request.png, "exposure": exposure, "bits": request.bits}
+    for path in request.outputs:
+        image.save(path, **(png if path.suffix.lower() == ".png" else {}))
+    summary = summarise(request, model, scene, image, exposure, clock.monotonic() - started, finished)
+    return common.report(request, summary, describe)
+
+
+def summarise(
+    request: Request, model: Any, scene: Any, image: Any, exposure: float, seconds: float, finished: float
+) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    viewpoint = scene.viewpoint
+    return {
+        **common.summary_of_run(request, model, seconds, finished),
+        "viewpoint": {"position_m": list(viewpoint.position), "target_m": list(viewpoint.target)},
+        "subpixels": request.subpixels or 1,
+        "noise": common.median_error(image),
+        "exposure_ev": float(exposure),
+    }
+
+
+def describe(summary: dict[str, Any]) -> str:
+    """The summary for people."""
+    from skyscatter.progress import format_seconds
+
+    noise = summary["noise"]
+    accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
+    return (
+        f"{common.describe_part(summary)}{summary['model']}: solver {summary['solver']}{accuracy}; "
+        f"EV {summary['exposure_ev']:.1f}; {format_seconds(summary['seconds'])}; "
+        f"wrote {', '.join(summary['outputs']) or 'nothing'}"
+    )

@@ -1,0 +1,194 @@
+"""Solver ``path`` for scenes with surfaces: the full rendering equation in media by backward Monte Carlo.
+
+``sampling="area"`` finds lamps that are surfaces only by aiming at points on them (the equation in its area form),
+``sampling="angular"`` only by rays that meet them (its angular form); without it both are combined, which is never much
+worse than the better one.  The surroundings are met in any case; a lamp without extent can only be aimed at.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.kernels.path import BATCHES
+from skyscatter.solvers.kernels.surfaces.flights import make_scratch
+from skyscatter.solvers.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
+from skyscatter.solvers.kernels.surfaces.lamps import LampGuide
+from skyscatter.solvers.kernels.surfaces.rays import sample_items
+from skyscatter.solvers.kernels.surfaces.tables import (
+    PARALLEL_LAMP,
+    POINT_LAMP,
+    STACK,
+    SURFACE_LAMP,
+    SURROUNDINGS,
+    SurfaceTable,
+)
+from skyscatter.solvers.kernels.surfaces.walks import surface_path_rays
+from skyscatter.solvers.path import MOST_ORDERS, walks_for
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from skyscatter.surfaces.scene import SurfaceScene
+
+__all__ = ["check", "guided", "prepare", "solve"]
+
+Array = NDArray[np.float64]
+
+SAMPLINGS = {None: BOTH, "area": AREA, "angular": ANGULAR}
+#: Nodes of the integral of the phase function over the angle.
+ANGLES = 513
+#: Share of it that takes scattering as equal in all directions.
+EVEN_SHARE = 0.1
+#: Points from which the middle and the size of a lamp with a surface are found.
+POINTS = 256
+
+
+def check(options: Options) -> None:
+    """Refuse what contradicts itself."""
+    options.refuse("path with surfaces", "stokes", "tolerance", "transmittance")
+    if options.samples is not None and options.noise is not None:
+        raise DomainError("samples", options.samples, "give samples or noise, not both")
+    if options.sampling not in SAMPLINGS:
+        raise DomainError("sampling", options.sampling, "choose area or angular, or leave it out for both")
+
+
+def prepare(
+    scene: SurfaceScene,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> WalkTable:
+    """The tables of a scene, and where its light is."""
+    from skyscatter.solvers.surfaces import compile_surfaces
+
+    table = compile_surfaces(scene, tuple(float(w) for w in wavelengths))
+    if options.sampling == "angular" and np.any(np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP))):
+        rule = "finds no lamp without extent, and there is one; leave it out, or make it a body that shines"
+        raise DomainError("sampling", options.sampling, rule)
+    return guided(table)
+
+
+def solve(table: WalkTable, rays: Rays, options: Options) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`."""
+    n, wavelengths = len(rays.origins), table.media.index.shape[1]
+    mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
+    by_order = np.empty((n, options.orders, wavelengths))
+    apart = np.empty((n, 3, wavelengths))
+    used = np.empty(n, np.int64)
+    walks = walks_for(options)
+    surface_path_rays(
+        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
+        MOST_ORDERS if options.max_order is None else int(options.max_order), SAMPLINGS[options.sampling],
+        make_scratch(len(table.media.density), wavelengths, len(table.lamps.kind), min(walks, BATCHES)), mean, error,
+        by_order, apart, used,
+    )  # fmt: skip
+    if np.any(used < 0):
+        place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])
+        raise DomainError("origins", place, f"lies inside more than {STACK} media; let fewer bodies overlap there")
+    layers = {}
+    if options.parts:
+        direct, scattered, reflected = np.moveaxis(apart, 1, 0)
+        multiple = mean - direct - scattered - reflected
+        layers = {"direct": direct, "scattered": scattered, "reflected": reflected, "multiple": multiple}
+    layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}
+    return Answer(mean, error, layers, used)
+
+
+def guided(table: SurfaceTable) -> WalkTable:
+    """A scene's tables with a guide to its lamps."""
+    lamps, media = table.lamps, table.media
+    count = len(lamps.kind)
+    middle, size, axis = lamps.position.copy(), np.zeros(count), lamps.axis.copy()
+    lowest, typical = np.full(count, -1.0), np.zeros(count)
+    for k in range(count):
+        nodes = slice(lamps.lobe_first[k], lamps.lobe_first[k + 1])
+        cosine, value = lamps.lobe_cosine[nodes], lamps.lobe_value[nodes]
+        if lamps.kind[k] == PARALLEL_LAMP:
+            typical[k] = 1 / (4 * np.pi)
+        elif lamps.kind[k] == POINT_LAMP:
+            lowest[k] = _lowest_cosine(cosine, value)
+        elif lamps.kind[k] == SURFACE_LAMP:
+            middle[k], size[k], axis[k], flat = _extent(table, k)
+            lowest[k] = 0.0 if flat else -1.0
+        if lamps.kind[k] in (POINT_LAMP, SURFACE_LAMP):
+            typical[k] = 1 / (2 * np.pi * (1 - lowest[k]))
+    found = lamps.kind != SURROUNDINGS
+    mean = lamps.power.mean(axis=1)
+    scatters, shines, gathered = _media(table)
+    guide = LampGuide(
+        middle=middle,
+        size=size,
+        power=mean * found,
+        axis=axis,
+        lowest=np.where(lowest < 0, -1.0, lowest),
+        typical=typical,
+        open=bool(np.any(lamps.power[~found] > 0)),
+        background=lamps.power[~found].sum(axis=0),
+        blind=found / max(found.sum(), 1),
+        scatters=scatters,
+        shines=shines,
+        extinction=media.extinction.mean(axis=1),
+        gathered=gathered,
+    )
+    return WalkTable(table.shapes, table.materials, media, lamps, guide)
+
+
+def _lowest_cosine(cosine: Array, value: Array) -> float:
+    """Cosine below which a lobe is nought, a hair lower; -1 for lobes wider than flat."""
+    lit = np.flatnonzero(value > 0)
+    if lit.size == 0:
+        return -1.0
+    # Linear between nodes: there is light from the node before the first that shines.
+    low = float(cosine[max(lit[0] - 1, 0)])
+    return low - 1e-9 if low > 1e-6 else (0.0 if low >= 0 else -1.0)
+
+
+def _extent(table: SurfaceTable, k: int) -> tuple[Array, float, Array, bool]:
+    """Middle, radius [m], mean normal of a lamp with a surface, and whether it is flat, from points spread over it."""
+    lamps = table.lamps
+    own = slice(lamps.item_first[k], lamps.item_first[k + 1])
+    n = np.arange(POINTS) + 0.5
+    # Points of the lattice of Fibonacci, by the golden ratio: all are different, and the corners are come near to.
+    u = n / POINTS
+    items = lamps.item[own][np.minimum(np.searchsorted(lamps.item_cdf[own], u), own.stop - own.start - 1)]
+    points = np.empty((POINTS, 6))
+    first, second = n * 0.7548776662466927 % 1, n * 0.5698402909980532 % 1
+    sample_items(table.shapes, np.ascontiguousarray(items), first, second, points)
+    place, normal = points[:, :3], points[:, 3:]
+    middle = place.mean(axis=0)
+    mean = normal.mean(axis=0)
+    flat = bool(np.all(normal @ normal[0] > 1 - 1e-12)) and bool(
+        np.ptp(place @ normal[0]) <= 1e-9 * max(np.ptp(place, axis=0).max(), 1e-300)
+    )
+    axis = normal[0] if flat else mean / max(float(np.linalg.norm(mean)), 1e-300)
+    return middle, float(np.linalg.norm(place - middle, axis=1).max()), axis, flat
+
+
+def _media(table: SurfaceTable) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:
+    """Which media scatter and shine, and the integral of their mean phase functions over the angle."""
+    media = table.media
+    count = len(media.constant)
+    scatters, shines = np.zeros(count, bool), np.zeros(count, bool)
+    angle = np.pi * np.linspace(0, 1, ANGLES) ** 2
+    gathered = np.empty((count, ANGLES))
+    nodes = np.arccos(phase_cosines())
+    for m in range(count):
+        own = slice(media.first[m], media.first[m + 1])
+        scatters[m] = bool(np.any(media.sigma_s[own] > 0))
+        shines[m] = bool(np.any(media.emission[own] > 0))
+        mean = np.full(ANGLES, 1 / (4 * np.pi))
+        if scatters[m]:
+            weight = np.where(media.constant[m], media.density[own, None], 1.0) * media.sigma_s[own]
+            phase = np.einsum("cw,caw->a", weight / weight.sum(), media.phase[own])
+            mean = EVEN_SHARE * mean + (1 - EVEN_SHARE) * np.interp(angle, nodes, phase)
+        steps = 0.5 * (mean[1:] + mean[:-1]) * np.diff(angle)
+        gathered[m] = np.concatenate([[0.0], np.cumsum(steps)])
+    return scatters, shines, gathered
