@@ -86,11 +86,7 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
 
 @kernel
 def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
-<<<<<<< HEAD
-    """F |cos(n, wi)| without the parts that are no matter of chance, into `out` (wavelength,) [sr-1]."""
-=======
     """Value f |cos(n, wi)| without the parts that are no matter of chance, into `out` (wavelength,) [sr-1]."""
->>>>>>> geometry
     kind, alpha = materials.kind[k], materials.roughness[k]
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
     cosine = side * dot(n, wi)
