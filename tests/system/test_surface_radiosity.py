@@ -40,7 +40,7 @@ def judged(count: int, edge: float) -> tuple[Any, Any, Seen]:
 def test_path_agrees_with_radiosity() -> None:
     origins, directions, seen = judged(64, 0.5)
     answer = skyscatter.radiance(
-        room_scene(room(), WAVELENGTHS), origins, directions, WAVELENGTHS, "path", samples=1024, seed=3
+        room_scene(room(), WAVELENGTHS), origins, directions, WAVELENGTHS, "path", samples=2048, seed=3
     )
     # The judge's own error is that of its patches, largest in corners: a bound in the mean over rays, 4 times for one.
     assert_agrees(answer.radiance, seen.radiance, answer.standard_error, slack=4 * seen.error)
