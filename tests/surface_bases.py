@@ -69,7 +69,7 @@ class Bsdf:
     def draw(self, wo: Array, count: int, adjoint: bool = False, hero: int = 0, seed: int = 1) -> Draws:
         """Draw directions."""
         numbers = np.random.default_rng(seed).random((count, 3))
-        result = Draws(np.zeros((count, 3)), *np.zeros((2, count, 3)), np.zeros(count, np.int64))
+        result = Draws(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.int64))
         bsdf.sample_bsdfs(
             self.table, 0, hero, NORMAL, wo, numbers, self.here, self.there, self.dispersive, adjoint, *result
         )
@@ -192,7 +192,7 @@ class BsdfContract:
             np.testing.assert_allclose(f / sample.here**2, g / there**2, rtol=1e-10, atol=1e-300)
             photons, _ = sample.at(wo, wi, True)
             np.testing.assert_allclose(photons[0] / abs(wi @ NORMAL), g, rtol=1e-10, atol=1e-300)
-            found += forth.any()
+            found += int(forth.any())
         drawn = sample.draw(direction(side * 0.5, 0.0), 10)
         assert found > 0 or (drawn.event >= DELTA).all()
 

@@ -44,7 +44,7 @@ def render(
     size: Annotated[str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else the model's.")] = None,
     position: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Where the camera is, lengths such as 1m or 30cm; else the model's."),
+        typer.Option(metavar="X,Y,Z", help="The camera's place, 2m,0,30cm; else the model's."),
     ] = None,
     target: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="The point in the middle of the picture.")] = None,
     up: Annotated[str | None, typer.Option(metavar="X,Y,Z", help="Direction that is upwards in the picture.")] = None,
@@ -70,7 +70,7 @@ def render(
     ] = None,
     subpixels: Annotated[
         str | None,
-        typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges; 1 if nothing is said."),
+        typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges."),
     ] = None,
     photons: Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")] = None,
     radius: Annotated[

@@ -1,7 +1,7 @@
 """Light of photons gathered at visibility points.
 
-With F the power that a photon carries (of `count`), P its chance under each hero, both at the start of a flight, tau and
-sigma transmittance and extinction of each wavelength, the fluence rate at a visibility point y follows from
+With F the power that a photon carries, P its chance under each hero, both at the start of a flight, tau and sigma
+transmittance and extinction of each wavelength, the fluence rate at a visibility point y follows from
 
 - the *points* at which photons are scattered or absorbed within the sphere of radius R around y:
   phi_i = F_i tau_i / mean_h(P_h tau_h sigma_h) / (4/3 pi R^3);
@@ -49,7 +49,7 @@ def add_to_ray(points, p, factor, light, order, sums, by_order):
 
 @kernel
 def add_scattered(media, points, p, flux, factor, d, order, s, sums, by_order):
-    """Light of a fluence rate `flux` (wavelength,) from the direction of flight d, scattered at p towards the camera."""
+    """Light of a fluence rate `flux` (wavelength,) that flies along d, scattered at p towards the camera."""
     e = points.direction[p]
     cos_theta = -(d[0] * e[0] + d[1] * e[1] + d[2] * e[2])
     last = media.phase.shape[1] - 1
@@ -164,9 +164,9 @@ def gather_arrival(scene, points, grid, radius, body, kind, order, most, s, sums
         if same < SAME_SIDE or cosine < 1e-6 or not wanted(points, p, kind, order, most):
             continue
         for k in range(3):
-            s.towards[k], s.from_[k] = -points.direction[p, k], -d[k]
+            s.towards[k], s.arriving[k] = -points.direction[p, k], -d[k]
         here, beyond = scene.media.index[points.medium[p]], scene.media.index[points.beyond[p]]
-        bsdf_value(scene.materials, material, q, s.towards, s.from_, here, beyond, False, light)
+        bsdf_value(scene.materials, material, q, s.towards, s.arriving, here, beyond, False, light)
         for i in range(light.size):
             light[i] *= s.walk.value[i] / cosine
         add_to_ray(points, p, 1.0 / (math.pi * radius * radius), light, order, sums, by_order)

@@ -67,7 +67,7 @@ class PhotonScratch(NamedTuple):
     hit: np.ndarray  #: (4,) distance and outward normal of what a ray meets
     other_hit: np.ndarray  #: (4,)
     towards: np.ndarray  #: (3,)
-    from_: np.ndarray  #: (3,)
+    arriving: np.ndarray  #: (3,)
     value: np.ndarray  #: (wavelength,) F at the start of a flight
     chance: np.ndarray  #: (wavelength,) P at the start of a flight
     factor: np.ndarray  #: (wavelength,) what a surface does to F
@@ -208,7 +208,6 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
             x[n] += flown * d[n]
         if event:
             if how & POINTS:
-                # `gather_segment` has overwritten the densities and the transmittance with those of its feet.
                 gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums, by_order)
             order += 1
             if order >= most or not scatter_photon(media, m, hero, s, fates):

@@ -21,6 +21,7 @@ from skyscatter.solvers.kernels.surfaces.shapes import (
     triangle_distance,
 )
 from skyscatter.solvers.kernels.surfaces.tables import PLANE, STACK
+from skyscatter.solvers.kernels.surfaces.tree import box_entry, climb, descend, inverse
 
 
 @inlined
@@ -29,6 +30,30 @@ def item_distance(kind, parameters, triangle, item, x, d, shear, near, last, ski
     if item >= kind.size:
         return triangle_distance(triangle[item - kind.size], item, x, shear, near, last) if item != skip else math.inf
     return shape_distance(kind[item], parameters[item], item, x, d, near, last, item == skip)
+
+
+@merged
+def search_tree(
+    kind, parameters, triangle, node_box, node_link, order, x, d, shear, near, last, best, found, skip
+):  # fmt: skip
+    """Go on from a nearest crossing among the loose items to one of all."""
+    ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
+    node, trail, met = np.int64(0), np.uint64(0), False
+    while node >= 0:
+        if not met and box_entry(node_box[node], x, ix, iy, iz, near, best) == math.inf:
+            node, trail = climb(node, trail, node_link)
+        elif node_link[node, 0] >= 0:
+            node, trail, met = descend(node, trail, node_box, node_link, x, ix, iy, iz, near, best)
+        else:
+            first = -1 - node_link[node, 0]
+            for k in range(first, first + (node_link[node, 1] & 15)):
+                item = order[k]
+                t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
+                if t < best or (t == best and item < found):
+                    best, found = t, item
+            node, trail = climb(node, trail, node_link)
+            met = False
+    return best, found
 
 
 @kernel
@@ -41,6 +66,10 @@ def nearest(kind, parameters, triangle, loose, node_box, node_link, order, x, d,
         t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
         if t < best or (t == best and item < found):
             best, found = t, item
+    if order.size > 0:
+        best, found = search_tree(
+            kind, parameters, triangle, node_box, node_link, order, x, d, shear, near, last, best, found, skip
+        )  # fmt: skip
     if found >= 0:
         set_hit(kind, parameters, triangle, found, best, x, d, hit)
     return found
@@ -82,17 +111,41 @@ def next_hit(shapes, x, d, near, last, far, hit):
     )  # fmt: skip
 
 
+@inlined
+def stops(shapes, item, x, d, shear, far, skip, skip_far):
+    """Whether an item that is no INTERFACE lies before `far`."""
+    if item == skip_far or shapes.thin[item_body(shapes, item)]:
+        return False
+    t = item_distance(
+        shapes.kind, shapes.parameters, shapes.triangle, item, x, d, shear, 0.0, NO_MORE, skip
+    )  # fmt: skip
+    return t < far
+
+
 @kernel
 def obstructed(shapes, x, d, far, skip, skip_far):
     """See `blocked`."""
-    kind, parameters, triangle = shapes.kind, shapes.parameters, shapes.triangle
     shear = shear_of(d)
     for k in range(shapes.loose.size):
-        item = shapes.loose[k]
-        if item != skip_far and not shapes.thin[item_body(shapes, item)]:
-            t = item_distance(kind, parameters, triangle, item, x, d, shear, 0.0, NO_MORE, skip)
-            if t < far:
-                return True
+        if stops(shapes, shapes.loose[k], x, d, shear, far, skip, skip_far):
+            return True
+    if shapes.order.size == 0:
+        return False
+    node_box, node_link = shapes.node_box, shapes.node_link
+    ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
+    node, trail, met = np.int64(0), np.uint64(0), False
+    while node >= 0:
+        if not met and box_entry(node_box[node], x, ix, iy, iz, 0.0, far) == math.inf:
+            node, trail = climb(node, trail, node_link)
+        elif node_link[node, 0] >= 0:
+            node, trail, met = descend(node, trail, node_box, node_link, x, ix, iy, iz, 0.0, far)
+        else:
+            first = -1 - node_link[node, 0]
+            for k in range(first, first + (node_link[node, 1] & 15)):
+                if stops(shapes, shapes.order[k], x, d, shear, far, skip, skip_far):
+                    return True
+            node, trail = climb(node, trail, node_link)
+            met = False
     return False
 
 
