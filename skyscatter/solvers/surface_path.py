@@ -51,7 +51,7 @@ POINTS = 256
 
 def check(options: Options) -> None:
     """Refuse what contradicts itself."""
-    options.refuse("path with surfaces", "stokes", "tolerance", "transmittance")
+    options.refuse("path with surfaces", "stokes", "tolerance", "transmittance", "photons", "radius", "estimator", "direct")
     if options.samples is not None and options.noise is not None:
         raise DomainError("samples", options.samples, "give samples or noise, not both")
     if options.sampling not in SAMPLINGS:
