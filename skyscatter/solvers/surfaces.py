@@ -39,7 +39,7 @@ from skyscatter.surfaces.scene import SurfaceMedium, SurfaceScene
 if TYPE_CHECKING:
     from skyscatter.media.medium import Component
     from skyscatter.surfaces.lamps import AreaLamp
-    from skyscatter.surfaces.shapes import AnyShape
+    from skyscatter.surfaces.meshes import AnyShape
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
