@@ -16,6 +16,8 @@ from skyscatter.media.shapes import axis_rotation
 from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Point, Rectangle, Sphere, Surface, Triple
 
 Integers = NDArray[np.int64]
+#: Corners that are nearer to each other than this share of the mesh's size are one.
+WELD = 1e-9
 #: Formats of files, by their endings.
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")
 
@@ -32,7 +34,8 @@ class Mesh(Surface):
     """A surface of flat triangles.
 
     Give `vertices` and `faces`, or a `file` that trimesh can read (STL, OBJ, PLY, GLB, OFF; materials and textures in
-    it are left aside).  Its front is where the corners run anticlockwise.
+    it are left aside).  Its front is where the corners run anticlockwise.  Corners that are nearer to each other than a
+    billionth of the mesh's size are one; triangles without an area are left out.
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ class Mesh(Surface):
 
     @property
     def _raw(self) -> tuple[Array, Integers]:
-        """Vertices, each place once, and faces."""
+        """Vertices and faces as they were given."""
         if self.file is not None:
             vertices, faces = _read(*_stamp(self.file))
         else:
@@ -99,12 +102,11 @@ class Mesh(Surface):
     def _placed(self) -> tuple[Array, Integers]:
         """Vertices where they stand, each place once, and faces with three different ones."""
         vertices, faces = self._raw
-        placed = self.scale * vertices @ axis_rotation(self.axis, self.turn_deg).T + np.array(self.position)
-        # Files repeat corners that triangles share, and far from the origin near ones fall together.
-        places, rows = np.unique(placed + 0.0, axis=0, return_inverse=True)
-        faces = rows.reshape(-1)[faces]
+        vertices, rows = weld(vertices)
+        faces = rows[faces]
         a, b, c = faces.T
-        return places, faces[(a != b) & (b != c) & (c != a)]
+        placed = self.scale * vertices @ axis_rotation(self.axis, self.turn_deg).T + np.array(self.position)
+        return placed, faces[(a != b) & (b != c) & (c != a)]
 
     @cached_property
     def triangles(self) -> Triangles:
@@ -156,6 +158,23 @@ class Mesh(Surface):
 #: Any shape, by its kind.
 Shape = Sphere | Plane | Rectangle | Box | Disk | Mesh
 AnyShape = Annotated[Shape, Field(discriminator="kind")]
+
+
+def weld(vertices: Array) -> tuple[Array, Integers]:
+    """Vertices without repetitions, and the new row of every old one.
+
+    Files repeat corners that triangles share, and programs compute the same corner twice with different rounding: what
+    falls into one cell of a grid of `WELD` of the size is one.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = max(float((high - low).max()) * WELD, 1e-300)
+    grid = np.round((vertices - low) / cell).astype(np.int64)
+    # Sorting one hash is ten times faster than sorting rows; a collision would show.
+    key = grid.astype(np.uint64) @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    _, first, rows = np.unique(key, return_index=True, return_inverse=True)
+    if (grid[first[rows]] != grid).any():
+        _, first, rows = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    return vertices[first], rows.reshape(-1)
 
 
 def _check_arrays(vertices: NDArray[np.generic], faces: NDArray[np.generic]) -> None:

@@ -251,7 +251,7 @@ def sample_facets(
         if (side * dot(n, wi) > 0.0) != reflected:
             return lose(value, chance)
         evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance)
-        return event
+        return event if chance[hero] > 0.0 else lose(value, chance)
     if kind == CONDUCTOR:
         for i in range(value.size):
             here = index_here[i]

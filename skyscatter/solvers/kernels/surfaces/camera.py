@@ -2,9 +2,10 @@
 
 A walk goes through media, past INTERFACE surfaces and along reflections and refractions without spread, to the first
 surface that spreads light; there it leaves its last point.  On every leg through a medium it leaves a few points,
-*forced* to lie on the leg: drawn by the hero's free path, cut off at the end of the leg, evenly in its distribution.
-With F and P as in `kernels.path` a point at the distance t counts  F_i tau_i(t) / mean_h(P_h p_h(t)),  where
-p_h = tau_h sigma_h / (1 - tau_h(end)); the walk itself goes on with the transmittance of the leg.
+*forced* to lie on the leg: half of them drawn by the hero's free path, cut off at the end of the leg, half evenly over
+the angle under which a lamp sees the leg (Kulla & Fajardo 2012, Computer Graphics Forum 31, 1519).  With F and P as in
+`kernels.path` a point at the distance t counts  F_i tau_i(t) / mean_h(P_h p_h(t)),  where p_h is the mean of
+tau_h sigma_h / (1 - tau_h(end)) and of the density by angle; the walk itself goes on with the leg's transmittance.
 """
 
 from __future__ import annotations
@@ -14,24 +15,33 @@ import math
 import numpy as np
 
 from skyscatter.solvers.kernels.jit import entry, kernel, merged
-from skyscatter.solvers.kernels.path import rebalance
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta
-from skyscatter.solvers.kernels.surfaces.media import current_medium, fly, transmit
+from skyscatter.solvers.kernels.surfaces.lamps import brightness
+from skyscatter.solvers.kernels.surfaces.media import (
+    current_medium,
+    medium_density,
+    reach,
+    spectral_depth,
+    transmit,
+)
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
+from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
 from skyscatter.solvers.kernels.surfaces.shapes import item_body
-from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, INTERFACE, SURROUNDINGS
+from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
 
 #: Legs of a walk at most: as many boundaries and mirrors as can be looked through.
 MOST_LEGS = 64
+#: Share of the events that are placed by the angle from a lamp.
+ANGLE_SHARE = 0.5
 #: Value below which walks between mirrors are given up by roulette.
 WEAK = 0.05
 
 
 @kernel
-def note_point(points, ray, x, d, m, beyond, body, order, accepts):
+def note_point(points, ray, x, d, m, beyond, body, order, accepts, stack):
     """A new visibility point; its number."""
     p = points.count[0]
     points.count[0] = p + 1
@@ -39,62 +49,99 @@ def note_point(points, ray, x, d, m, beyond, body, order, accepts):
         points.place[p, n], points.direction[p, n] = x[n], d[n]
     points.ray[p], points.medium[p], points.beyond[p], points.body[p] = ray, m, beyond, body
     points.order[p], points.accepts[p] = order, accepts
+    copy_stack(stack, points.stack[p])
     return p
 
 
 @merged
-def leave_events(scene, points, ray, m, hero, far, events, accepts, order, s):
-    """Forced events on a leg; the transmittance of the whole leg into ``s.light_through``."""
-    walk, media = s.walk, scene.media
-    x, d, whole = walk.position, walk.direction, s.light_through
-    transmit(media, m, x, d, far, s.work, whole)
-    lost = 1.0 - whole[hero]
-    if not lost > 0.0:
-        return
-    for i in range(walk.value.size):
-        s.value[i], s.chance[i] = walk.value[i], walk.chance[i]
-    for k in range(events):
-        t, hit = fly(media, m, hero, x, d, far, (k + uniform(walk.state)) / events * lost, walk, s.work)
-        for i in range(walk.value.size):
-            walk.chance[i] = walk.chance[i] / (1.0 - whole[i]) if whole[i] < 1.0 else 0.0
-        if hit and rebalance(walk):
-            for n in range(3):
-                s.place[n] = x[n] + t * d[n]
-            p = note_point(points, ray, s.place, d, m, m, -1, order, accepts)
-            for c in range(s.work.density.size):
-                points.density[p, c] = s.work.density[c]
-            for i in range(walk.value.size):
-                points.weight[p, i] = walk.value[i] / events
-        for i in range(walk.value.size):
-            walk.value[i], walk.chance[i] = s.value[i], s.chance[i]
+def nearest_lamp(lamps, guide, x, d, u):
+    """The lamp of finite distance that should shine most on a line, drawn by power over distance from the line.
+
+    Returns its number (-1 without any), the distance along the line at which it is nearest, and how near it is [m].
+    """
+    total = 0.0
+    for sweep in range(2):
+        rest = u * total
+        for k in range(lamps.kind.size):
+            if lamps.kind[k] == POINT_LAMP or lamps.kind[k] == SURFACE_LAMP:
+                m = guide.middle[k]
+                a, b, c = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+                along = max(a * d[0] + b * d[1] + c * d[2], 0.0)
+                a, b, c = a - along * d[0], b - along * d[1], c - along * d[2]
+                apart = max(math.sqrt(a * a + b * b + c * c), 0.5 * guide.size[k], 1e-9 * along)
+                bright = guide.power[k] / max(apart, 1e-300)
+                if sweep == 0:
+                    total += bright
+                elif bright > 0.0:
+                    if rest < bright:
+                        return np.int64(k), along, max(apart, 1e-300)
+                    rest -= bright
+    return np.int64(-1), 0.0, 1.0
 
 
 @merged
-def leave_surface_point(surfaces, ray, m, beyond, body, order, accepts, s):
+def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
+    """Distance of an event with u in [0, 1): by angle, where there is one, or by free path."""
+    share = ANGLE_SHARE if high > low else 0.0
+    if u < share:
+        t = near + apart * math.tan(low + (high - low) * u / share)
+    else:
+        wanted = -math.log1p(-(u - share) / (1.0 - share) * lost)
+        if media.constant[m]:
+            t = wanted / media.extinction[m, hero] if media.extinction[m, hero] > 0.0 else math.inf
+        else:
+            t = reach(media, m, hero, x, d, far, wanted, s.work)
+    return t
+
+
+@merged
+def leave_events(scene, points, ray, m, hero, far, events, accepts, order, s):
+    """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
+    walk, media, work = s.walk, scene.media, s.work
+    x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
+    transmit(media, m, x, d, far, work, whole)
+    lost = 1.0 - whole[hero]
+    if not (lost > 0.0 and scene.guide.scatters[m]):
+        return
+    k, near, apart = nearest_lamp(scene.lamps, scene.guide, x, d, uniform(walk.state))
+    low = math.atan(-near / apart) if k >= 0 else 0.0
+    high = (math.atan((far - near) / apart) if far < math.inf else 0.5 * math.pi) if k >= 0 else 0.0
+    share = ANGLE_SHARE if high > low else 0.0
+    for n in range(events):
+        u = (n + uniform(walk.state)) / events
+        t = place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s)
+        if not 0.0 <= t < far:
+            continue
+        for j in range(3):
+            s.place[j] = x[j] + t * d[j]
+        transmit(media, m, x, d, t, work, through)
+        medium_density(media, m, s.place[0], s.place[1], s.place[2], work)
+        spectral_depth(media, m, work.density, work.total)
+        by_angle, mean = 0.0, 0.0
+        if share > 0.0:
+            by_angle = share * apart / ((high - low) * (apart * apart + (t - near) * (t - near)))
+        for i in range(through.size):
+            # Chances of wavelengths that lose nothing on this leg: their free path ends nowhere on it.
+            forced = through[i] * work.total[i] / (1.0 - whole[i]) if whole[i] < 1.0 else 0.0
+            mean += walk.chance[i] * ((1.0 - share) * forced + by_angle)
+        mean /= through.size
+        if mean > 0.0:
+            p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
+            for c in range(work.density.size):
+                points.density[p, c] = work.density[c]
+            for i in range(through.size):
+                points.weight[p, i] = walk.value[i] * through[i] / (mean * events)
+
+
+@merged
+def leave_surface_point(surfaces, ray, m, beyond, body, item, order, accepts, s):
     """The last point of a walk, on a surface that spreads light."""
-    p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts)
+    p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
+    surfaces.item[p] = item
     for n in range(3):
         surfaces.normal[p, n] = s.hit[1 + n]
     for i in range(s.walk.value.size):
         surfaces.weight[p, i] = s.walk.value[i]
-
-
-@kernel
-def lobe_at(lamps, k, cosine):
-    """Lobe of lamp k [sr-1] at the cosine of an angle from its axis, nought outside of its nodes."""
-    first, last = lamps.lobe_first[k], lamps.lobe_first[k + 1] - 1
-    if not lamps.lobe_cosine[first] <= cosine <= lamps.lobe_cosine[last]:
-        return 0.0
-    low, high = first, last
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if lamps.lobe_cosine[middle] <= cosine:
-            low = middle
-        else:
-            high = middle
-    width = lamps.lobe_cosine[high] - lamps.lobe_cosine[low]
-    w = (cosine - lamps.lobe_cosine[low]) / width if width > 0.0 else 0.0
-    return lamps.lobe_value[low] + w * (lamps.lobe_value[high] - lamps.lobe_value[low])
 
 
 @merged
@@ -103,7 +150,7 @@ def see_lamp(lamps, k, ray, s, sums):
     d, hit = s.walk.direction, s.hit
     cosine = -(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
     if cosine > 0.0:
-        bright = lobe_at(lamps, k, min(cosine, 1.0)) / (cosine * lamps.area[k])
+        bright = brightness(lamps, k, min(cosine, 1.0))
         for i in range(s.walk.value.size):
             sums[ray, i] += s.walk.value[i] * lamps.power[k, i] * bright
 
@@ -131,7 +178,7 @@ def weaken(s):
     return True
 
 
-@kernel
+@merged
 def look(scene, ray, events, direct, points, surfaces, s, sums):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
@@ -160,16 +207,17 @@ def look(scene, ray, events, direct, points, surfaces, s, sums):
         body = item_body(shapes, item)
         beyond = media_behind(scene, s, body)
         material = shapes.material[body]
-        what = scene.materials.kind[material]
         if shapes.lamp[body] >= 0:
             see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums)
-        if what == INTERFACE or (what == DIELECTRIC and beyond == m):
-            for n in range(s.stack.size):
-                s.stack[n] = s.there[n]
+        if passes(scene.materials.kind[material], m, beyond):
+            copy_stack(s.there, s.stack)
             near, last = hit[0], item
             continue
         if not is_delta(scene.materials, material):
-            leave_surface_point(surfaces, ray, m, beyond, body, order, accepts, s)
+            # Rays to lamps are sent on the walk's side alone.
+            both = scene.materials.kind[material] == DIELECTRIC
+            kinds = accepts | DIRECT if both else accepts
+            leave_surface_point(surfaces, ray, m, beyond, body, item, order, kinds, s)
             return
         order += 1
         if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(s):
@@ -221,8 +269,7 @@ def leave_points(scene, origins, directions, ids, first, seed, stream, events, d
             if fill_stack(scene.shapes, walk.position, walk.direction, np.int64(-1), s.first, s.other_hit) < 0:
                 return -1
             filled = True
-        for n in range(s.stack.size):
-            s.stack[n] = s.first[n]
+        copy_stack(s.first, s.stack)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = 1.0, 1.0
         look(scene, ray, events, direct, points, surfaces, s, sums)

@@ -35,8 +35,8 @@ from skyscatter.solvers.kernels.surfaces.tables import INTERFACE, LAMBERT, MIRRO
 
 #: Numbers in ``Scratch.at``: interactions so far; what the last was; what the vertex before was; the item that ends the
 #: leg, -1 where it does not end; the item on which the ray starts; the leg's medium; whether the walk has been divided
-#: or may be.
-ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7
+#: or may be; the most interactions.
+ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST = 0, 1, 2, 3, 4, 5, 6, 7, 8
 #: Numbers in ``Scratch.far``: where on the ray the leg begins; its length; what the chances kept were divided by since,
 #: inverted; the vertex that was drawn on the leg.
 NEAR, LENGTH, SCALE, VERTEX = 0, 1, 2, 3
@@ -47,7 +47,7 @@ class Scratch(NamedTuple):
 
     walk: Walk
     media: MediaWork
-    at: np.ndarray  #: (8,) int64 state of the walk, see `ORDER` and so on
+    at: np.ndarray  #: (9,) int64 state of the walk, see `ORDER` and so on
     far: np.ndarray  #: (4,) state of the walk, see `NEAR` and so on
     first_stack: np.ndarray  #: (STACK,) media in which the camera's ray begins
     stack: np.ndarray  #: (STACK,) media that the walk is inside of
@@ -73,7 +73,9 @@ class Scratch(NamedTuple):
     free: np.ndarray  #: (wavelength,) density of a vertex at a point [m-1]
     halfway: np.ndarray  #: (wavelength,) transmittance to that point
     light: np.ndarray  #: (wavelength,) transmittance to a lamp
+    onward: np.ndarray  #: (wavelength,) chance to pass all boundaries on the way there
     piece: np.ndarray  #: (wavelength,)
+    spare: np.ndarray  #: (wavelength,)
     factor: np.ndarray  #: (wavelength,) of a surface, or emission
     density: np.ndarray  #: (wavelength,) of a direction at a surface
     kept_chance: np.ndarray  #: (wavelength,) the walk's chances at the vertex before
@@ -86,12 +88,12 @@ class Scratch(NamedTuple):
 
 def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) -> Scratch:
     """Scratch arrays for a scene of that size; a thread needs its own."""
-    spectra = [np.zeros(wavelengths) for _ in range(13)]
+    spectra = [np.zeros(wavelengths) for _ in range(15)]
     stacks = [np.full(STACK, -1, np.int64) for _ in range(5)]
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
     return Scratch(
-        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(8, np.int64), np.zeros(4), *stacks,
+        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(9, np.int64), np.zeros(4), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
@@ -119,26 +121,24 @@ def measure_leg(media, m, x, d, far, s):
 
 
 @kernel
-def weigh_vertex(media, materials, m, row, s):
-    """Chance q of the vertex under each hero, into ``s.event``; `row` of the material behind, -1 for none.
+def weigh_vertex(media, materials, m, row, columns, lost, through, event):
+    """Chance q of the vertex of a leg under each hero, into `event`; `row` of the material behind, -1 for none.
 
-    Of a medium that is not the same everywhere the albedo is that of the columns, left behind by `measure_leg`.
+    Of a medium that is not the same everywhere the albedo is that of the columns.
     """
     kind = materials.kind[row] if row >= 0 else INTERFACE
     told = kind in (LAMBERT, MIRROR)
-    for i in range(s.event.size):
+    for i in range(event.size):
         bright, all_of_it = 0.0, 0.0
         for c in range(media.first[m], media.first[m + 1]):
-            n = media.density[c] if media.constant[m] else s.media.along[c]
-            if n == math.inf:
-                n = 1e300
+            n = media.density[c] if media.constant[m] else min(columns[c], 1e300)
             bright += n * media.sigma_s[c, i]
             all_of_it += n * media.sigma_t[c, i]
-        scattered = s.lost[i] * bright / all_of_it if all_of_it > 0.0 else 0.0
+        scattered = lost[i] * bright / all_of_it if all_of_it > 0.0 else 0.0
         behind = 0.0
         if row >= 0:
-            behind = s.through[i] * materials.reflectance[row, i] if told else s.through[i]
-        s.event[i] = scattered / (scattered + behind) if scattered > 0.0 else 0.0
+            behind = through[i] * materials.reflectance[row, i] if told else through[i]
+        event[i] = scattered / (scattered + behind) if scattered > 0.0 else 0.0
 
 
 @kernel

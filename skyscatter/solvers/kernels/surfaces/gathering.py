@@ -175,7 +175,7 @@ def light_leg(table, hero, sampling, s):
     mean = 0.0
     for i in range(walk.chance.size):
         turned = towards[i] / total[i] if total[i] > 0.0 else 0.0
-        by_flight = met * s.free[i] * s.event[i] * turned
+        by_flight = met * s.free[i] * s.event[i] * turned * s.onward[i]
         mean += walk.chance[i] * (aimed * (drawn + (1.0 - near) * s.free[i]) + by_flight)
     if not mean > 0.0:
         return False
@@ -208,16 +208,18 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
         table.materials, row, s.normal, s.back, s.aside, media.index[here], media.index[there], False, s.factor,
         s.density,
     )
+    bright = 0.0
+    for i in range(s.factor.size):
+        bright += s.factor[i]
+    stack = s.stack if cosine > 0.0 else s.other_stack
+    if not bright > 0.0 or not reaches(table, x, s.aside, distance, s.at[ITEM], goal, stack, s):
+        return False
     aimed = s.chance[k] * (density if density > 0.0 else 1.0)
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
-    mean, bright = 0.0, 0.0
+    mean = 0.0
     for i in range(walk.chance.size):
-        mean += walk.chance[i] * (aimed + met * s.density[i])
-        bright += s.factor[i]
-    if not (bright > 0.0 and mean > 0.0):
-        return False
-    stack = s.stack if cosine > 0.0 else s.other_stack
-    if not reaches(table, x, s.aside, distance, s.at[ITEM], goal, stack, s):
+        mean += walk.chance[i] * (aimed + met * s.density[i] * s.onward[i])
+    if not mean > 0.0:
         return False
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):

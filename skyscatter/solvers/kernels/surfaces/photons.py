@@ -30,18 +30,15 @@ from skyscatter.solvers.kernels.surfaces.media import (
     current_medium,
     fly,
     make_media_work,
-    pull,
-    push,
     scatter_walk,
 )
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
+from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.solvers.kernels.surfaces.shapes import item_body
 from skyscatter.solvers.kernels.surfaces.tables import (
     ABSORBED,
     DELTA,
-    DIELECTRIC,
-    INTERFACE,
     STACK,
     SURROUNDINGS,
     TRANSMITTED,
@@ -92,14 +89,9 @@ def make_photon_scratch(components: int, wavelengths: int) -> PhotonScratch:
 @kernel
 def media_behind(scene, s, body):
     """Media behind a surface that the walk has met, into ``s.there``; the number of the current one there."""
-    for n in range(s.stack.size):
-        s.there[n] = s.stack[n]
-    inside, d = scene.shapes.inside[body], s.walk.direction
-    if inside >= 0:
-        if d[0] * s.hit[1] + d[1] * s.hit[2] + d[2] * s.hit[3] < 0.0:
-            push(s.there, inside)
-        else:
-            pull(s.there, inside)
+    d = s.walk.direction
+    copy_stack(s.stack, s.there)
+    cross(scene.shapes, body, d[0] * s.hit[1] + d[1] * s.hit[2] + d[2] * s.hit[3] < 0.0, s.there)
     return current_medium(scene.media, s.there)
 
 
@@ -123,8 +115,7 @@ def bounce(scene, body, m, beyond, hero, adjoint, s):
     if not rebalance(walk):
         return ABSORBED
     if event & TRANSMITTED:
-        for n in range(s.stack.size):
-            s.stack[n] = s.there[n]
+        copy_stack(s.there, s.stack)
     return event
 
 
@@ -173,7 +164,7 @@ def roulette(s):
     return True
 
 
-@kernel
+@merged
 def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, hero, most, s, sums, by_order, fates):
     """One photon from its lamp to its end."""
     walk, shapes, media = s.walk, scene.shapes, scene.media
@@ -217,14 +208,9 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
             body = item_body(shapes, item)
             beyond = media_behind(scene, s, body)
             material = shapes.material[body]
-            what = scene.materials.kind[material]
-            if what == INTERFACE or (what == DIELECTRIC and beyond == m):
-                for n in range(s.stack.size):
-                    s.stack[n] = s.there[n]
+            if passes(scene.materials.kind[material], m, beyond):
+                copy_stack(s.there, s.stack)
                 near, last = hit[0], item
-                if what != INTERFACE and kind == DIRECT:
-                    # Rays to lamps do not see through it.
-                    kind = FOCUSED
                 continue
             if not is_delta(scene.materials, material):
                 gather_arrival(scene, surfaces, floor, disk, body, kind, order, most, s, sums, by_order)

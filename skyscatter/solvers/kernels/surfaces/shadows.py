@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyscatter.solvers.kernels.jit import inlined, kernel
+from skyscatter.solvers.kernels.surfaces.flights import MOST, ORDER, weigh_vertex
 from skyscatter.solvers.kernels.surfaces.media import current_medium, pull, push, transmit
 from skyscatter.solvers.kernels.surfaces.rays import blocked, closest_hit, next_hit
 from skyscatter.solvers.kernels.surfaces.shapes import item_body
@@ -40,9 +41,12 @@ def reaches(table, x, d, distance, skip, goal, stack, s):
     """Whether light comes straight from `distance` to x, and with what transmittance, into ``s.light`` (wavelength,).
 
     Boundaries that are no obstacle are passed, and the stack goes along.  `goal` is the item that is to be met, which
-    is no obstacle either.
+    is no obstacle either.  The chances with which a walk would have gone on at all boundaries under each hero go to
+    ``s.onward``.
     """
     shapes, media = table.shapes, table.media
+    for i in range(s.onward.size):
+        s.onward[i] = 1.0
     if stack[0] < 0 and not shapes.passable:
         # Outside of everything no boundary is without effect.
         if blocked(shapes, x, d, distance, skip, goal):
@@ -69,7 +73,14 @@ def reaches(table, x, d, distance, skip, goal, stack, s):
             body = item_body(shapes, item)
             cross(shapes, body, d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3] < 0.0, s.shadow_stack)
             there = current_medium(media, s.shadow_stack)
-            if not passes(table.materials.kind[shapes.material[body]], here, there):
+            row = shapes.material[body]
+            if not passes(table.materials.kind[row], here, there):
                 return False
+            if table.guide.scatters[here] and s.at[ORDER] + 1 < s.at[MOST]:
+                for i in range(s.spare.size):
+                    s.spare[i] = 1.0 - s.piece[i]
+                weigh_vertex(media, table.materials, here, row, s.media.along, s.spare, s.piece, s.spare)
+                for i in range(s.spare.size):
+                    s.onward[i] *= 1.0 - s.spare[i]
         near = end
         item = next_hit(shapes, x, d, near, item, distance, hit)

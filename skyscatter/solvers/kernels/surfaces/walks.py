@@ -29,6 +29,7 @@ from skyscatter.solvers.kernels.surfaces.flights import (
     ITEM,
     LAST,
     LENGTH,
+    MOST,
     NEAR,
     ORDER,
     SCALE,
@@ -174,8 +175,8 @@ def choose_end(table, hero, s):
     lossy = 0.0
     for i in range(s.lost.size):
         lossy += s.lost[i]
-    # Whether it is divided must not depend on the hero.
-    both = s.at[WHOLE] == 1 and lossy > 0.0
+    # Whether it is divided must not depend on the hero.  Later a walk that comes back would have to know more.
+    both = s.at[WHOLE] == 1 and s.at[ORDER] == 0 and lossy > 0.0
     coming = BEHIND
     if both:
         for i in range(s.event.size):
@@ -183,7 +184,7 @@ def choose_end(table, hero, s):
         coming = TURN
     else:
         row = table.shapes.material[item_body(table.shapes, s.at[ITEM])] if s.at[ITEM] >= 0 else np.int64(-1)
-        weigh_vertex(media, table.materials, m, row, s)
+        weigh_vertex(media, table.materials, m, row, s.media.along, s.lost, s.through, s.event)
         if uniform(walk.state) < s.event[hero]:
             coming = TURN
     s.far[VERTEX] = -1.0
@@ -196,12 +197,12 @@ def choose_end(table, hero, s):
 
 
 @merged
-def take_leg(table, hero, max_order, sampling, s, sums):
+def take_leg(table, hero, sampling, s, sums):
     """Gather the light of the next leg and choose its end."""
     walk = s.walk
     find_leg(table, s)
     light_end(table, sampling, s, sums)
-    scatters = table.guide.scatters[s.at[IN]] and s.at[ORDER] < max_order
+    scatters = table.guide.scatters[s.at[IN]] and s.at[ORDER] < s.at[MOST]
     coming = choose_end(table, hero, s) if scatters else BEHIND
     if table.guide.shines[s.at[IN]]:
         glow(table, s, sums)
@@ -277,7 +278,7 @@ def turn_at_surface(table, row, hero, here, there, s):
 
 
 @merged
-def meet(table, hero, max_order, sampling, s, sums):
+def meet(table, hero, sampling, s, sums):
     """What happens behind the leg; LEG, or OVER if the walk ends."""
     walk, shapes, at, hit, d = s.walk, table.shapes, s.at, s.hit, s.walk.direction
     if at[ITEM] < 0:
@@ -294,7 +295,7 @@ def meet(table, hero, max_order, sampling, s, sums):
     if passes(table.materials.kind[row], here, there):
         copy_stack(s.other_stack, s.stack)
         return LEG
-    if at[ORDER] >= max_order:
+    if at[ORDER] >= at[MOST]:
         return OVER
     facing = 1.0 if d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3] < 0.0 else -1.0
     for n in range(3):
@@ -318,16 +319,16 @@ def wander(table, max_order, sampling, s, sums):
     for i in range(wavelengths):
         walk.value[i], walk.chance[i] = 1.0, 1.0
     at[ORDER], at[LAST], at[BEFORE], at[ITEM], at[SKIP] = 0, SCATTERED, NO_AIM, -1, -1
-    at[DIVIDED], at[WHOLE] = 0, 1
+    at[DIVIDED], at[WHOLE], at[MOST] = 0, 1, max_order
     s.far[SCALE] = 1.0
     coming = LEG
     while True:
         if coming == LEG:
-            coming = take_leg(table, hero, max_order, sampling, s, sums)
+            coming = take_leg(table, hero, sampling, s, sums)
         elif coming == TURN:
             coming = scatter_at(table, hero, s)
         elif coming == BEHIND:
-            coming = meet(table, hero, max_order, sampling, s, sums)
+            coming = meet(table, hero, sampling, s, sums)
         elif at[DIVIDED] == 1:
             go_back(s)
             coming = BEHIND

@@ -1,0 +1,117 @@
+"""Light that comes straight from lamps to visibility points, by rays to the lamps.
+
+Photons that have not yet met anything bring the same light; where rays are sent, those photons are left out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.solvers.kernels.jit import entry, kernel, merged
+from skyscatter.solvers.kernels.random import start_stream, uniform
+from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
+from skyscatter.solvers.kernels.surfaces.gather import add_scattered, add_to_ray
+from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, lobe_value, pick, share_out
+from skyscatter.solvers.kernels.surfaces.media import MediaWork, make_media_work
+from skyscatter.solvers.kernels.surfaces.points import DIRECT
+from skyscatter.solvers.kernels.surfaces.shadows import reaches
+from skyscatter.solvers.kernels.surfaces.tables import PARALLEL_LAMP, POINT_LAMP, STACK, SURROUNDINGS
+
+
+class NearScratch(NamedTuple):
+    """Scratch arrays of a thread."""
+
+    media: MediaWork
+    light: np.ndarray  #: (wavelength,)
+    piece: np.ndarray  #: (wavelength,)
+    flux: np.ndarray  #: (wavelength,)
+    shadow_stack: np.ndarray  #: (STACK,) int64
+    shadow_hit: np.ndarray  #: (4,)
+    shadow_place: np.ndarray  #: (3,)
+    towards: np.ndarray  #: (3,) to the lamp
+    back: np.ndarray  #: (3,)
+    point: np.ndarray  #: (6,)
+    chance: np.ndarray  #: (lamp,)
+    state: np.ndarray  #: (1,) uint64
+
+
+def make_near_scratch(components: int, wavelengths: int, lamps: int) -> NearScratch:
+    """Scratch arrays for a scene of that size."""
+    return NearScratch(
+        make_media_work(components, wavelengths), *(np.zeros(wavelengths) for _ in range(3)),
+        np.zeros(STACK, np.int64), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6), np.zeros(lamps),
+        np.zeros(1, np.uint64),
+    )  # fmt: skip
+
+
+@merged
+def guess_in_medium(lamps, guide, x, chance):
+    """Chances to look for each lamp from a point in a medium, into `chance` (lamp,): by what would arrive in vacuum."""
+    for k in range(chance.size):
+        guess = guide.power[k]
+        if lamps.kind[k] != PARALLEL_LAMP and lamps.kind[k] != SURROUNDINGS:
+            m, a = guide.middle[k], guide.axis[k]
+            dx, dy, dz = x[0] - m[0], x[1] - m[1], x[2] - m[2]
+            square = max(dx * dx + dy * dy + dz * dz, 1e-300)
+            cosine = (a[0] * dx + a[1] * dy + a[2] * dz) / square**0.5
+            guess *= lobe_value(lamps, k, cosine) if lamps.kind[k] == POINT_LAMP else guide.typical[k]
+            guess /= max(square, guide.size[k] * guide.size[k])
+        chance[k] = guess
+    share_out(guide, chance)
+
+
+@kernel
+def fetch(table, points, p, skip, s):
+    """Irradiance of a lamp at point p across the way to it, over all chances, into ``s.flux``; False if dark."""
+    x = points.place[p]
+    k = pick(s.chance, uniform(s.state))
+    if k < 0:
+        return False
+    chance = s.chance[k]
+    distance, item, density, light = aim(
+        table.shapes, table.lamps, k, x, uniform(s.state), uniform(s.state), s.towards, s.point
+    )
+    if not light > 0.0 or not reaches(table, x, s.towards, distance, skip, item, points.stack[p], s):
+        return False
+    factor = light / (chance * (density if item >= 0 else 1.0))
+    for i in range(s.flux.size):
+        s.flux[i] = factor * table.lamps.power[k, i] * s.light[i]
+    return True
+
+
+@entry
+def light_events(table, points, seed, stream, bunch, most, s, sums, by_order):
+    """Add the light that comes straight from lamps and is scattered at points in media; see `trace_photons`."""
+    start_stream(s.state, seed, stream, 2 * bunch)
+    for p in range(points.count[0]):
+        if points.order[p] + 1 <= most:
+            guess_in_medium(table.lamps, table.guide, points.place[p], s.chance)
+            if fetch(table, points, p, np.int64(-1), s):
+                for n in range(3):
+                    s.back[n] = -s.towards[n]
+                add_scattered(table.media, points, p, s.flux, 1.0, s.back, 0, s, sums, by_order)
+
+
+@entry
+def light_surfaces(table, points, seed, stream, bunch, most, s, sums, by_order):
+    """Add the light that comes straight from lamps and is reflected at points on surfaces; see `trace_photons`."""
+    start_stream(s.state, seed, stream, 2 * bunch + 1)
+    for p in range(points.count[0]):
+        if points.order[p] + 1 > most or points.accepts[p] & DIRECT:
+            continue
+        n, e = points.normal[p], points.direction[p]
+        for k in range(3):
+            s.back[k] = -e[k]
+        side = 1.0 if n[0] * e[0] + n[1] * e[1] + n[2] * e[2] < 0.0 else -1.0
+        for k in range(3):
+            s.point[k] = side * n[k]
+        guess_at_point(table.lamps, table.guide, points.place[p], s.point, False, s.chance)
+        if fetch(table, points, p, points.item[p], s):
+            here, beyond = table.media.index[points.medium[p]], table.media.index[points.beyond[p]]
+            material = table.shapes.material[points.body[p]]
+            bsdf_value(table.materials, material, n, s.back, s.towards, here, beyond, False, s.light)
+            for i in range(s.flux.size):
+                s.light[i] *= s.flux[i]
+            add_to_ray(points, p, 1.0, s.light, 0, sums, by_order)
