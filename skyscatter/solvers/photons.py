@@ -170,7 +170,8 @@ class _Room(NamedTuple):
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            table, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events, by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
+            table, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events,
+            by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")

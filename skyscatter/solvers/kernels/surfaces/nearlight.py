@@ -14,9 +14,11 @@ from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
 from skyscatter.solvers.kernels.surfaces.gather import add_scattered, add_to_ray
 from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, lobe_value, pick, share_out
-from skyscatter.solvers.kernels.surfaces.media import MediaWork, make_media_work
+from skyscatter.solvers.kernels.surfaces.media import MediaWork, current_medium, make_media_work, transmit
 from skyscatter.solvers.kernels.surfaces.points import DIRECT
-from skyscatter.solvers.kernels.surfaces.shadows import reaches
+from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
+from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
+from skyscatter.solvers.kernels.surfaces.shapes import item_body
 from skyscatter.solvers.kernels.surfaces.tables import PARALLEL_LAMP, POINT_LAMP, STACK, SURROUNDINGS
 
 
@@ -63,6 +65,37 @@ def guess_in_medium(lamps, guide, x, chance):
 
 
 @kernel
+def shines_through(table, x, d, distance, skip, goal, stack, s):
+    """Whether light comes straight from `distance` to x, and with what transmittance, into ``s.light`` (wavelength,).
+
+    Boundaries that are no obstacle are passed as photons pass them; `goal` is the lamp's own item.
+    """
+    shapes, media, hit, place = table.shapes, table.media, s.shadow_hit, s.shadow_place
+    copy_stack(stack, s.shadow_stack)
+    for i in range(s.light.size):
+        s.light[i] = 1.0
+    near = 0.0
+    item = closest_hit(shapes, x, d, distance, skip, hit)
+    while True:
+        end = hit[0] if item >= 0 else distance
+        here = current_medium(media, s.shadow_stack)
+        if media.first[here + 1] > media.first[here]:
+            for n in range(3):
+                place[n] = x[n] + near * d[n]
+            transmit(media, here, place, d, end - near, s.media, s.piece)
+            for i in range(s.light.size):
+                s.light[i] *= s.piece[i]
+        if item < 0 or item == goal:
+            return True
+        body = item_body(shapes, item)
+        cross(shapes, body, d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3] < 0.0, s.shadow_stack)
+        if not passes(table.materials.kind[shapes.material[body]], here, current_medium(media, s.shadow_stack)):
+            return False
+        near = end
+        item = next_hit(shapes, x, d, near, item, distance, hit)
+
+
+@kernel
 def fetch(table, points, p, skip, s):
     """Irradiance of a lamp at point p across the way to it, over all chances, into ``s.flux``; False if dark."""
     x = points.place[p]
@@ -73,7 +106,7 @@ def fetch(table, points, p, skip, s):
     distance, item, density, light = aim(
         table.shapes, table.lamps, k, x, uniform(s.state), uniform(s.state), s.towards, s.point
     )
-    if not light > 0.0 or not reaches(table, x, s.towards, distance, skip, item, points.stack[p], s):
+    if not light > 0.0 or not shines_through(table, x, s.towards, distance, skip, item, points.stack[p], s):
         return False
     factor = light / (chance * (density if item >= 0 else 1.0))
     for i in range(s.flux.size):
