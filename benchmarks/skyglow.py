@@ -1,13 +1,14 @@
 """Brightness of the night sky against the distance from a city, on a round Earth, beside Walker's law.
 
 The model city-skyglow without the rest of the night sky: a point with Garstang's upward lobe, air and aerosol. Walker
-(1977, PASP 89, 405) found from sky brightness at 45 degrees from the zenith, towards cities of population P at d km, that
-their light over that of the natural sky is 0.01 P d^-2.5.
+(1977, PASP 89, 405) found from sky brightness at 45 degrees from the zenith, towards cities of population P at d km,
+that their light over that of the natural sky is 0.01 P d^-2.5.
 """
 
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ def main() -> None:
     fits = [np.polyfit(np.log(distances[inner]), np.log(light[z][inner]), 1)[0] for z in range(2)]
     steps = [
         [f"{a:g} to {b:g}", *(slopes(distances, light[z])[k] for z in range(2))]
-        for k, (a, b) in enumerate(zip(distances[:-1], distances[1:], strict=True))
+        for k, (a, b) in enumerate(pairwise(distances))
     ]
     blocks = [
         f"{given.wavelengths} wavelengths 420 to 700 nm, {given.walks} walks, {given.threads} threads, {spent:.0f} s, "

@@ -12,10 +12,11 @@ from significance import assert_agrees
 from surface_rooms import fog_medium, rays_around
 
 import skyscatter
-from skyscatter.errors import SkyscatterError
+from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.solvers.base import Answer
 from skyscatter.surfaces.lamps import AreaLamp, PointLamp, Surroundings
 from skyscatter.surfaces.materials import Dielectric, Interface, Lambert
+from skyscatter.surfaces.meshes import Mesh
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene
 from skyscatter.surfaces.shapes import Box, Plane, Rectangle, Sphere
 
@@ -170,3 +171,75 @@ def test_tiny_lamp_is_a_point() -> None:
     square = 0.3**2 + 1.0
     expected = 0.5 / np.pi * (1.0 / np.pi) / square**2
     assert_agrees(seen.radiance, expected, seen.standard_error, slack=1e-5)
+
+
+def octahedron() -> tuple[Array, NDArray[np.int64]]:
+    """Vertices, and faces with their front outside."""
+    vertices = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    return vertices, np.array(faces)
+
+
+def round_mesh(times: int) -> tuple[Array, NDArray[np.int64]]:
+    """The octahedron, every triangle cut into four so many times, its corners moved onto the unit sphere."""
+    corners = octahedron()[0][octahedron()[1]]
+    for _ in range(times):
+        a, b, c = np.moveaxis(corners, 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        corners = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    points = corners.reshape(-1, 3)
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    return points, np.arange(len(points)).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("material", [Interface(), Dielectric()])
+def test_open_mesh_cannot_bound_a_medium(material: Any) -> None:
+    vertices, faces = octahedron()
+    shape = Mesh(vertices=vertices, faces=faces[1:])
+    with pytest.raises(DomainError, match="mesh|closed|open|hole") as caught:
+        body = Body(name="pot", shape=shape, material=material, inside="fog")
+        scene = SurfaceScene(media=(AIR, fog_medium("fog", WHITE, index=1.3)), bodies=(body,), lamps=AROUND)
+        solve(scene, rays_around((0.0, 0.0, 3.0), 2))
+    assert len(str(caught.value).splitlines()) == 1
+    # As a mere surface it is welcome.
+    sheet = Body(name="pot", shape=shape, material=Lambert(albedo=1.0))
+    check_furnace(SurfaceScene(bodies=(sheet,), lamps=AROUND), rays_around((0.1, 0.1, 3.0), 6))
+
+
+def test_closed_mesh_of_glass_in_a_mesh_of_fog() -> None:
+    vertices, faces = octahedron()
+    cloud = Body(
+        name="cloud", shape=Mesh(vertices=vertices, faces=faces, scale=2.0), material=Interface(), inside="fog"
+    )
+    gem = Body(name="gem", shape=Mesh(vertices=vertices, faces=faces), material=Dielectric(), inside="ice")
+    media = (AIR, fog_medium("fog", WHITE), SurfaceMedium(name="ice", index=1.05, priority=1))
+    scene = SurfaceScene(media=media, bodies=(cloud, gem), lamps=AROUND)
+    origins = np.array([[0.02, 0.01, 4.0], [0.9, 0.3, 4.0], [0.3, -0.2, 4.0]])
+    check_furnace(scene, (origins, np.tile([0.0, 0.0, -1.0], (3, 1))), samples=128)
+
+
+def test_degenerate_mesh_as_a_lamp() -> None:
+    line = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], float)
+    with pytest.raises(DomainError) as caught:
+        shape = Mesh(vertices=line, faces=np.array([[0, 1, 2]]))
+        body = Body(name="rod", shape=shape, material=Lambert(albedo=0.0), lamp=AreaLamp(power=1.0))
+        solve(SurfaceScene(bodies=(body,)), rays_around((0.0, 0.0, 3.0), 2))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_a_million_triangles() -> None:
+    vertices, faces = round_mesh(9)
+    assert len(faces) > 2_000_000
+    ball = Body(name="ball", shape=Mesh(vertices=vertices, faces=faces), material=Lambert(albedo=0.6))
+    rng = np.random.default_rng(1)
+    directions = np.tile([0.0, 0.0, -1.0], (4000, 1))
+    origins = np.concatenate([rng.uniform(-0.9, 0.9, (4000, 2)), np.full((4000, 1), 3.0)], axis=1)
+    inside = np.hypot(*origins[:, :2].T) < 0.999
+    seen = solve(SurfaceScene(bodies=(ball,), lamps=AROUND), (origins, directions), samples=16)
+    # A convex body among even light: its albedo, everywhere.  Nothing comes through, and nothing is missed.
+    hit = seen.radiance[inside]
+    assert_agrees(hit.mean(axis=0), 0.6, np.sqrt((seen.standard_error[inside] ** 2).sum(axis=0)) / len(hit), slack=1e-3)
+    assert np.all(hit < 0.99)
+    outside = np.hypot(*origins[:, :2].T) > 1.0
+    np.testing.assert_allclose(seen.radiance[outside], 1.0, rtol=1e-12)
