@@ -196,9 +196,9 @@ def round_mesh(times: int) -> tuple[Array, NDArray[np.int64]]:
 def test_open_mesh_cannot_bound_a_medium(material: Any) -> None:
     vertices, faces = octahedron()
     shape = Mesh(vertices=vertices, faces=faces[1:])
-    with pytest.raises(DomainError, match="mesh|closed|open|hole") as caught:
-        body = Body(name="pot", shape=shape, material=material, inside="fog")
-        scene = SurfaceScene(media=(AIR, fog_medium("fog", WHITE, index=1.3)), bodies=(body,), lamps=AROUND)
+    body = Body(name="pot", shape=shape, material=material, inside="fog")
+    scene = SurfaceScene(media=(AIR, fog_medium("fog", WHITE, index=1.3)), bodies=(body,), lamps=AROUND)
+    with pytest.raises(DomainError, match=r"closed|open|hole") as caught:
         solve(scene, rays_around((0.0, 0.0, 3.0), 2))
     assert len(str(caught.value).splitlines()) == 1
     # As a mere surface it is welcome.
@@ -220,9 +220,9 @@ def test_closed_mesh_of_glass_in_a_mesh_of_fog() -> None:
 
 def test_degenerate_mesh_as_a_lamp() -> None:
     line = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], float)
-    with pytest.raises(DomainError) as caught:
-        shape = Mesh(vertices=line, faces=np.array([[0, 1, 2]]))
-        body = Body(name="rod", shape=shape, material=Lambert(albedo=0.0), lamp=AreaLamp(power=1.0))
+    shape = Mesh(vertices=line, faces=np.array([[0, 1, 2]]))
+    body = Body(name="rod", shape=shape, material=Lambert(albedo=0.0), lamp=AreaLamp(power=1.0))
+    with pytest.raises(DomainError, match=r"area|triangle") as caught:
         solve(SurfaceScene(bodies=(body,)), rays_around((0.0, 0.0, 3.0), 2))
     assert len(str(caught.value).splitlines()) == 1
 
