@@ -34,6 +34,7 @@ _HOME = {
     "Surroundings": "lamps",
     "TabulatedLobe": "lobes",
     "Viewpoint": "scene",
+    "Turned": "meshes",
     "lamp_names": "power",
     "lamp_spectrum": "power",
     "refractive_index": "indices",

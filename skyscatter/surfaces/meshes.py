@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.arrays import ArrayField, unwritten
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Point, Rectangle, Sphere, Surface, Triple
+from skyscatter.units import Metres
 
 Integers = NDArray[np.int64]
 #: Corners that are nearer to each other than this share of the mesh's size are one.
@@ -30,7 +31,96 @@ class Triangles(NamedTuple):
     dropped: int  #: triangles without an area, left out
 
 
-class Mesh(Surface):
+class Faceted(Surface):
+    """What all surfaces of flat triangles share."""
+
+    scale: float = 1.0
+    position: Point = (0.0, 0.0, 0.0)
+    axis: Triple = (0.0, 0.0, 1.0)
+    turn_deg: float = 0.0
+    inside_out: bool = False
+
+    @model_validator(mode="after")
+    def _check_place(self) -> Self:
+        if not self.scale > 0:
+            raise DomainError("scale", self.scale, "must be above 0")
+        if not np.linalg.norm(self.axis) > 0:
+            raise DomainError("axis", self.axis, "must point somewhere: one of its numbers is not 0")
+        return self
+
+    @property
+    def _name(self) -> str:
+        """How errors call it."""
+        return self.kind
+
+    def _made(self) -> tuple[Array, Integers]:
+        """Vertices (vertex, 3) and faces (triangle, 3), wound anticlockwise as seen from the front."""
+        raise NotImplementedError
+
+    @property
+    def _raw(self) -> tuple[Array, Integers]:
+        """Vertices and faces before they are put in their place."""
+        vertices, faces = self._made()
+        return vertices, faces[:, ::-1] if self.inside_out else faces
+
+    @cached_property
+    def _placed(self) -> tuple[Array, Integers]:
+        """Vertices where they stand, each place once, and faces with three different ones."""
+        vertices, faces = self._raw
+        vertices, rows = weld(vertices)
+        faces = rows[faces]
+        a, b, c = faces.T
+        placed = self.scale * vertices @ axis_rotation(self.axis, self.turn_deg).T + np.array(self.position)
+        return placed, faces[(a != b) & (b != c) & (c != a)]
+
+    @cached_property
+    def triangles(self) -> Triangles:
+        """The mesh as kernels see it."""
+        places, faces = self._placed
+        corners = places[faces]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(cross, axis=1)
+        whole = length > 0
+        dropped = len(self._raw[1]) - int(whole.sum())
+        if not whole.any():
+            raise DomainError(self._name, dropped, "none of its triangles has an area")
+        return Triangles(corners[whole], cross[whole] / length[whole, None], dropped)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        corners = self.triangles.corners.reshape(-1, 3)
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def check_volume(self) -> None:
+        """Refuse a mesh that holds no volume: open, wound both ways, or inside out.
+
+        Raises
+        ------
+        DomainError
+        """
+        places, faces = self._placed
+        name = self._name
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        forward = edges[:, 0] < edges[:, 1]
+        keys = np.where(forward, edges[:, 0] * len(places) + edges[:, 1], edges[:, 1] * len(places) + edges[:, 0])
+        _, place, uses = np.unique(keys, return_inverse=True, return_counts=True)
+        balance = np.bincount(place, np.where(forward, 1, -1))
+        single, twisted = int((uses % 2 == 1).sum()), int(((uses % 2 == 0) & (balance != 0)).sum())
+        if single:
+            remedy = "close them (for instance by trimesh.repair.fill_holes), or put no medium inside"
+            raise DomainError(name, f"{single} open edges", f"a mesh around a medium must be closed: {remedy}")
+        if twisted:
+            remedy = "wind them alike (for instance by trimesh.repair.fix_winding)"
+            raise DomainError(name, f"{twisted} edges between triangles wound against each other", remedy)
+        corners = places[faces] - places.mean(axis=0)
+        if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) <= 0:
+            raise DomainError(
+                name, "inside out", "its triangles are wound clockwise as seen from outside: set inside_out = true"
+            )
+
+
+class Mesh(Faceted):
     """A surface of flat triangles.
 
     Give `vertices` and `faces`, or a `file` that trimesh can read (STL, OBJ, PLY, GLB, OFF; materials and textures in
@@ -61,11 +151,6 @@ class Mesh(Surface):
     vertices: ArrayField | None = None
     faces: ArrayField | None = None
     file: str | None = None
-    scale: float = 1.0
-    position: Point = (0.0, 0.0, 0.0)
-    axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: float = 0.0
-    inside_out: bool = False
 
     @model_validator(mode="before")
     @classmethod
@@ -79,84 +164,72 @@ class Mesh(Surface):
     def _check(self) -> Mesh:
         if (self.file is None) == (self.vertices is None) or (self.vertices is None) != (self.faces is None):
             raise DomainError("mesh", self.file, "give either a file, or vertices and faces")
-        if not self.scale > 0:
-            raise DomainError("scale", self.scale, "must be above 0")
-        if not np.linalg.norm(self.axis) > 0:
-            raise DomainError("axis", self.axis, "must point somewhere: one of its numbers is not 0")
         if self.vertices is not None and self.faces is not None:
             _check_arrays(self.vertices.array, self.faces.array)
         return self
 
     @property
-    def _raw(self) -> tuple[Array, Integers]:
-        """Vertices and faces as they were given."""
+    def _name(self) -> str:
+        return "mesh" if self.file is None else f"mesh {self.file}"
+
+    def _made(self) -> tuple[Array, Integers]:
         if self.file is not None:
-            vertices, faces = _read(*_stamp(self.file))
-        else:
-            assert self.vertices is not None
-            assert self.faces is not None
-            vertices, faces = self.vertices.array.astype(float), self.faces.array.astype(np.int64)
-        return vertices, faces[:, ::-1] if self.inside_out else faces
+            return _read(*_stamp(self.file))
+        assert self.vertices is not None
+        assert self.faces is not None
+        return self.vertices.array.astype(float), self.faces.array.astype(np.int64)
 
-    @cached_property
-    def _placed(self) -> tuple[Array, Integers]:
-        """Vertices where they stand, each place once, and faces with three different ones."""
-        vertices, faces = self._raw
-        vertices, rows = weld(vertices)
-        faces = rows[faces]
-        a, b, c = faces.T
-        placed = self.scale * vertices @ axis_rotation(self.axis, self.turn_deg).T + np.array(self.position)
-        return placed, faces[(a != b) & (b != c) & (c != a)]
 
-    @cached_property
-    def triangles(self) -> Triangles:
-        """The mesh as kernels see it."""
-        places, faces = self._placed
-        corners = places[faces]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        length = np.linalg.norm(cross, axis=1)
-        whole = length > 0
-        dropped = len(self._raw[1]) - int(whole.sum())
-        if not whole.any():
-            raise DomainError("mesh", self.file, "none of its triangles has an area")
-        return Triangles(corners[whole], cross[whole] / length[whole, None], dropped)
+class Turned(Faceted):
+    """A body turned on a lathe: a profile that goes once around the z axis.
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """See `Surface`."""
-        corners = self.triangles.corners.reshape(-1, 3)
-        return corners.min(axis=0), corners.max(axis=0)
+    A profile that begins and ends on the axis closes the body, and with it a medium.  Its front is to the right of the
+    profile's course (radius to the right, height up): from the bottom to the top it points outwards.
 
-    def check_volume(self) -> None:
-        """Refuse a mesh that holds no volume: open, wound both ways, or inside out.
+    Parameters
+    ----------
+    profile : pairs of lengths
+        Radius and height [m] of the corners, one after the other, before `scale`.
+    segments : int
+        Flat facets on the way around; the corners lie on the round body, which is larger by 1.6 / segments^2 of its
+        radius in the mean.
+    scale, position, axis, turn_deg, inside_out
+        See `Mesh`.
+    """
 
-        Raises
-        ------
-        DomainError
-        """
-        places, faces = self._placed
-        name = "mesh" if self.file is None else f"mesh {self.file}"
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        forward = edges[:, 0] < edges[:, 1]
-        keys = np.where(forward, edges[:, 0] * len(places) + edges[:, 1], edges[:, 1] * len(places) + edges[:, 0])
-        _, place, uses = np.unique(keys, return_inverse=True, return_counts=True)
-        balance = np.bincount(place, np.where(forward, 1, -1))
-        single, twisted = int((uses % 2 == 1).sum()), int(((uses % 2 == 0) & (balance != 0)).sum())
-        if single:
-            remedy = "close them (for instance by trimesh.repair.fill_holes), or put no medium inside"
-            raise DomainError(name, f"{single} open edges", f"a mesh around a medium must be closed: {remedy}")
-        if twisted:
-            remedy = "wind them alike (for instance by trimesh.repair.fix_winding)"
-            raise DomainError(name, f"{twisted} edges between triangles wound against each other", remedy)
-        corners = places[faces] - places.mean(axis=0)
-        if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) <= 0:
-            raise DomainError(
-                name, "inside out", "its triangles are wound clockwise as seen from outside: set inside_out = true"
-            )
+    kind: Literal["turned"] = "turned"
+    profile: tuple[tuple[Metres, Metres], ...]
+    segments: Annotated[int, Field(ge=3, le=65536)] = 256
+
+    @model_validator(mode="after")
+    def _check(self) -> Turned:
+        if len(self.profile) < 2:
+            raise DomainError("profile", len(self.profile), "needs two corners at least")
+        for radius, _ in self.profile:
+            if radius < 0:
+                raise DomainError("profile", radius, "a radius is never negative")
+        return self
+
+    def _made(self) -> tuple[Array, Integers]:
+        radius, height = np.array(self.profile).T
+        angle = 2 * np.pi * np.arange(self.segments) / self.segments
+        around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        vertices = np.empty((len(radius), self.segments, 3))
+        vertices[..., :2] = radius[:, None, None] * around
+        vertices[..., 2] = height[:, None]
+        here = np.arange(self.segments)
+        onward = (here + 1) % self.segments
+        faces = []
+        for k in range(len(radius) - 1):
+            low, high = k * self.segments, (k + 1) * self.segments
+            # Corners on the axis fall into one: their triangles have no area and are left out.
+            faces += [np.stack([low + here, low + onward, high + here], axis=-1)] if radius[k] > 0 else []
+            faces += [np.stack([low + onward, high + onward, high + here], axis=-1)] if radius[k + 1] > 0 else []
+        return vertices.reshape(-1, 3), np.concatenate(faces).astype(np.int64)
 
 
 #: Any shape, by its kind.
-Shape = Sphere | Plane | Rectangle | Box | Disk | Mesh
+Shape = Sphere | Plane | Rectangle | Box | Disk | Mesh | Turned
 AnyShape = Annotated[Shape, Field(discriminator="kind")]
 
 

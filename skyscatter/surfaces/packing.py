@@ -14,7 +14,7 @@ from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
 from skyscatter.surfaces.facets import NODES, kept_table
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
-from skyscatter.surfaces.meshes import Mesh
+from skyscatter.surfaces.meshes import Faceted
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ def pack_shapes(bodies: Sequence[tuple[Any, int, int, int]], materials: Sequence
     for body, (shape, _, inside, _) in enumerate(bodies):
         if inside >= 0:
             shape.check_volume()
-        if isinstance(shape, Mesh):
+        if isinstance(shape, Faceted):
             mesh = shape.triangles
             triangles.append(np.concatenate([mesh.corners.reshape(-1, 9), mesh.normals], axis=1))
             triangle_owners.append(np.full(len(mesh.normals), body))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal, localcontext
 from typing import Any, get_args
 
@@ -25,7 +26,7 @@ from skyscatter.media.shapes import axis_rotation
 from skyscatter.solvers.kernels.surfaces.tables import STACK
 from skyscatter.surfaces import packing
 from skyscatter.surfaces.materials import Interface, Lambert
-from skyscatter.surfaces.meshes import Mesh, Shape
+from skyscatter.surfaces.meshes import Mesh, Shape, Turned
 from skyscatter.surfaces.packing import body_items, bounding_sphere, pack_shapes, starting_stack
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 
@@ -157,6 +158,28 @@ class TestMesh(ShapeContract):
             normal = np.cross(self.corners[b] - self.corners[a], self.corners[c] - self.corners[a])
             heights.append((local - self.corners[a]) @ normal / np.linalg.norm(normal))
         return np.max(heights, axis=0)
+
+
+class TestTurned(ShapeContract):
+    """A double cone of twelve facets, whose own area and planes are known."""
+
+    sides, radius, low, high = 12, 0.8, -0.5, 0.7
+    shape = Turned(
+        profile=((0.0, low), (radius, 0.0), (0.0, high)), segments=sides, position=(0.2, -0.1, 0.3),
+        axis=(0.3, -0.2, 1.0), turn_deg=10.0,
+    )  # fmt: skip
+    lengths = ("scale", "position")
+    inner = radius * math.cos(math.pi / sides)
+    area = sides * radius * math.sin(math.pi / sides) * (math.hypot(inner, low) + math.hypot(inner, high))
+
+    def residual(self, points: Array) -> Array:
+        local = (points - np.array(self.shape.position)) @ axis_rotation(self.shape.axis, self.shape.turn_deg)
+        middle = 2 * np.pi * (np.arange(self.sides) + 0.5) / self.sides
+        out = local[:, :1] * np.cos(middle) + local[:, 1:2] * np.sin(middle) - self.inner
+        up = local[:, 2:]
+        high = (out * self.high + up * self.inner) / math.hypot(self.inner, self.high)
+        low = (-out * self.low - up * self.inner) / math.hypot(self.inner, self.low)
+        return np.maximum(high, low).max(axis=1)
 
 
 class TestMeshWithTree(ShapeContract):
@@ -479,9 +502,21 @@ def test_lists_of_a_table() -> None:
         (lambda: Mesh(vertices=[[0, 0, np.nan]] * 3, faces=[[0, 1, 2]]), "finite"),
         (lambda: Mesh(vertices=np.eye(3), faces=[[0, 1, 2]], scale=-1.0), "scale"),
         (lambda: Mesh(file="/nowhere/a.stl").triangles, "cannot be read"),
+        (lambda: Turned(profile=((0.0, 0.0),)), "two corners"),
+        (lambda: Turned(profile=((0.0, 0.0), (-1.0, 1.0))), "never negative"),
     ],
 )
 def test_refuses(make: Any, word: str) -> None:
     """One line that names the field and the remedy."""
     with pytest.raises((ValueError, OSError), match=word):
         make()
+
+
+def test_a_turned_glass_is_closed_and_an_open_one_holds_no_medium() -> None:
+    glass = ((0.0, 0.0), (0.03, 0.0), (0.035, 0.1), (0.033, 0.1), (0.028, 0.003), (0.0, 0.003))
+    table = pack(Turned(profile=glass, segments=64), inside=1)
+    assert len(table.triangle) == 2 * 64 * 4
+    for x, inside in (((0.0, 0.0, 0.001), True), ((0.0, 0.0, 0.05), False), ((0.031, 0.0, 0.05), True)):
+        assert (packing.starting_stack(table, np.array(x))[0] == 1) == inside, x
+    with pytest.raises(DomainError, match="open edges"):
+        pack(Turned(profile=glass[1:]), inside=1)
