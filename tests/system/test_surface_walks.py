@@ -88,7 +88,8 @@ def test_furnace_through_nested_media():
     for place, index in (((0.1, 0.0, 0.0), 1.33), ((0.62, 0.0, 0.0), 1.5), ((2.0, 0.0, 0.0), 1.0)):
         towards = -np.array(place) / np.linalg.norm(place)
         answer = look(scene, place, towards, samples=4096)
-        assert_agrees(answer.radiance, index**2, answer.standard_error)
+        # Seen straight through there is nothing left to chance but the last digits.
+        assert_agrees(answer.radiance, index**2, answer.standard_error, slack=1e-9)
         assert np.all(answer.standard_error < 0.05 * index**2)
 
 
