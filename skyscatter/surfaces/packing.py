@@ -12,12 +12,20 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.kernels.surfaces import tables
 from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
+from skyscatter.surfaces.facets import NODES, kept_table
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
+from skyscatter.surfaces.meshes import Mesh
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _PARAMETERS = 16
+#: So many bounded items, and more, are put into a tree: fewer are tested faster one by one.
+TREE_FROM = 8
+#: Rounding of a shape's bounds, relative to its coordinates.
+_ROUNDING = 1e-14
+#: Length [m] that is nothing, but not 0.
+_TINY = 1e-200
 
 
 def _row(shape: Any) -> tuple[int, list[Any]]:
@@ -37,6 +45,39 @@ def _row(shape: Any) -> tuple[int, list[Any]]:
     raise TypeError(f"no shape: {type(shape).__name__}")
 
 
+def _boxes(rows: list[tuple[Array, Array]], corners: Array) -> Array:
+    """Bounds of all items (item, 6), a rounding error wider.
+
+    Wider they are also where a bound is 0: a ray that runs within the face of a box then is inside of it.
+    """
+    boxes = np.concatenate(
+        [
+            np.array([np.concatenate(row) for row in rows]).reshape(-1, 6),
+            np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1),
+        ]
+    )
+    with np.errstate(invalid="ignore"):
+        reach = _ROUNDING * np.maximum(np.abs(boxes[:, :3]), np.abs(boxes[:, 3:])) + _TINY
+    boxes[:, :3] -= reach
+    boxes[:, 3:] += reach
+    return boxes
+
+
+def _plant(boxes: Array) -> tuple[Integers, Array, Integers, Integers]:
+    """Loose items, and the tree over all others: (loose, node_box, node_link, order)."""
+    bounded = np.isfinite(boxes).all(axis=1)
+    if bounded.sum() < TREE_FROM:
+        return np.arange(len(boxes)), np.zeros((0, 6)), np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
+    from skyscatter.solvers.kernels.surfaces import tree
+
+    items = np.flatnonzero(bounded)
+    order = np.arange(items.size)
+    node_box, node_link = np.zeros((2 * items.size + 2, 6)), np.zeros((2 * items.size + 2, 2), np.int64)
+    scratch = np.zeros((128, 4), np.int64), np.zeros((tree.BINS, 7)), np.zeros(tree.BINS), np.zeros(6)
+    used = tree.build_tree(np.ascontiguousarray(boxes[items]), order, node_box, node_link, *scratch)
+    return np.flatnonzero(~bounded), node_box[:used].copy(), node_link[:used].copy(), items[order]
+
+
 def pack_shapes(bodies: Sequence[tuple[Any, int, int, int]], materials: Sequence[Any]) -> ShapeTable:
     """The table of everything that rays can meet.
 
@@ -51,12 +92,18 @@ def pack_shapes(bodies: Sequence[tuple[Any, int, int, int]], materials: Sequence
     Raises
     ------
     DomainError
-        If a medium is to be inside of a shape that holds no volume.
+        If a medium is to be inside of a shape that holds no volume, or of a mesh that is not closed.
     """
-    kinds, rows, owners = [], [], []
+    kinds, rows, owners, bounds = [], [], [], []
+    triangles, triangle_owners = [np.zeros((0, 12))], [np.zeros(0, np.int64)]
     for body, (shape, _, inside, _) in enumerate(bodies):
-        if inside >= 0 and not shape.holds_volume:
-            raise DomainError("inside", inside, f"a {shape.kind} holds no volume: give a sphere, box, plane or mesh")
+        if inside >= 0:
+            shape.check_volume()
+        if isinstance(shape, Mesh):
+            mesh = shape.triangles
+            triangles.append(np.concatenate([mesh.corners.reshape(-1, 9), mesh.normals], axis=1))
+            triangle_owners.append(np.full(len(mesh.normals), body))
+            continue
         kind, parts = _row(shape)
         row = np.zeros(_PARAMETERS)
         values = np.concatenate([np.asarray(part, float).ravel() for part in parts])
@@ -64,18 +111,21 @@ def pack_shapes(bodies: Sequence[tuple[Any, int, int, int]], materials: Sequence
         kinds.append(kind)
         rows.append(row)
         owners.append(body)
+        bounds.append(shape.bounds)
+    triangle = np.concatenate(triangles)
+    loose, node_box, node_link, order = _plant(_boxes(bounds, triangle[:, :9].reshape(-1, 3, 3)))
     numbers = np.array([numbers for _, *numbers in bodies], np.int64).reshape(-1, 3)
     thin = np.array([isinstance(materials[m], Interface) for m in numbers[:, 0]], bool)
     return ShapeTable(
         kind=np.array(kinds, np.int64),
         parameters=np.array(rows).reshape(-1, _PARAMETERS),
         shape_body=np.array(owners, np.int64),
-        triangle=np.zeros((0, 12)),
-        triangle_body=np.zeros(0, np.int64),
-        loose=np.arange(len(kinds), dtype=np.int64),
-        node_box=np.zeros((0, 6)),
-        node_link=np.zeros((0, 2), np.int64),
-        order=np.zeros(0, np.int64),
+        triangle=triangle,
+        triangle_body=np.concatenate(triangle_owners),
+        loose=loose,
+        node_box=node_box,
+        node_link=node_link,
+        order=order,
         material=np.ascontiguousarray(numbers[:, 0]),
         inside=np.ascontiguousarray(numbers[:, 1]),
         lamp=np.ascontiguousarray(numbers[:, 2]),
@@ -97,6 +147,7 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     count = len(materials)
     kind, roughness = np.zeros(count, np.int64), np.zeros(count)
     reflectance, index, absorption = np.zeros((3, count, wl.size))
+    kept, kept_mean = np.ones((count, NODES)), np.ones(count)
     for k, material in enumerate(materials):
         if isinstance(material, Interface):
             kind[k] = tables.INTERFACE
@@ -109,9 +160,10 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
         elif isinstance(material, Conductor):
             kind[k], roughness[k] = tables.CONDUCTOR, material.roughness
             index[k], absorption[k] = material.index(wl)
+            kept[k], kept_mean[k] = kept_table(material.roughness)
         else:
             raise TypeError(f"no material: {type(material).__name__}")
-    return MaterialTable(kind, roughness, reflectance, index, absorption)
+    return MaterialTable(kind, roughness, reflectance, index, absorption, kept, kept_mean)
 
 
 def body_items(shapes: ShapeTable, body: int) -> Integers:

@@ -6,11 +6,11 @@ Spheres, boxes and closed meshes hold a volume, a plane bounds a half space; rec
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.media.shapes import axis_rotation
@@ -35,6 +35,12 @@ class Surface(Record):
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest corner (3,) [m] of a box around it; infinite for a plane."""
         raise NotImplementedError
+
+    def check_volume(self) -> None:
+        """Refuse a shape that holds no volume: no medium can be inside of it."""
+        if not self.holds_volume:
+            kind = type(self).__name__.lower()
+            raise DomainError("inside", kind, "holds no volume: give a sphere, a box, a plane or a closed mesh")
 
 
 def _unit(name: str, vector: Triple) -> Array:
@@ -272,6 +278,3 @@ class Disk(Surface):
         """See `Surface`."""
         reach = self.radius * np.sqrt(np.maximum(1.0 - self.unit_normal**2, 0.0))
         return np.array(self.position) - reach, np.array(self.position) + reach
-
-
-AnyShape = Annotated[Sphere | Plane | Rectangle | Box | Disk, Field(discriminator="kind")]

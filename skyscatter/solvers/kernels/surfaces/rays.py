@@ -21,6 +21,10 @@ from skyscatter.solvers.kernels.surfaces.shapes import (
     triangle_distance,
 )
 from skyscatter.solvers.kernels.surfaces.tables import PLANE, STACK
+from skyscatter.solvers.kernels.surfaces.tree import inverse, next_leaf
+
+#: What `shear_of` gives stands here where there is no triangle.
+NO_SHEAR = (np.int64(0), np.int64(1), np.int64(2), 0.0, 0.0, 1.0)
 
 
 @inlined
@@ -34,13 +38,25 @@ def item_distance(kind, parameters, triangle, item, x, d, shear, near, last, ski
 @kernel
 def nearest(kind, parameters, triangle, loose, node_box, node_link, order, x, d, near, last, far, skip, hit):
     """First crossing after (`near`, `last`) and before `far`; of crossings at one distance that of the lowest item."""
-    shear = shear_of(d)
+    shear = shear_of(d) if triangle.shape[0] > 0 else NO_SHEAR
+    ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
     best, found = far, np.int64(-1)
-    for k in range(loose.size):
-        item = loose[k]
-        t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
-        if t < best or (t == best and item < found):
-            best, found = t, item
+    # Runs of items: first the loose ones, then leaf after leaf.
+    node, trail = np.int64(-1), np.uint64(0)
+    first, stop = np.int64(0), np.int64(loose.size)
+    while True:
+        for k in range(first, stop):
+            item = order[k] if node >= 0 else loose[k]
+            t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
+            if t < best or (t == best and item < found):
+                best, found = t, item
+        if order.size == 0:
+            break
+        node, trail = next_leaf(node, trail, node_box, node_link, x, ix, iy, iz, near, best)
+        if node < 0:
+            break
+        first = -1 - node_link[node, 0]
+        stop = first + (node_link[node, 1] & 15)
     if found >= 0:
         set_hit(kind, parameters, triangle, found, best, x, d, hit)
     return found
@@ -82,18 +98,36 @@ def next_hit(shapes, x, d, near, last, far, hit):
     )  # fmt: skip
 
 
+@inlined
+def stops(shapes, item, x, d, shear, far, skip, skip_far):
+    """Whether an item that is no INTERFACE lies before `far`."""
+    if item == skip_far or shapes.thin[item_body(shapes, item)]:
+        return False
+    t = item_distance(
+        shapes.kind, shapes.parameters, shapes.triangle, item, x, d, shear, 0.0, NO_MORE, skip
+    )  # fmt: skip
+    return t < far
+
+
 @kernel
 def obstructed(shapes, x, d, far, skip, skip_far):
     """See `blocked`."""
-    kind, parameters, triangle = shapes.kind, shapes.parameters, shapes.triangle
-    shear = shear_of(d)
-    for k in range(shapes.loose.size):
-        item = shapes.loose[k]
-        if item != skip_far and not shapes.thin[item_body(shapes, item)]:
-            t = item_distance(kind, parameters, triangle, item, x, d, shear, 0.0, NO_MORE, skip)
-            if t < far:
+    shear = shear_of(d) if shapes.triangle.shape[0] > 0 else NO_SHEAR
+    ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
+    node, trail = np.int64(-1), np.uint64(0)
+    first, stop = np.int64(0), np.int64(shapes.loose.size)
+    while True:
+        for k in range(first, stop):
+            item = shapes.order[k] if node >= 0 else shapes.loose[k]
+            if stops(shapes, item, x, d, shear, far, skip, skip_far):
                 return True
-    return False
+        if shapes.order.size == 0:
+            return False
+        node, trail = next_leaf(node, trail, shapes.node_box, shapes.node_link, x, ix, iy, iz, 0.0, far)
+        if node < 0:
+            return False
+        first = -1 - shapes.node_link[node, 0]
+        stop = first + (shapes.node_link[node, 1] & 15)
 
 
 @inlined

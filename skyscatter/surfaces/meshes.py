@@ -1,0 +1,218 @@
+"""Triangle meshes: from arrays or from files."""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.media.arrays import ArrayField, unwritten
+from skyscatter.media.shapes import axis_rotation
+from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Point, Rectangle, Sphere, Surface, Triple
+
+Integers = NDArray[np.int64]
+#: Corners that are nearer to each other than this share of the mesh's size are one.
+WELD = 1e-9
+#: Formats of files, by their endings.
+FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")
+
+
+class Triangles(NamedTuple):
+    """A mesh where it stands in the scene."""
+
+    corners: Array  #: (triangle, 3, 3) [m]; corners that triangles share agree to the last bit
+    normals: Array  #: (triangle, 3) unit normals, to the side from which the corners run anticlockwise
+    dropped: int  #: triangles without an area, left out
+
+
+class Mesh(Surface):
+    """A surface of flat triangles.
+
+    Give `vertices` and `faces`, or a `file` that trimesh can read (STL, OBJ, PLY, GLB, OFF; materials and textures in
+    it are left aside).  Its front is where the corners run anticlockwise.  Corners that are nearer to each other than a
+    billionth of the mesh's size are one; triangles without an area are left out.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (vertex, 3)
+        Before `scale` [m].
+    faces : array_like of int, shape (triangle, 3)
+        Rows of `vertices`, counted from 0.
+    file : str
+    scale : float
+        Factor for all lengths of the file or of `vertices`: 0.001 for a file in millimetres.
+    position : three lengths
+        Where its origin is put [m].
+    axis : three numbers
+        Direction that its own z axis takes, of any length; x and y follow on the shortest way (for the opposite of z:
+        about x).
+    turn_deg : float
+        Rotation about its own z axis before that.
+    inside_out : bool
+        Take the back of the triangles for their front.
+    """
+
+    kind: Literal["mesh"] = "mesh"
+    vertices: ArrayField | None = None
+    faces: ArrayField | None = None
+    file: str | None = None
+    scale: float = 1.0
+    position: Point = (0.0, 0.0, 0.0)
+    axis: Triple = (0.0, 0.0, 1.0)
+    turn_deg: float = 0.0
+    inside_out: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _whole(cls, data: object) -> object:
+        for name in ("vertices", "faces"):
+            if isinstance(data, dict) and unwritten(data.get(name)):
+                raise DomainError(name, data[name], "too large to be written with the model; save the mesh to a file")
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> Mesh:
+        if (self.file is None) == (self.vertices is None) or (self.vertices is None) != (self.faces is None):
+            raise DomainError("mesh", self.file, "give either a file, or vertices and faces")
+        if not self.scale > 0:
+            raise DomainError("scale", self.scale, "must be above 0")
+        if not np.linalg.norm(self.axis) > 0:
+            raise DomainError("axis", self.axis, "must point somewhere: one of its numbers is not 0")
+        if self.vertices is not None and self.faces is not None:
+            _check_arrays(self.vertices.array, self.faces.array)
+        return self
+
+    @property
+    def _raw(self) -> tuple[Array, Integers]:
+        """Vertices and faces as they were given."""
+        if self.file is not None:
+            vertices, faces = _read(*_stamp(self.file))
+        else:
+            assert self.vertices is not None
+            assert self.faces is not None
+            vertices, faces = self.vertices.array.astype(float), self.faces.array.astype(np.int64)
+        return vertices, faces[:, ::-1] if self.inside_out else faces
+
+    @cached_property
+    def _placed(self) -> tuple[Array, Integers]:
+        """Vertices where they stand, each place once, and faces with three different ones."""
+        vertices, faces = self._raw
+        vertices, rows = weld(vertices)
+        faces = rows[faces]
+        a, b, c = faces.T
+        placed = self.scale * vertices @ axis_rotation(self.axis, self.turn_deg).T + np.array(self.position)
+        return placed, faces[(a != b) & (b != c) & (c != a)]
+
+    @cached_property
+    def triangles(self) -> Triangles:
+        """The mesh as kernels see it."""
+        places, faces = self._placed
+        corners = places[faces]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(cross, axis=1)
+        whole = length > 0
+        dropped = len(self._raw[1]) - int(whole.sum())
+        if not whole.any():
+            raise DomainError("mesh", self.file, "none of its triangles has an area")
+        return Triangles(corners[whole], cross[whole] / length[whole, None], dropped)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """See `Surface`."""
+        corners = self.triangles.corners.reshape(-1, 3)
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def check_volume(self) -> None:
+        """Refuse a mesh that holds no volume: open, wound both ways, or inside out.
+
+        Raises
+        ------
+        DomainError
+        """
+        places, faces = self._placed
+        name = "mesh" if self.file is None else f"mesh {self.file}"
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        forward = edges[:, 0] < edges[:, 1]
+        keys = np.where(forward, edges[:, 0] * len(places) + edges[:, 1], edges[:, 1] * len(places) + edges[:, 0])
+        _, place, uses = np.unique(keys, return_inverse=True, return_counts=True)
+        balance = np.bincount(place, np.where(forward, 1, -1))
+        single, twisted = int((uses % 2 == 1).sum()), int(((uses % 2 == 0) & (balance != 0)).sum())
+        if single:
+            remedy = "close them (for instance by trimesh.repair.fill_holes), or put no medium inside"
+            raise DomainError(name, f"{single} open edges", f"a mesh around a medium must be closed: {remedy}")
+        if twisted:
+            remedy = "wind them alike (for instance by trimesh.repair.fix_winding)"
+            raise DomainError(name, f"{twisted} edges between triangles wound against each other", remedy)
+        corners = places[faces] - places.mean(axis=0)
+        if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) <= 0:
+            raise DomainError(
+                name, "inside out", "its triangles are wound clockwise as seen from outside: set inside_out = true"
+            )
+
+
+#: Any shape, by its kind.
+Shape = Sphere | Plane | Rectangle | Box | Disk | Mesh
+AnyShape = Annotated[Shape, Field(discriminator="kind")]
+
+
+def weld(vertices: Array) -> tuple[Array, Integers]:
+    """Vertices without repetitions, and the new row of every old one.
+
+    Files repeat corners that triangles share, and programs compute the same corner twice with different rounding: what
+    falls into one cell of a grid of `WELD` of the size is one.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    cell = max(float((high - low).max()) * WELD, 1e-300)
+    grid = np.round((vertices - low) / cell).astype(np.int64)
+    # Sorting one hash is ten times faster than sorting rows; a collision would show.
+    key = grid.astype(np.uint64) @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    _, first, rows = np.unique(key, return_index=True, return_inverse=True)
+    if (grid[first[rows]] != grid).any():
+        _, first, rows = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+    return vertices[first], rows.reshape(-1)
+
+
+def _check_arrays(vertices: NDArray[np.generic], faces: NDArray[np.generic]) -> None:
+    """Refuse what is no mesh."""
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise DomainError("vertices", f"shape {vertices.shape}", "must have the shape (vertex, 3)")
+    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+        raise DomainError("faces", f"shape {faces.shape}", "must have the shape (triangle, 3), with at least one")
+    values = vertices.astype(float)
+    if not np.isfinite(values).all():
+        raise DomainError("vertices", float(values[~np.isfinite(values)][0]), "must be finite numbers")
+    rows = faces.astype(float)
+    known = np.isfinite(rows) & (rows >= 0) & (rows < len(vertices)) & (rows == np.floor(rows))
+    if not known.all():
+        raise DomainError("faces", float(rows[~known][0]), f"must be whole numbers from 0 to {len(vertices) - 1}")
+
+
+def _stamp(path: str) -> tuple[str, int]:
+    """The path and the time of its last change, so that a file that was written anew is read anew."""
+    try:
+        return path, Path(path).stat().st_mtime_ns
+    except OSError as error:
+        raise MissingDataError(path, f"cannot be read ({error.strerror or error}); check the path") from error
+
+
+@lru_cache(maxsize=8)
+def _read(path: str, _: int) -> tuple[Array, Integers]:
+    """Vertices and faces of a file."""
+    import trimesh
+
+    if Path(path).suffix.lower() not in FORMATS:
+        raise MissingDataError(path, f"not a mesh that can be read; give one of {', '.join(FORMATS)}")
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
+    except Exception as error:  # trimesh's readers raise whatever their parsing meets
+        raise MissingDataError(path, f"not a mesh that can be read ({error})") from error
+    if len(faces) == 0:
+        raise MissingDataError(path, "has no triangles")
+    _check_arrays(vertices, faces)
+    return vertices, faces
