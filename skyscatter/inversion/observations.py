@@ -110,7 +110,7 @@ def central_differences(predict: Callable[[Array], Prediction], z: Array, steps:
 
 def model_of(subject: Subject, planet: bool, kind: str) -> Any:
     """The subject's model, which must be that of a planet for data of its sky, and of a nebula for a nebula's."""
-    if hasattr(subject.model, "planet") != planet:
+    if subject.model.command != ("sky" if planet else "nebula"):
         sort = "a planet" if planet else "a nebula"
         raise DomainError("model", subject.model.name, f"the data are {kind}; give the model of {sort}")
     return subject.model

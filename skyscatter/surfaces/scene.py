@@ -16,7 +16,7 @@ from skyscatter.record import Record, nearest
 from skyscatter.surfaces.indices import Index, check_index
 from skyscatter.surfaces.lamps import AnyLamp, AreaLamp, Place, Triple
 from skyscatter.surfaces.materials import AnyMaterial
-from skyscatter.surfaces.shapes import AnyShape
+from skyscatter.surfaces.meshes import AnyShape
 
 Array = NDArray[np.float64]
 

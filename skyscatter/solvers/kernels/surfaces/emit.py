@@ -72,7 +72,7 @@ def start_on_disk(lamps, walk, u, v):
 
 @merged
 def emit_photon(scene, e, count, s):
-    """Start one of `count` photons with the even numbers `e`; its lamp (-1 without any), and the item that it leaves."""
+    """Start one of `count` photons with the even numbers `e`; its lamp, -1 without any, and the item it leaves."""
     lamps, walk = scene.lamps, s.walk
     x, d = walk.position, walk.direction
     k, rest = -1, e[0]

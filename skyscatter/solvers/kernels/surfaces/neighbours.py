@@ -111,9 +111,7 @@ def list_entries(place, reach, low, inverse, cells, start, listed):
 @inlined
 def cell_at(grid, x, y, z):
     """Number of the cell in which a point lies, -1 outside of the grid."""
-    if not (
-        grid.low[0] <= x < grid.high[0] and grid.low[1] <= y < grid.high[1] and grid.low[2] <= z < grid.high[2]
-    ):
+    if not (grid.low[0] <= x < grid.high[0] and grid.low[1] <= y < grid.high[1] and grid.low[2] <= z < grid.high[2]):
         return np.int64(-1)
     a = min(np.int64((x - grid.low[0]) / grid.bound_step[0]), grid.cells[0] - 1)
     b = min(np.int64((y - grid.low[1]) / grid.bound_step[1]), grid.cells[1] - 1)

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.solvers.kernels.surfaces.tables import STACK
+
 #: What may have happened to a photon before it is gathered, one bit each: nothing at all since it left a lamp that rays
 #: to lamps find too; only reflections and refractions without any spread, or it is light from all around; more.
 DIRECT, FOCUSED, SCATTERED = 1, 2, 4
@@ -23,14 +25,17 @@ class Points(NamedTuple):
     medium: np.ndarray  #: (point,) int64: the point's, or that on the walk's side of the surface
     beyond: np.ndarray  #: (point,) int64, medium on the other side
     body: np.ndarray  #: (point,) int64, whose surface it is
+    item: np.ndarray  #: (point,) int64, and which item of it
     order: np.ndarray  #: (point,) int64, what happened between camera and point
     accepts: np.ndarray  #: (point,) int64, kinds of photons that count
+    stack: np.ndarray  #: (point, STACK) int64, media that the point is inside of, on the walk's side of a surface
     count: np.ndarray  #: (1,) int64, points in use
 
 
 def make_points(capacity: int, components: int, wavelengths: int) -> Points:
-    """Room for so many points: 8 (15 + components + wavelengths) bytes each."""
+    """Room for so many points: 8 (24 + components + wavelengths) bytes each."""
     return Points(
         np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, components)),
-        np.zeros((capacity, wavelengths)), *(np.zeros(capacity, np.int64) for _ in range(6)), np.zeros(1, np.int64),
+        np.zeros((capacity, wavelengths)), *(np.zeros(capacity, np.int64) for _ in range(7)),
+        np.full((capacity, STACK), -1), np.zeros(1, np.int64),
     )  # fmt: skip

@@ -1,0 +1,273 @@
+"""Walks from the camera that leave visibility points on their way.
+
+A walk goes through media, past INTERFACE surfaces and along reflections and refractions without spread, to the first
+surface that spreads light; there it leaves its last point.  On every leg through a medium it leaves a few points,
+*forced* to lie on the leg: half of them drawn by the hero's free path, cut off at the end of the leg, half evenly over
+the angle under which a lamp sees the leg (Kulla & Fajardo 2012, Computer Graphics Forum 31, 1519).  With F and P as in
+`kernels.path` a point at the distance t counts  F_i tau_i(t) / mean_h(P_h p_h(t)),  where p_h is the mean of
+tau_h sigma_h / (1 - tau_h(end)) and of the density by angle; the walk itself goes on with the leg's transmittance.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skyscatter.solvers.kernels.jit import entry, inlined, merged
+from skyscatter.solvers.kernels.random import start_stream, uniform
+from skyscatter.solvers.kernels.surfaces.bsdf import is_delta
+from skyscatter.solvers.kernels.surfaces.lamps import brightness
+from skyscatter.solvers.kernels.surfaces.media import (
+    current_medium,
+    medium_density,
+    reach,
+    spectral_depth,
+    transmit,
+)
+from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
+from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.rays import fill_stack
+from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
+from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
+from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
+
+#: Legs of a walk at most: as many boundaries and mirrors as can be looked through.
+MOST_LEGS = 64
+#: Share of the events that are placed by the angle from a lamp.
+ANGLE_SHARE = 0.5
+#: Value below which walks between mirrors are given up by roulette.
+WEAK = 0.05
+
+
+@inlined
+def note_point(points, ray, x, d, m, beyond, body, order, accepts, stack):
+    """A new visibility point; its number."""
+    p = points.count[0]
+    points.count[0] = p + 1
+    for n in range(3):
+        points.place[p, n], points.direction[p, n] = x[n], d[n]
+    points.ray[p], points.medium[p], points.beyond[p], points.body[p] = ray, m, beyond, body
+    points.order[p], points.accepts[p], points.item[p] = order, accepts, -1
+    copy_stack(stack, points.stack[p])
+    return p
+
+
+@merged
+def nearest_lamp(lamps, guide, x, d, u):
+    """The lamp of finite distance that should shine most on a line, drawn by power over distance from the line.
+
+    Returns its number (-1 without any), the distance along the line at which it is nearest, and how near it is [m].
+    """
+    total = 0.0
+    for sweep in range(2):
+        rest = u * total
+        for k in range(lamps.kind.size):
+            if lamps.kind[k] == POINT_LAMP or lamps.kind[k] == SURFACE_LAMP:
+                m = guide.middle[k]
+                a, b, c = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+                along = max(a * d[0] + b * d[1] + c * d[2], 0.0)
+                a, b, c = a - along * d[0], b - along * d[1], c - along * d[2]
+                apart = max(math.sqrt(a * a + b * b + c * c), 0.5 * guide.size[k], 1e-9 * along)
+                bright = guide.power[k] / max(apart, 1e-300)
+                if sweep == 0:
+                    total += bright
+                elif bright > 0.0:
+                    if rest < bright:
+                        return np.int64(k), along, max(apart, 1e-300)
+                    rest -= bright
+    return np.int64(-1), 0.0, 1.0
+
+
+@merged
+def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
+    """Distance of an event with u in [0, 1): by angle, where there is one, or by free path."""
+    share = ANGLE_SHARE if high > low else 0.0
+    if u < share:
+        t = near + apart * math.tan(low + (high - low) * u / share)
+    else:
+        wanted = -math.log1p(-(u - share) / (1.0 - share) * lost)
+        if media.constant[m]:
+            t = wanted / media.extinction[m, hero] if media.extinction[m, hero] > 0.0 else math.inf
+        else:
+            t = reach(media, m, hero, x, d, far, wanted, s.work)
+    return t
+
+
+@merged
+def leave_events(scene, points, ray, m, hero, far, events, accepts, order, s):
+    """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
+    walk, media, work = s.walk, scene.media, s.work
+    x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
+    transmit(media, m, x, d, far, work, whole)
+    lost = 1.0 - whole[hero]
+    if not (lost > 0.0 and scene.guide.scatters[m]):
+        return
+    k, near, apart = nearest_lamp(scene.lamps, scene.guide, x, d, uniform(walk.state))
+    low = math.atan(-near / apart) if k >= 0 else 0.0
+    high = (math.atan((far - near) / apart) if far < math.inf else 0.5 * math.pi) if k >= 0 else 0.0
+    share = ANGLE_SHARE if high > low else 0.0
+    for n in range(events):
+        u = (n + uniform(walk.state)) / events
+        t = place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s)
+        if not 0.0 <= t < far:
+            continue
+        for j in range(3):
+            s.place[j] = x[j] + t * d[j]
+        transmit(media, m, x, d, t, work, through)
+        medium_density(media, m, s.place[0], s.place[1], s.place[2], work)
+        spectral_depth(media, m, work.density, work.total)
+        by_angle, mean = 0.0, 0.0
+        if share > 0.0:
+            by_angle = share * apart / ((high - low) * (apart * apart + (t - near) * (t - near)))
+        for i in range(through.size):
+            # Chances of wavelengths that lose nothing on this leg: their free path ends nowhere on it.
+            forced = through[i] * work.total[i] / (1.0 - whole[i]) if whole[i] < 1.0 else 0.0
+            mean += walk.chance[i] * ((1.0 - share) * forced + by_angle)
+        mean /= through.size
+        if mean > 0.0:
+            p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
+            for c in range(work.density.size):
+                points.density[p, c] = work.density[c]
+            for i in range(through.size):
+                points.weight[p, i] = walk.value[i] * through[i] / (mean * events)
+
+
+@merged
+def leave_surface_point(surfaces, ray, m, beyond, body, item, order, accepts, s):
+    """The last point of a walk, on a surface that spreads light."""
+    p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
+    surfaces.item[p] = item
+    for n in range(3):
+        surfaces.normal[p, n] = s.hit[1 + n]
+    for i in range(s.walk.value.size):
+        surfaces.weight[p, i] = s.walk.value[i]
+
+
+@merged
+def see_lamp(lamps, k, ray, s, sums):
+    """Light of a lamp's own surface that the walk has met from outside."""
+    d, hit = s.walk.direction, s.hit
+    cosine = -(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
+    if cosine > 0.0:
+        bright = brightness(lamps, k, min(cosine, 1.0))
+        for i in range(s.walk.value.size):
+            sums[ray, i] += s.walk.value[i] * lamps.power[k, i] * bright
+
+
+@merged
+def see_surroundings(lamps, ray, s, sums):
+    """Light from outside that the walk meets when it leaves the scene."""
+    for k in range(lamps.kind.size):
+        if lamps.kind[k] == SURROUNDINGS:
+            for i in range(s.walk.value.size):
+                sums[ray, i] += s.walk.value[i] * lamps.power[k, i]
+
+
+@merged
+def weaken(s):
+    """Roulette for walks that have become weak; False where one ends."""
+    walk, largest = s.walk, 0.0
+    for i in range(walk.value.size):
+        largest = max(largest, walk.value[i])
+    if largest < WEAK:
+        if uniform(walk.state) * WEAK >= largest:
+            return False
+        for i in range(walk.value.size):
+            walk.value[i] *= WEAK / largest
+    return True
+
+
+@merged
+def look(scene, ray, events, direct, points, surfaces, s, sums):
+    """One walk from the camera."""
+    walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
+    x, d = walk.position, walk.direction
+    accepts = (FOCUSED | SCATTERED) if direct else (DIRECT | FOCUSED | SCATTERED)
+    hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
+    near, last, skip, order = 0.0, NO_MORE, np.int64(-1), 0
+    for n in range(3):
+        s.origin[n] = x[n]
+    for _ in range(MOST_LEGS):
+        m = current_medium(media, s.stack)
+        item = meet(shapes, s.origin, d, near, last, skip, hit)
+        far = hit[0] - near if item >= 0 else math.inf
+        if media.first[m + 1] > media.first[m]:
+            leave_events(scene, points, ray, m, hero, far, events, accepts, order, s)
+            for i in range(walk.value.size):
+                walk.value[i] *= s.light_through[i]
+        if item < 0:
+            see_surroundings(scene.lamps, ray, s, sums)
+            return
+        for n in range(3):
+            x[n] += far * d[n]
+        body = item_body(shapes, item)
+        beyond = media_behind(scene, s, body)
+        material = shapes.material[body]
+        if shapes.lamp[body] >= 0:
+            see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums)
+        if passes(scene.materials.kind[material], m, beyond):
+            copy_stack(s.there, s.stack)
+            near, last, skip = hit[0], item, np.int64(-1)
+            continue
+        if not is_delta(scene.materials, material):
+            # Rays to lamps are sent on the walk's side alone.
+            both = scene.materials.kind[material] == DIELECTRIC
+            kinds = accepts | DIRECT if both else accepts
+            leave_surface_point(surfaces, ray, m, beyond, body, item, order, kinds, s)
+            return
+        order += 1
+        if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(s):
+            return
+        near, last, skip = 0.0, NO_MORE, item
+        for n in range(3):
+            s.origin[n] = x[n]
+
+
+@entry
+def leave_points(scene, origins, directions, ids, first, seed, stream, events, direct, points, surfaces, s, sums):
+    """Walks of the rays from `first` on, until there is no more room for points.
+
+    Parameters
+    ----------
+    scene : SurfaceTable
+    origins, directions : (ray, 3)
+    ids : (ray,) int64
+        Numbers by which their random streams are told apart.
+    first : int
+    seed, stream : int
+        Seed, and number of the pass.
+    events : int
+        Points on every leg through a medium.
+    direct : bool
+        Whether light that comes straight from lamps is found in another way.
+    points, surfaces : Points
+        Output: those in media, those on surfaces.
+    s : PhotonScratch
+    sums : (ray, wavelength)
+        What is seen directly is added here: lamps, and light from outside.
+
+    Returns
+    -------
+    int
+        The first ray that is left over; -1 if a point is inside of more media than can be remembered.
+    """
+    walk = s.walk
+    filled = False
+    for ray in range(first, origins.shape[0]):
+        if points.count[0] + events * MOST_LEGS > points.ray.size or surfaces.count[0] >= surfaces.ray.size:
+            return ray
+        start_stream(walk.state, seed, ids[ray], stream)
+        same = filled
+        for n in range(3):
+            walk.position[n], walk.direction[n] = origins[ray, n], directions[ray, n]
+            same = same and origins[ray, n] == origins[max(ray - 1, 0), n]
+        if not same:
+            if fill_stack(scene.shapes, walk.position, walk.direction, np.int64(-1), s.first, s.other_hit) < 0:
+                return -1
+            filled = True
+        copy_stack(s.first, s.stack)
+        for i in range(walk.value.size):
+            walk.value[i], walk.chance[i] = 1.0, 1.0
+        look(scene, ray, events, direct, points, surfaces, s, sums)
+    return origins.shape[0]

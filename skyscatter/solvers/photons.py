@@ -1,0 +1,239 @@
+"""Solver ``photons``: bidirectional stochastic ray tracing, in passes.
+
+Walks from the camera leave visibility points; photons are traced from the lamps, and what passes near the points, or
+is scattered there, is gathered.  Every pass has walks, points and photons of its own, and nothing of it is kept but the
+radiance of its rays.  The radius of gathering falls from pass to pass, so that bias and noise vanish together (Knaus &
+Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see docs/theory-surfaces-photons.md.
+
+Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (24 + components +
+wavelengths) bytes each, the cells around them (`kernels.surfaces.neighbours`), and one radiance per ray; photons are
+not stored.  Where the rays have more points, they are taken in bunches, each with photons of its own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
+from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
+from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
+from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_near_scratch
+from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
+from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
+from skyscatter.solvers.kernels.surfaces.points import Points, make_points
+from skyscatter.solvers.kernels.surfaces.tables import SurfaceTable
+from skyscatter.solvers.surface_path import guided
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+#: This solver works in passes, see `skyscatter.solvers.passes`.
+PASSES = True
+DEFAULT_SAMPLES = 16
+#: Where ``noise`` decides, no more passes than this.
+MOST_SAMPLES = 1 << 14
+DEFAULT_PHOTONS = 1 << 16
+#: Tolerance of what pictures add beside the solver: single scattering averaged over the pixels around stars.
+DEFAULT_TOLERANCE = 5e-3
+#: Ways to gather.
+ESTIMATORS = {"points": POINTS, "paths": PATHS, "both": POINTS | PATHS}
+#: Points on every leg of a camera's walk through a medium: as many as make this of all rays together, within limits.
+EVENTS, LEAST_EVENTS, MOST_EVENTS = 1 << 14, 2, 32
+#: Points in memory at once.
+MOST_POINTS = 1 << 18
+#: Share of the squared radius (cubed, where points alone are gathered) that is kept from pass to pass, see `radius_of`.
+ALPHA = 2 / 3
+#: First radius in parts of the extent of what is seen, and in mean free paths at most.
+OF_EXTENT, OF_FREE_PATH = 0.02, 0.25
+#: Rays by which the extent is found.
+SCOUTS = 4096
+#: Scattered or reflected more often than this is left out when nothing else is said: roulette ends walks long before.
+MOST_ORDERS = 100_000
+#: Streams of photons are numbered from here, those of rays from 0.
+PHOTON_STREAMS, NEAR_STREAMS = 1 << 62, 1 << 61
+
+
+class Context(NamedTuple):
+    """What passes need."""
+
+    table: WalkTable
+    first_radius: float  #: of the first pass [m]
+
+
+def check(options: Options) -> None:
+    """Refuse what contradicts itself."""
+    options.refuse("photons", "tolerance", "sampling", "parts", "transmittance", "stokes")
+    if options.samples is not None and options.noise is not None:
+        raise DomainError("samples", options.samples, "give samples or noise, not both")
+    if options.estimator is not None and options.estimator not in ESTIMATORS:
+        raise DomainError("estimator", options.estimator, f"choose from {', '.join(ESTIMATORS)}")
+
+
+def passes(options: Options) -> int:
+    """Passes to make at most."""
+    if options.noise is not None:
+        return MOST_SAMPLES
+    return DEFAULT_SAMPLES if options.samples is None else int(options.samples)
+
+
+def prepare(
+    scene: Any,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> Context:
+    """The tables of a scene, and the first radius."""
+    from skyscatter.solvers.surfaces import compile_surfaces
+
+    return prepare_table(compile_surfaces(scene, wavelengths), rays, options)
+
+
+def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
+    """The same from tables."""
+    if np.any(table.media.emission):
+        rule = "media that shine by themselves cannot send out photons; choose the solver path"
+        raise DomainError("solver", "photons", rule)
+    walks = guided(table)
+    return Context(walks, options.radius or scout_radius(walks, rays, options))
+
+
+def radius_of(context: Context, number: int, options: Options, dimensions: int) -> float:
+    """Radius of a pass [m]: R_(k+1)^n = R_k^n (k + alpha) / (k + 1), with n the `dimensions` of the sphere or disk.
+
+    Knaus & Zwicker (2011), eq. 15 and section 4.2: the variance of the mean over N passes falls as N^-alpha, its bias
+    as N^(2 (alpha - 1) / n).
+    """
+    if options.radius is not None:
+        return options.radius
+    k = np.arange(1, number + 1)
+    return float(context.first_radius * np.prod((k + ALPHA) / (k + 1)) ** (1 / dimensions))
+
+
+def scout_radius(table: WalkTable, rays: Rays, options: Options) -> float:
+    """First radius from where the rays see something.
+
+    A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
+    at most a share of the mean free path at the points, averaged over them.
+    """
+    some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int)) if len(rays.origins) else []
+    if not len(some):
+        return 1.0
+    part = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some].copy())
+    room = _Room.for_rays(table, len(part.origins))
+    room.look(table, part, 0, 0, options)
+    media, floor = room.in_use
+    place = np.concatenate([media.place, floor.place])
+    if len(place) < 2:
+        return max(table.lamps.radius, 1e-300) * OF_EXTENT
+    extent = 2 * float(np.sqrt(place.var(axis=0).sum()))
+    radius = OF_EXTENT * extent
+    if len(media.place):
+        extinction = (media.density @ table.media.sigma_t).mean(axis=1)
+        radius = min(radius, OF_FREE_PATH / float(extinction.mean()))
+    return max(radius, 1e-12 * float(np.abs(place).max()), 1e-300)
+
+
+class _Room(NamedTuple):
+    """Scratch of a pass."""
+
+    points: Points
+    surfaces: Points
+    scratch: PhotonScratch
+    sums: Array  #: (ray, wavelength)
+
+    @classmethod
+    def for_rays(cls, table: WalkTable, rays: int) -> _Room:
+        events = events_for(rays)
+        components, wavelengths = table.media.sigma_t.shape
+        capacity = min(MOST_POINTS, rays * events * 2) + events * MOST_LEGS
+        return cls(
+            make_points(capacity, components, wavelengths),
+            make_points(min(MOST_POINTS, rays), components, wavelengths),
+            make_photon_scratch(components, wavelengths),
+            np.zeros((rays, wavelengths)),
+        )
+
+    @property
+    def in_use(self) -> tuple[Points, Points]:
+        """Those points that have been left."""
+        media, floor = (Points(*(a[: p.count[0]] for a in p[:-1]), p.count) for p in (self.points, self.surfaces))
+        return media, floor
+
+    def look(self, table: WalkTable, rays: Rays, first: int, number: int, options: Options) -> int:
+        """Leave points from ray `first` on; the first ray for which there was no room."""
+        self.points.count[0] = self.surfaces.count[0] = 0
+        events = events_for(len(rays.origins))
+        following = leave_points(
+            table, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events,
+            by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
+        )  # fmt: skip
+        if following < 0:
+            raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
+        return int(following)
+
+
+def events_for(rays: int) -> int:
+    """Points on a leg: photons are dear, so that few rays should not leave them with few points to be gathered at."""
+    return int(np.clip(EVENTS // max(rays, 1), LEAST_EVENTS, MOST_EVENTS))
+
+
+def by_rays(options: Options) -> bool:
+    """Whether light straight from lamps is found by rays to them."""
+    return True if options.direct is None else options.direct
+
+
+def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> Answer:
+    """Radiance along the rays from one pass alone."""
+    table = context.table
+    n, wavelengths = len(rays.origins), table.media.sigma_t.shape[1]
+    room = _Room.for_rays(table, n)
+    by_order, fates = np.zeros((options.orders, n, wavelengths)), np.zeros((4, wavelengths))
+    most = MOST_ORDERS if options.max_order is None else int(options.max_order)
+    how = ESTIMATORS[options.estimator or "both"]
+    photons = DEFAULT_PHOTONS if options.photons is None else int(options.photons)
+    ball = radius_of(context, number, options, 3 if how == POINTS else 2)
+    disk = radius_of(context, number, options, 2)
+    plain = Rays(*(np.array(a, order="C") for a in (rays.origins, rays.directions, rays.numbers)))
+    near = make_near_scratch(len(table.media.density), wavelengths, len(table.lamps.kind))
+    first = bunch = 0
+    while first < n:
+        first = room.look(table, plain, first, number, options)
+        media, floor = room.in_use
+        trace_photons(
+            table, room.points, room.surfaces, make_cells(media.place, ball), make_cells(floor.place, disk), how, ball,
+            disk, np.int64(options.seed), np.int64(PHOTON_STREAMS + number), bunch * photons, (bunch + 1) * photons,
+            photons, most, room.scratch, room.sums, by_order, fates,
+        )  # fmt: skip
+        if by_rays(options):
+            seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
+            for on_surface, points in enumerate((room.points, room.surfaces)):
+                light_points(
+                    table, points, bool(on_surface), seed, stream, 2 * bunch + on_surface, most, near, room.sums,
+                    by_order,
+                )  # fmt: skip
+        bunch += 1
+    layers = {f"order{k + 1}": by_order[k] for k in range(options.orders)}
+    return Answer(room.sums, np.zeros_like(room.sums), layers, np.full(n, 1))
+
+
+def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
+    """What becomes of the power of photons, shape (fate, wavelength) [W nm-1].
+
+    Rows: escaped, absorbed by media, absorbed by surfaces, given up after too many events.  They add up to the power of
+    the lamps (what reaches the sphere around the scene, of light from outside), the second one in the mean.
+    """
+    room = _Room.for_rays(guided(table), 1)
+    none = make_cells(np.zeros((0, 3)), 1.0)
+    fates = np.zeros((4, table.media.sigma_t.shape[1]))
+    trace_photons(
+        guided(table), room.points, room.surfaces, none, none, ESTIMATORS["both"], 1.0, 1.0, np.int64(seed),
+        np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
+        np.zeros((0, 1, fates.shape[1])), fates,
+    )  # fmt: skip
+    return fates
