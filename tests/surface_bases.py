@@ -419,7 +419,8 @@ class ShapeContract:
             assert (crossings(table, *(scale * np.eye(3), np.eye(3))).sum(axis=1) <= 1).all()
             return
         rng = np.random.default_rng(5)
-        origins = rng.uniform(*self.shape.bounds, (20_000, 3))
+        low, high = self.shape.bounds
+        origins = low + (high - low) * rng.random((20_000, 3))
         side = self.residual(origins)
         sure = np.abs(side) > 1e-9
         directions = sphere_points(rng, 20_000)

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _PARAMETERS = 16
 #: So many bounded items, and more, are put into a tree: fewer are tested faster one by one.
-TREE_FROM = 12
+TREE_FROM = 8
 #: Rounding of a shape's bounds, relative to its coordinates.
 _ROUNDING = 1e-14
 #: Length [m] that is nothing, but not 0.

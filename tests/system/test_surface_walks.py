@@ -14,8 +14,8 @@ from walk_scenes import WAVELENGTHS, directions, fog, look, medium, room, spectr
 import skyscatter
 from skyscatter import SurfaceScene
 from skyscatter.errors import DomainError
-from skyscatter.media.shapes import Box as BoxField
 from skyscatter.media.shapes import GaussianSphere
+from skyscatter.media.structures import Box as BoxField
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings
 from skyscatter.surfaces.materials import Dielectric, Interface, Lambert, Mirror
 from skyscatter.surfaces.scene import Body
@@ -288,7 +288,7 @@ def test_integrating_sphere():
 # --- scattering ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("where", [None, BoxField(size=(60.0, 60.0, 60.0))])
+@pytest.mark.parametrize("where", [None, BoxField(half_sizes=(60.0, 60.0, 60.0))])
 def test_light_of_a_point_scattered_once_against_quadrature(where):
     """A point in endless fog: the integral of p T T / d^2 over the line of sight."""
     sigma, albedo, g = np.array([0.2, 0.5, 1.0]), 0.8, 0.6
@@ -311,7 +311,7 @@ def test_light_of_a_point_scattered_once_against_quadrature(where):
 
 def test_emission_of_media():
     """A glowing medium that absorbs: E / k (1 - exp(-k s)); one that lets through: E s; the same as a field."""
-    for component in (fog(0.7, 0.0, emission=2.0), fog(0.7, 0.0, where=BoxField(size=(9, 9, 9)), emission=2.0)):
+    for component in (fog(0.7, 0.0, emission=2.0), fog(0.7, 0.0, where=BoxField(half_sizes=(9, 9, 9)), emission=2.0)):
         ball = Body(name="ball", shape=Sphere(radius=1.0), material=Interface(), inside="glow")
         scene = SurfaceScene(media=(medium("air"), medium("glow", component)), bodies=(ball,))
         answer = look(scene, (-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), samples=1024)

@@ -335,6 +335,20 @@ def test_corners_that_differ_by_rounding_are_one() -> None:
         pack(Mesh(vertices=points, faces=faces, scale=1e-10, position=(6.4e6, 6.4e6, 6.4e6)))
 
 
+def test_a_mesh_is_written_and_read() -> None:
+    """A small one with its numbers; of a large one only the digest, which is refused with the remedy."""
+    points, faces = icosphere(0)
+    small = Mesh(vertices=points, faces=faces)
+    again = Mesh.model_validate_json(small.model_dump_json())
+    assert again == small
+    np.testing.assert_array_equal(again.triangles.corners, small.triangles.corners)
+    points, faces = icosphere(4)
+    large = Mesh(vertices=points, faces=faces)
+    assert hash(large) == hash(Mesh(vertices=points, faces=faces))
+    with pytest.raises(ValueError, match="save the mesh to a file"):
+        Mesh.model_validate_json(large.model_dump_json())
+
+
 def test_meshes_that_hold_no_volume() -> None:
     """Open, twisted, inside out: each is told with its remedy; without a medium inside all are allowed."""
     points, faces = icosphere(1)
