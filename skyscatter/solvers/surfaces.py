@@ -116,7 +116,7 @@ def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ..
         constant=constant,
         extinction=np.array([c * (density[own] @ sigma_t[own]) for c, own in zip(constant, owners, strict=True)]),
         scattering=np.array([c * (density[own] @ sigma_s[own]) for c, own in zip(constant, owners, strict=True)]),
-        space=medium_table(tuple(component.density for component in components)),
+        space=None if constant.all() else medium_table(tuple(component.density for component in components)),
         density=density,
         sigma_s=sigma_s,
         sigma_t=sigma_t,
@@ -252,7 +252,7 @@ def everything(
     """Centre (3,) and radius [m] of a sphere around all that is finite: shapes, fields, lamps, and who looks on."""
     middle, reach = bounding_sphere(shapes)
     points = [lamp.points for lamp in lamps if len(lamp.points)]
-    if media.space.term_start[-1] > 0:
+    if media.space is not None:
         points.append(np.array([media.space.low, media.space.high]))
     if viewpoint is not None:
         points.append(viewpoint[None])

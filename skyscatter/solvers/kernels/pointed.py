@@ -58,6 +58,8 @@ def _lay(value: Any, words: list[int]) -> None:
             _lay(part, words)
     elif isinstance(value, np.ndarray):
         words.extend([value.ctypes.data, *value.shape, *(s % 2**64 for s in value.strides)])
+    elif value is None:
+        words.append(0)
     elif isinstance(value, (bool, int, np.integer, np.bool_)):
         words.append(int(value) % 2**64)
     else:
@@ -143,6 +145,8 @@ def _read(context: Any, builder: Any, kind: Any, address: Any, at: int) -> Any:
         array.meminfo = cgutils.get_null_value(array.meminfo.type)
         array.parent = cgutils.get_null_value(array.parent.type)
         return array._getvalue()
+    if isinstance(kind, types.NoneType):
+        return context.get_dummy_value()
     if kind == types.boolean:
         return builder.trunc(_word(builder, address, at, word), ir.IntType(1))
     return _word(builder, address, at, context.get_value_type(kind))

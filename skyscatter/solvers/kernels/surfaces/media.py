@@ -19,14 +19,8 @@ from skyscatter.solvers.kernels.fastexp import fast_exp
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import sample_cosine
 from skyscatter.solvers.kernels.path import rebalance, turn
-from skyscatter.solvers.kernels.pointed import whole
-from skyscatter.solvers.kernels.space import (
-    SpaceWork,
-    clip_to_space,
-    make_space_work,
-    space_columns,
-    space_densities,
-)
+from skyscatter.solvers.kernels.space import SpaceWork, make_space_work
+from skyscatter.solvers.kernels.surfaces.fields import add_field_columns, clip_to_fields, field_densities
 
 #: Optical depth is inverted to this, in parts of 1 + depth.
 INVERTED = 1e-10
@@ -105,7 +99,7 @@ def medium_density(media, m, x, y, z, work):
         for c in range(density.size):
             density[c] = 0.0
     else:
-        space_densities(whole(media.space), x, y, z, whole(work.space), density)
+        field_densities(media.space, x, y, z, work.space, density)
     for c in range(density.size):
         density[c] = density[c] + media.density[c] if media.first[m] <= c < media.first[m + 1] else 0.0
 
@@ -115,8 +109,7 @@ def add_columns(media, m, x, d, start, end, work, out):
     """Add the columns of medium m along x + d t from start to end [m] to `out` (component,)."""
     if not end > start:
         return
-    space, scratch = whole(media.space), whole(work.space)
-    space_columns(space, x[0], x[1], x[2], d[0], d[1], d[2], start, end, scratch, out)
+    add_field_columns(media.space, x[0], x[1], x[2], d[0], d[1], d[2], start, end, work.space, out)
     for c in range(out.size):
         if not media.first[m] <= c < media.first[m + 1]:
             out[c] = 0.0
@@ -193,7 +186,7 @@ def reach(media, m, i, x, d, far, wanted, work):
     for c in range(first.size):
         first[c], along[c] = 0.0, 0.0
     constant = depth_of(media, m, media.density, i)
-    start, end = clip_to_space(whole(media.space), x[0], x[1], x[2], d[0], d[1], d[2])
+    start, end = clip_to_fields(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
     top = far if far < math.inf else (end if end > start else 0.0)
     add_columns(media, m, x, d, 0.0, top, work, along)
     depth = depth_of(media, m, along, i)

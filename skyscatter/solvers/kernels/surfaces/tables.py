@@ -70,7 +70,7 @@ class MediaTable(NamedTuple):
     constant: np.ndarray  #: (medium,) bool, whether all of its components are equally dense everywhere
     extinction: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others
     scattering: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others
-    space: SpaceTable  #: densities of all components, those that are constant without a term
+    space: SpaceTable | None  #: densities of all components that are not constant; None where all are
     density: np.ndarray  #: (component,) of constant components, 0 of others
     sigma_s: np.ndarray  #: (component, wavelength) scattering per unit density [m-1]
     sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density [m-1]
