@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from walk_scenes import WAVELENGTHS, directions, fog, medium
 from skyscatter import SurfaceScene
 from skyscatter.solvers.kernels.jit import entry
 from skyscatter.solvers.kernels.pointed import Pointed
+from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
 from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, meeting_density, pick
 from skyscatter.solvers.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, within_cone
 from skyscatter.solvers.surface_path import guided
@@ -22,7 +24,7 @@ from skyscatter.surfaces.shapes import Box, Disk, Rectangle, Sphere
 
 
 @entry
-def aim_often(table, k, x, u, density, other, light, met):
+def aim_often(table, k, x, u, density, other, light, met):  # type: ignore[no-untyped-def]
     """Densities of directions to lamp k by aiming, and by what `meeting_density` says of them."""
     d, point = met[0], met[1]
     for n in range(u.shape[0]):
@@ -35,7 +37,7 @@ def aim_often(table, k, x, u, density, other, light, met):
 
 
 @entry
-def on_leg(table, k, x, d, far, u, t, density, kept):
+def on_leg(table, k, x, d, far, u, t, density, kept):  # type: ignore[no-untyped-def]
     """Draws on a leg by where lamp k is near, and their densities."""
     kept[0], along, height, low, high = aim_on_leg(table.lamps, table.guide, 0, k, x, d, far)
     kept[1], kept[2] = low, high
@@ -45,23 +47,23 @@ def on_leg(table, k, x, d, far, u, t, density, kept):
 
 
 @entry
-def cone(axis, lowest, x, d, start, end, out):
+def cone(axis, lowest, x, d, start, end, out):  # type: ignore[no-untyped-def]
     out[0], out[1] = within_cone(axis, lowest, x[0], x[1], x[2], d, start, end)
 
 
 @entry
-def choices(table, x, n, chance, u, chosen):
+def choices(table, x, n, chance, u, chosen):  # type: ignore[no-untyped-def]
     guess_at_point(table.lamps, table.guide, x, n, False, chance)
     for k in range(u.size):
         chosen[k] = pick(chance, u[k])
 
 
-def lit(shape):
+def lit(shape: Any) -> Body:
     return Body(name=shape.kind, shape=shape, material=Lambert(albedo=0.0), lamp=AreaLamp(power=1.0))
 
 
 @pytest.fixture(scope="module")
-def table():
+def table() -> dict[str, WalkTable]:
     shapes = (
         Sphere(position=(0, 0, 3), radius=0.5), Disk(position=(3, 0, 0), normal=(-1, 0, 0), radius=0.5),
         Rectangle(position=(0, 3, 0), normal=(0, -1, 0.2), size=(1, 0.5)), Box(position=(-3, 0, 0), size=(1, 0.5, 0.2)),
@@ -76,7 +78,7 @@ def table():
     return {name: guided(compile_surfaces(s, WAVELENGTHS)) for name, s in (("fog", outside), ("clear", clear))}
 
 
-def test_the_guide_knows_where_lamps_are(table):
+def test_the_guide_knows_where_lamps_are(table: dict[str, WalkTable]) -> None:
     guide = table["clear"].guide
     places = [(0, 0, 3), (3, 0, 0), (0, 3, 0), (-3, 0, 0), (1, 1, -2), (0, -2, 0)]
     # Middles come from 256 points spread over the surface.
@@ -90,7 +92,7 @@ def test_the_guide_knows_where_lamps_are(table):
     assert not table["fog"].guide.open
 
 
-def test_the_integral_of_the_phase_function_over_the_angle(table):
+def test_the_integral_of_the_phase_function_over_the_angle(table: dict[str, WalkTable]) -> None:
     """From 0 to pi: 9 parts Henyey and Greenstein's, one of all directions alike."""
     g, angle = 0.7, np.linspace(0, np.pi, 200001)
     phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * np.cos(angle)) ** 1.5)
@@ -101,7 +103,7 @@ def test_the_integral_of_the_phase_function_over_the_angle(table):
 
 
 @pytest.mark.parametrize("k", range(4))
-def test_aiming_has_the_density_that_meeting_takes_it_to_have(table, k):
+def test_aiming_has_the_density_that_meeting_takes_it_to_have(table: dict[str, WalkTable], k: int) -> None:
     u = np.random.default_rng(k).random((4000, 2))
     density, other, light = np.empty(4000), np.empty(4000), np.empty(4000)
     x = np.array([0.1, 0.2, 0.3])
@@ -123,7 +125,7 @@ def test_aiming_has_the_density_that_meeting_takes_it_to_have(table, k):
 
 @pytest.mark.parametrize("k", [0, 1, 4, 5])
 @pytest.mark.parametrize("far", [2.0, math.inf])
-def test_points_on_legs_have_the_density_that_is_stated(table, k, far):
+def test_points_on_legs_have_the_density_that_is_stated(table: dict[str, WalkTable], k: int, far: float) -> None:
     """The mean of f / density over draws is the integral of f, here of 1 / (1 + t^2)."""
     x = np.array([0.2, -0.5, 0.1])
     for d in directions(4, k):
@@ -142,7 +144,7 @@ def test_points_on_legs_have_the_density_that_is_stated(table, k, far):
         assert t.max() <= min(far, 8 / 0.5) * (1 + 1e-6)
 
 
-def test_where_lines_are_within_cones():
+def test_where_lines_are_within_cones() -> None:
     """Against many points on the line."""
     rng, t = np.random.default_rng(4), np.linspace(0, 10, 4001)
     found = 0
@@ -160,7 +162,7 @@ def test_where_lines_are_within_cones():
     assert found > 50
 
 
-def test_lamps_are_chosen_by_what_arrives_and_none_is_forgotten(table):
+def test_lamps_are_chosen_by_what_arrives_and_none_is_forgotten(table: dict[str, WalkTable]) -> None:
     chance, u = np.empty(8), (np.arange(7000) + 0.5) / 7000
     chosen = np.empty(u.size, np.int64)
     choices(Pointed(table["clear"]), np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]), chance, u, chosen)
