@@ -44,12 +44,13 @@ PUFF = fog(spectrum(2.0, 1.0, 0.5), 1.0, 0.5, GaussianSphere(width=0.4))
 BALL = Body(name="ball", shape=Sphere(position=(0, 0, -0.2), radius=0.5), material=Interface(), inside="ball")
 #: Kernels are compiled once for media that are the same everywhere, and once more for fields.
 FIELDS = pytest.mark.slow
+DENSE = fog(spectrum(3.0, 1.0, 0.5), 1.0, 0.3)
 FURNACES = {
     "empty": ((medium("air"),), ()),
     "fog": ((medium("air", AIR),), ()),
     "a puff": ((medium("air", PUFF),), ()),
     "fog within fog": (
-        (medium("air", AIR), medium("ball", fog(spectrum(3.0, 1.0, 0.5), 1.0, 0.3), priority=1)),
+        (medium("air", AIR), medium("ball", DENSE, priority=1)),
         (BALL,),
     ),
     "a puff within fog": ((medium("air", AIR), medium("ball", PUFF, priority=1)), (BALL,)),
