@@ -5,7 +5,7 @@ is scattered there, is gathered.  Every pass has walks, points and photons of it
 radiance of its rays.  The radius of gathering falls from pass to pass, so that bias and noise vanish together (Knaus &
 Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see docs/theory-surfaces-photons.md.
 
-Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (24 + components +
+Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (26 + components +
 wavelengths) bytes each, the cells around them (`kernels.surfaces.neighbours`), and one radiance per ray; photons are
 not stored.  Where the rays have more points, they are taken in bunches, each with photons of its own.
 """
@@ -121,12 +121,12 @@ def scout_radius(table: WalkTable, rays: Rays, options: Options) -> float:
     A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
     at most a share of the mean free path at the points, averaged over them.
     """
-    some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int)) if len(rays.origins) else []
-    if not len(some):
+    if not len(rays.origins):
         return 1.0
+    some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int))
     part = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some].copy())
     room = _Room.for_rays(table, len(part.origins))
-    room.look(table, part, 0, 0, options)
+    room.look(table, part, 0, 0, options, 0.0, 0.0)
     media, floor = room.in_use
     place = np.concatenate([media.place, floor.place])
     if len(place) < 2:
@@ -162,16 +162,18 @@ class _Room(NamedTuple):
     @property
     def in_use(self) -> tuple[Points, Points]:
         """Those points that have been left."""
-        media, floor = (Points(*(a[: p.count[0]] for a in p[:-1]), p.count) for p in (self.points, self.surfaces))
+        media, floor = (Points._make([*(a[: p.count[0]] for a in p[:-1]), p.count]) for p in (self.points, self.surfaces))
         return media, floor
 
-    def look(self, table: WalkTable, rays: Rays, first: int, number: int, options: Options) -> int:
+    def look(
+        self, table: WalkTable, rays: Rays, first: int, number: int, options: Options, ball: float, disk: float
+    ) -> int:
         """Leave points from ray `first` on; the first ray for which there was no room."""
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            table, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events,
-            by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
+            table, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events, ball,
+            disk, by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
@@ -199,15 +201,15 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
     photons = DEFAULT_PHOTONS if options.photons is None else int(options.photons)
     ball = radius_of(context, number, options, 3 if how == POINTS else 2)
     disk = radius_of(context, number, options, 2)
-    plain = Rays(*(np.array(a, order="C") for a in (rays.origins, rays.directions, rays.numbers)))
+    plain = rays.part(slice(None))
     near = make_near_scratch(len(table.media.density), wavelengths, len(table.lamps.kind))
     first = bunch = 0
     while first < n:
-        first = room.look(table, plain, first, number, options)
+        first = room.look(table, plain, first, number, options, ball, disk)
         media, floor = room.in_use
         trace_photons(
-            table, room.points, room.surfaces, make_cells(media.place, ball), make_cells(floor.place, disk), how, ball,
-            disk, np.int64(options.seed), np.int64(PHOTON_STREAMS + number), bunch * photons, (bunch + 1) * photons,
+            table, room.points, room.surfaces, make_cells(media.place, ball), make_cells(floor.place, disk), how,
+            np.int64(options.seed), np.int64(PHOTON_STREAMS + number), bunch * photons, (bunch + 1) * photons,
             photons, most, room.scratch, room.sums, by_order, fates,
         )  # fmt: skip
         if by_rays(options):
@@ -232,7 +234,7 @@ def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
     none = make_cells(np.zeros((0, 3)), 1.0)
     fates = np.zeros((4, table.media.sigma_t.shape[1]))
     trace_photons(
-        guided(table), room.points, room.surfaces, none, none, ESTIMATORS["both"], 1.0, 1.0, np.int64(seed),
+        guided(table), room.points, room.surfaces, none, none, ESTIMATORS["both"], np.int64(seed),
         np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
         np.zeros((0, 1, fates.shape[1])), fates,
     )  # fmt: skip

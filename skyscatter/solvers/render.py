@@ -94,11 +94,9 @@ def render(
         samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
         radius, estimator, direct,
     )  # fmt: skip
-    recipe = _recipe(scene, camera, wl, solver, options)
     grid = camera.directions(scene.observer)
     wrap = _wrapper(scene, camera, grid, subpixels)
-    if wrap is not None:
-        recipe["subpixels"] = int(subpixels)
+    recipe = _recipe(scene, camera, wl, solver, options, subpixels)
     if isinstance(camera, Telescope) and is_space(scene):
         from skyscatter.solvers.starlight import beside_stars
 
@@ -132,7 +130,7 @@ def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int) -> Calla
     return lambda module: Subpixels(module, fine, subpixels**2)
 
 
-def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options) -> dict[str, Any]:
+def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options, subpixels: int) -> dict[str, Any]:
     """All that is needed to make the picture again."""
     from skyscatter import __version__
 
@@ -141,9 +139,10 @@ def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Optio
     }
     if solver == "path" and options.noise is None:
         from skyscatter.solvers.path import walks_for
+        from skyscatter.solvers.subpixels import share_of
 
-        given["samples"] = walks_for(options)
-    return {
+        given["samples"] = subpixels**2 * walks_for(share_of(options, subpixels**2))
+    return ({"subpixels": int(subpixels)} if subpixels > 1 else {}) | {
         "skyscatter": __version__,
         "scene": scene.model_dump(mode="json", exclude_none=True),
         "camera": camera.model_dump(mode="json"),

@@ -28,6 +28,12 @@ def check_subpixels(subpixels: int) -> None:
         raise DomainError("subpixels", subpixels, f"rays along each side of a pixel, a whole number from 1 to {MOST}")
 
 
+def share_of(options: Options, count: int) -> Options:
+    """Options of each of so many rays of a pixel: the samples are shared, rounded up."""
+    samples = 16 if options.samples is None else options.samples
+    return options if count == 1 else replace(options, samples=-(-samples // count))
+
+
 def fine_directions(camera: Any, observer: Any, grid: Array, subpixels: int) -> Array:
     """Directions through the middles of the parts of each pixel, shape (height, width, part, 3).
 
@@ -78,7 +84,7 @@ class Subpixels:
         if samples < 2 * self.count:
             rule = f"with {self.count} rays a pixel at least {2 * self.count}; give more samples, or fewer subpixels"
             raise DomainError("samples", samples, rule)
-        return replace(options, samples=-(-samples // self.count))
+        return share_of(options, self.count)
 
     def check(self, options: Options) -> None:
         """Refuse what the solver refuses."""

@@ -70,7 +70,7 @@ def lamp_in_fog() -> SurfaceScene:
     return SurfaceScene(
         media=(SurfaceMedium(name="air", components=(fog(spectrum(*EXTINCTION), spectrum(*ALBEDO), G),)),),
         lamps=(PointLamp(name="lamp", position=(0, 0, 0), power=spectrum(*POWER)),),
-        viewpoint=Viewpoint(position=(0, 0.5, -3), target=(0, 0.5, 0)),
+        viewpoint=Viewpoint(position=(0, 0.5, -3), target=(0, 0.5, 0), up=(0, 1, 0)),
     )
 
 
@@ -121,7 +121,21 @@ def test_the_ratios_of_the_paper() -> None:
     o, d = beside_lamp()
     light = np.zeros((1, 3))
     leave_points(
-        none, o[:1].copy(), d[:1].copy(), np.arange(1), 0, np.int64(1), 0, 8, False, points, surfaces, s, light
+        none,
+        o[:1].copy(),
+        d[:1].copy(),
+        np.arange(1),
+        0,
+        np.int64(1),
+        0,
+        8,
+        0.0,
+        0.0,
+        False,
+        points,
+        surfaces,
+        s,
+        light,
     )
     assert points.count[0] == 8
     t = points.place[:8, 2] + 3
@@ -131,11 +145,12 @@ def test_the_ratios_of_the_paper() -> None:
     np.testing.assert_allclose(8 * points.weight[:8], colour * ratio[:, None], rtol=1e-10)
     # One photon, and one point whose sphere holds everything.
     points.count[0], points.place[0], points.weight[0], points.density[0], points.order[0] = 1, 0, 1.0, 1.0, 0
+    points.reach[0] = 1e3
     radius = 1e3
     none_by_order, fates = np.zeros((0, 1, 3)), np.zeros((4, 3))
     cells = make_cells(points.place[:1], radius)
     trace_photons(
-        white, points, surfaces, cells, make_cells(surfaces.place[:0], 1.0), POINTS, radius, radius, np.int64(1),
+        white, points, surfaces, cells, make_cells(surfaces.place[:0], 1.0), POINTS, np.int64(1),
         np.int64(7), 0, 1, 1, 1, s, light, none_by_order, fates,
     )  # fmt: skip
     flown = np.linalg.norm(s.walk.position)
@@ -153,13 +168,14 @@ def test_weights_of_both_ways_are_in_the_ratio_of_their_densities() -> None:
     s, points, surfaces = make_photon_scratch(1, 1), make_points(1, 1, 1), make_points(1, 1, 1)
     radius = 0.3
     points.count[0], points.accepts[0], points.weight[0], points.density[0] = 1, 7, 1.0, 1.0
+    points.reach[0] = radius
     points.place[0], points.direction[0] = (0.5, 0, 0), (0, 0, 1)
     cells, none = make_cells(points.place, radius), make_cells(np.zeros((0, 3)), 1.0)
     light = {}
     for how in (POINTS, PATHS, POINTS | PATHS):
         sums, s.found[:] = np.zeros((1, 1)), 0
         trace_photons(
-            table, points, surfaces, cells, none, how, radius, radius, np.int64(1), np.int64(7), 0, 4000, 4000, 1, s,
+            table, points, surfaces, cells, none, how, np.int64(1), np.int64(7), 0, 4000, 4000, 1, s,
             sums, np.zeros((0, 1, 1)), np.zeros((4, 1)),
         )  # fmt: skip
         light[how] = float(sums[0, 0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,17 +42,24 @@ def furnace_error(answer: skyscatter.Answer, expected: np.ndarray) -> tuple[np.n
 AIR = fog(spectrum(0.5, 1.0, 2.0), 1.0, 0.7)
 PUFF = fog(spectrum(2.0, 1.0, 0.5), 1.0, 0.5, GaussianSphere(width=0.4))
 BALL = Body(name="ball", shape=Sphere(position=(0, 0, -0.2), radius=0.5), material=Interface(), inside="ball")
+#: Kernels are compiled once for media that are the same everywhere, and once more for fields.
+FIELDS = pytest.mark.slow
+DENSE = fog(spectrum(3.0, 1.0, 0.5), 1.0, 0.3)
 FURNACES = {
     "empty": ((medium("air"),), ()),
     "fog": ((medium("air", AIR),), ()),
     "a puff": ((medium("air", PUFF),), ()),
-    "fog within fog": ((medium("air", AIR), medium("ball", PUFF, priority=1)), (BALL,)),
+    "fog within fog": (
+        (medium("air", AIR), medium("ball", DENSE, priority=1)),
+        (BALL,),
+    ),
+    "a puff within fog": ((medium("air", AIR), medium("ball", PUFF, priority=1)), (BALL,)),
 }
 
 
 @pytest.mark.parametrize("sampling", [None, "angular"])
-@pytest.mark.parametrize("filling", FURNACES)
-def test_white_furnace(filling, sampling):
+@pytest.mark.parametrize("filling", [pytest.param(name, marks=FIELDS) if "puff" in name else name for name in FURNACES])
+def test_white_furnace(filling: str, sampling: str | None) -> None:
     """Walls that all shine alike see E / (1 - a) everywhere; fog that absorbs nothing changes nothing."""
     media, bodies = FURNACES[filling]
     scene = SurfaceScene(media=media, bodies=(*room(1.0, spectrum(*ALBEDO), 2.0), *bodies))
@@ -61,7 +69,7 @@ def test_white_furnace(filling, sampling):
     assert np.all(error < 0.01)
 
 
-def test_radiance_in_glass_is_that_outside_times_the_index_squared():
+def test_radiance_in_glass_is_that_outside_times_the_index_squared() -> None:
     """Dispersive glass, with fog in it: light that is trapped at first gets in by scattering."""
     index = np.array([1.4, 1.5, 1.7])
     glass = Body(name="glass", shape=Sphere(radius=0.5), material=Dielectric(), inside="glass")
@@ -75,7 +83,7 @@ def test_radiance_in_glass_is_that_outside_times_the_index_squared():
 
 
 @pytest.mark.slow
-def test_furnace_through_nested_media():
+def test_furnace_through_nested_media() -> None:
     """Of glass around water each has its own n^2, wherever the camera is."""
     scene = SurfaceScene(
         media=(medium("air"), medium("glass", index=1.5), medium("water", fog(1.0, 1.0), index=1.33, priority=1)),
@@ -88,7 +96,8 @@ def test_furnace_through_nested_media():
     for place, index in (((0.1, 0.0, 0.0), 1.33), ((0.62, 0.0, 0.0), 1.5), ((2.0, 0.0, 0.0), 1.0)):
         towards = -np.array(place) / np.linalg.norm(place)
         answer = look(scene, place, towards, samples=4096)
-        assert_agrees(answer.radiance, index**2, answer.standard_error)
+        # Seen straight through there is nothing left to chance but the last digits.
+        assert_agrees(answer.radiance, index**2, answer.standard_error, slack=1e-9)
         assert np.all(answer.standard_error < 0.05 * index**2)
 
 
@@ -124,7 +133,7 @@ def through_stack(indices: list[float], depths: list[float], sine: float) -> flo
     return passed
 
 
-def test_the_medium_of_highest_priority_fills_the_overlap():
+def test_the_medium_of_highest_priority_fills_the_overlap() -> None:
     """Glass that reaches into water of higher priority begins at the water's surface: as layers that fit."""
     lamp = Body(
         name="lamp", shape=Disk(position=(0, 0, -3), radius=9.0), material=Lambert(albedo=0.0),
@@ -147,7 +156,7 @@ def test_the_medium_of_highest_priority_fills_the_overlap():
         assert np.all(answer.standard_error < 0.02)
 
 
-def test_interfaces_and_hidden_boundaries_only_change_the_medium():
+def test_interfaces_and_hidden_boundaries_only_change_the_medium() -> None:
     """What absorbs dims by the way through it, exactly; a boundary in a medium of higher priority is not there."""
     bodies = (
         Body(name="smoke", shape=Sphere(radius=1.0), material=Interface(), inside="smoke"),
@@ -167,7 +176,7 @@ def test_interfaces_and_hidden_boundaries_only_change_the_medium():
     np.testing.assert_allclose(inside.radiance, 2.0 * np.exp(-depth + 0.5 * np.array([0.1, 0.2, 0.4])), rtol=1e-8)
 
 
-def test_dispersion_sends_wavelengths_apart():
+def test_dispersion_sends_wavelengths_apart() -> None:
     """Through a wedge each wavelength comes from where Snell's law sends it, and from nowhere else."""
     index = np.array([1.3, 1.5, 1.7])
     # One face of a large turned box stands across the ray, the other at an angle: a wedge of 30 degrees.
@@ -195,7 +204,7 @@ def test_dispersion_sends_wavelengths_apart():
 # --- lamps in closed form -----------------------------------------------------------------------------------------
 
 
-def test_point_lamp_over_a_plane():
+def test_point_lamp_over_a_plane() -> None:
     """Lambert's plane under a point: a / pi P / 4 pi cos^3 / h^2; nothing is left to chance."""
     floor = Body(name="floor", shape=Plane(), material=Lambert(albedo=spectrum(*ALBEDO)))
     lamp = PointLamp(position=(0.0, 0.0, 2.0), power=spectrum(1.0, 2.0, 3.0))
@@ -209,7 +218,7 @@ def test_point_lamp_over_a_plane():
         np.testing.assert_allclose(answer.radiance, ALBEDO / np.pi * light, rtol=1e-9)
 
 
-def test_spot_lamp_lights_its_cone_alone():
+def test_spot_lamp_lights_its_cone_alone() -> None:
     floor = Body(name="floor", shape=Plane(), material=Lambert(albedo=0.5))
     lamp = SpotLamp(position=(0.0, 0.0, 2.0), axis=(0.0, 0.0, -1.0), half_angle_deg=20.0, power=1.0)
     scene = SurfaceScene(bodies=(floor,), lamps=(lamp,))
@@ -223,7 +232,7 @@ def test_spot_lamp_lights_its_cone_alone():
         )
 
 
-def test_parallel_light_and_mirrors():
+def test_parallel_light_and_mirrors() -> None:
     """A mirror shows a floor that parallel light strikes aslant: rho a / pi E cos."""
     floor = Body(name="floor", shape=Plane(), material=Lambert(albedo=0.5))
     mirror = Body(
@@ -244,7 +253,7 @@ def disk_irradiance(radius: float, height: float) -> float:
 
 
 @pytest.mark.parametrize("sampling", [None, "area", "angular"])
-def test_disk_over_a_plane_in_area_and_angular_form(sampling):
+def test_disk_over_a_plane_in_area_and_angular_form(sampling: str | None) -> None:
     floor = Body(name="floor", shape=Plane(), material=Lambert(albedo=spectrum(*ALBEDO)))
     lamp = Body(
         name="lamp", shape=Disk(position=(0, 0, 1.0), normal=(0, 0, -1), radius=1.5), material=Lambert(albedo=0.0),
@@ -258,7 +267,7 @@ def test_disk_over_a_plane_in_area_and_angular_form(sampling):
     assert np.all(answer.standard_error < 0.02 * answer.radiance)
 
 
-def test_sphere_over_a_plane_by_its_visible_cone():
+def test_sphere_over_a_plane_by_its_visible_cone() -> None:
     """A small bright ball far away is found as well as a point; irradiance pi sin^2 for radiance 1."""
     floor = Body(name="floor", shape=Plane(), material=Lambert(albedo=1.0))
     lamp = Body(
@@ -271,7 +280,7 @@ def test_sphere_over_a_plane_by_its_visible_cone():
     np.testing.assert_allclose(answer.radiance, expected, rtol=2e-8)
 
 
-def test_integrating_sphere():
+def test_integrating_sphere() -> None:
     """Walls of a closed sphere see the same light wherever they are: P a / (1 - a) / (4 pi^2 R^2) besides the lamp."""
     wall = Body(name="wall", shape=Sphere(radius=2.0), material=Lambert(albedo=spectrum(*ALBEDO)))
     scene = SurfaceScene(bodies=(wall,), lamps=(PointLamp(position=(0.0, 0.0, 0.0), power=5.0),))
@@ -288,8 +297,8 @@ def test_integrating_sphere():
 # --- scattering ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("where", [None, BoxField(half_sizes=(60.0, 60.0, 60.0))])
-def test_light_of_a_point_scattered_once_against_quadrature(where):
+@pytest.mark.parametrize("where", [None, pytest.param(BoxField(half_sizes=(60.0, 60.0, 60.0)), marks=FIELDS)])
+def test_light_of_a_point_scattered_once_against_quadrature(where: Any) -> None:
     """A point in endless fog: the integral of p T T / d^2 over the line of sight."""
     sigma, albedo, g = np.array([0.2, 0.5, 1.0]), 0.8, 0.6
     air = fog(spectrum(*sigma), albedo, g, where)
@@ -309,18 +318,21 @@ def test_light_of_a_point_scattered_once_against_quadrature(where):
     assert np.all(answer.standard_error < 0.01 * answer.radiance)
 
 
-def test_emission_of_media():
+@pytest.mark.parametrize("where", [None, pytest.param(BoxField(half_sizes=(9, 9, 9)), marks=FIELDS)])
+def test_emission_of_media(where: Any) -> None:
     """A glowing medium that absorbs: E / k (1 - exp(-k s)); one that lets through: E s; the same as a field."""
-    for component in (fog(0.7, 0.0, emission=2.0), fog(0.7, 0.0, where=BoxField(half_sizes=(9, 9, 9)), emission=2.0)):
-        ball = Body(name="ball", shape=Sphere(radius=1.0), material=Interface(), inside="glow")
-        scene = SurfaceScene(media=(medium("air"), medium("glow", component)), bodies=(ball,))
-        answer = look(scene, (-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), samples=1024)
-        assert_agrees(answer.radiance, 2.0 / 0.7 * -math.expm1(-1.4), answer.standard_error, slack=1e-6)
-    clear = SurfaceScene(media=(medium("air"), medium("glow", fog(0.0, 0.0, emission=2.0))), bodies=(ball,))
-    np.testing.assert_allclose(look(clear, (-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), samples=16).radiance, 4.0, rtol=1e-12)
+    ball = Body(name="ball", shape=Sphere(radius=1.0), material=Interface(), inside="glow")
+    glow = fog(0.7, 0.0, where=where, emission=2.0)
+    scene = SurfaceScene(media=(medium("air"), medium("glow", glow)), bodies=(ball,))
+    answer = look(scene, (-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), samples=1024)
+    assert_agrees(answer.radiance, 2.0 / 0.7 * -math.expm1(-1.4), answer.standard_error, slack=1e-6)
+    if where is None:
+        clear = SurfaceScene(media=(medium("air"), medium("glow", fog(0.0, 0.0, emission=2.0))), bodies=(ball,))
+        light = look(clear, (-3.0, 0.0, 0.0), (1.0, 0.0, 0.0), samples=16).radiance
+        np.testing.assert_allclose(light, 4.0, rtol=1e-12)
 
 
-def test_slab_of_fog_against_an_integral_equation():
+def test_slab_of_fog_against_an_integral_equation() -> None:
     """A wide slab of isotropic fog under parallel light over a black floor: what leaves its top, of all orders."""
     albedo, depth, sun = 0.9, 1.0, 0.8
     truth = IsotropicLayers.solve([depth], [albedo], sun, math.pi)
@@ -351,7 +363,7 @@ def foggy_room(lamp: bool = True) -> SurfaceScene:
     return SurfaceScene(media=media, bodies=bodies, lamps=() if lamp else (point,))
 
 
-def test_area_and_angular_form_agree_in_fog():
+def test_area_and_angular_form_agree_in_fog() -> None:
     """Lamps found by aiming, by meeting them, or both: three estimates of one number, glass and caustics included."""
     scene, views = foggy_room(), directions(8, 11)
     answers = {
@@ -368,7 +380,7 @@ def test_area_and_angular_form_agree_in_fog():
     assert variance[None] < 1.5 * min(variance["area"], variance["angular"])
 
 
-def test_orders_and_parts_add_up():
+def test_orders_and_parts_add_up() -> None:
     scene, views = foggy_room(False), directions(4)
     whole = look(scene, INSIDE, views, samples=256, max_order=5, orders=5, parts=True, seed=2)
     orders = sum(whole.layers[f"order{k}"] for k in range(1, 6))
@@ -382,7 +394,7 @@ def test_orders_and_parts_add_up():
     assert_agrees(once.radiance - again.layers["order1"], 0.0, error)
 
 
-def test_stated_error_is_the_spread_over_seeds():
+def test_stated_error_is_the_spread_over_seeds() -> None:
     first, runs = over_seeds(lambda seed: look(foggy_room(), INSIDE, directions(2), samples=256, seed=seed), 24)
     # Mean square of the stated errors over the spread: 24 values of 15 degrees each against one of 23.
     spread = runs["radiance"][1] * math.sqrt(24)
@@ -398,7 +410,7 @@ def test_stated_error_is_the_spread_over_seeds():
     assert first.radiance.shape == (2, 3)
 
 
-def test_the_same_seed_gives_the_same_numbers_whatever_the_threads():
+def test_the_same_seed_gives_the_same_numbers_whatever_the_threads() -> None:
     scene, views = foggy_room(), directions(12)
     one = look(scene, INSIDE, views, samples=32, threads=1)
     three = look(scene, INSIDE, views, samples=32, threads=3)
@@ -408,7 +420,7 @@ def test_the_same_seed_gives_the_same_numbers_whatever_the_threads():
     assert not np.any(one.radiance == other.radiance)
 
 
-def test_noise_decides_how_many_walks():
+def test_noise_decides_how_many_walks() -> None:
     scene, views = foggy_room(), directions(3)
     answer = look(scene, INSIDE, views, noise=0.05)
     assert np.all((answer.standard_error / answer.radiance).mean(axis=-1) <= 0.05)
@@ -422,14 +434,14 @@ def test_noise_decides_how_many_walks():
         {"transmittance": "ratio"}, {"photons": 100}, {"sampling": "angular"},
     ],
 )  # fmt: skip
-def test_options_without_meaning_are_refused(given):
+def test_options_without_meaning_are_refused(given: dict[str, Any]) -> None:
     with pytest.raises(DomainError) as error:
         look(foggy_room(False), INSIDE, (1.0, 0.0, 0.0), **given)
     assert next(iter(given)) in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_black_scenes_are_black():
+def test_black_scenes_are_black() -> None:
     """No lamp at all, and a lamp that is shut away."""
     dark = SurfaceScene(bodies=tuple(room(1.0, 0.5)), media=(medium("air", AIR),))
     answer = look(dark, INSIDE, directions(2), noise=0.01)

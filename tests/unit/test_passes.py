@@ -92,6 +92,7 @@ def test_solvers_without_photons_refuse_their_options() -> None:
     import skyscatter
 
     scene = skyscatter.load_model("earth-simple").scene()
-    for name, value in {"photons": 10, "radius": 1.0, "estimator": "points", "direct": False}.items():
+    given: dict[str, Any] = {"photons": 10, "radius": 1.0, "estimator": "points", "direct": False}
+    for name, value in given.items():
         with pytest.raises(DomainError, match=name):
             radiance(scene, scene.observer.position, [0.0, 0.0, 1.0], [550.0], "single", **{name: value})

@@ -20,23 +20,23 @@ class Outer(NamedTuple):
     grid: np.ndarray
     inner: Inner
     number: float
-    count: int
+    whole: int
     last: np.ndarray
 
 
 @kernel
-def first_of(inner):
+def first_of(inner):  # type: ignore[no-untyped-def]
     return inner.words[0]
 
 
 @entry
-def read(table, out):
+def read(table, out):  # type: ignore[no-untyped-def]
     out[0] = table.grid[1, 2]
     out[1] = 1.0 if table.inner.flag else 0.0
     out[2] = 1.0 if table.inner.bits[1] else 0.0
     out[3] = first_of(whole(table.inner)) + first_of(table.inner)
     out[4] = table.number
-    out[5] = table.count
+    out[5] = table.whole
     out[6] = table.grid.shape[0] * 100 + table.grid.size
     row = table.grid[1]
     total = 0.0
@@ -46,7 +46,7 @@ def read(table, out):
     table.last[2] = table.last[1] + 1
 
 
-def test_a_pointed_table_reads_like_the_table():
+def test_a_pointed_table_reads_like_the_table() -> None:
     grid = np.arange(6.0).reshape(2, 3)
     bits, words = np.array([False, True]), np.array([7, 8], np.int64)
     for flag in (True, False):

@@ -36,24 +36,24 @@ VACUUM, THIN, DARK, SHINING, CLOUD, MIXED = range(6)
 
 
 @entry
-def transmit_once(media, m, x, d, far, work, out):
+def transmit_once(media, m, x, d, far, work, out):  # type: ignore[no-untyped-def]
     transmit(media, m, x, d, far, work, out)
 
 
 @entry
-def scattering_once(media, m, density, cosine, work, out):
+def scattering_once(media, m, density, cosine, work, out):  # type: ignore[no-untyped-def]
     scattering(media, m, density, cosine, work, out)
 
 
 @entry
-def stack_work(media, stack, m, enter):
+def stack_work(media, stack, m, enter):  # type: ignore[no-untyped-def]
     """Enter or leave a medium; what the ray is in then, -1 if that failed."""
     done = push(stack, m) if enter else pull(stack, m)
     return current_medium(media, stack) if done else -1
 
 
 @entry
-def many_flights(media, m, x, d, far, walk, work, distance, value, chance):
+def many_flights(media, m, x, d, far, walk, work, distance, value, chance):  # type: ignore[no-untyped-def]
     """Flights under all heroes in turn, and a scattering where there is something to scatter."""
     for n in range(distance.size):
         start_stream(walk.state, 5, m, n)
@@ -66,7 +66,7 @@ def many_flights(media, m, x, d, far, walk, work, distance, value, chance):
 
 
 @entry
-def many_turns(media, m, x, walk, work, cosine, value, chance):
+def many_turns(media, m, x, walk, work, cosine, value, chance):  # type: ignore[no-untyped-def]
     """Scatterings of a walk at x whose densities are those there, whoever the hero."""
     for n in range(cosine.size):
         start_stream(walk.state, 6, m, n)
@@ -98,7 +98,7 @@ def depth(m: int, t: float) -> np.ndarray:
             total += sigma * t
         elif t > 0:
             end = min(t, 20.0)
-            points = [START[0] + 4.0] + [4 - math.sqrt(4 - 0.13), 4 + math.sqrt(4 - 0.13)]
+            points = [START[0] + 4.0, 4 - math.sqrt(4 - 0.13), 4 + math.sqrt(4 - 0.13)]
             column, _ = integrate.quad(
                 lambda q, s=s: float(s.where.density(START + q * AHEAD)), 0, end, points=points, epsabs=1e-12, limit=200
             )
@@ -106,7 +106,7 @@ def depth(m: int, t: float) -> np.ndarray:
     return total
 
 
-def test_the_medium_of_highest_priority_is_met(media):
+def test_the_medium_of_highest_priority_is_met(media: MediaTable) -> None:
     stack = np.full(STACK, -1, np.int64)
     steps = [(THIN, True, THIN), (DARK, True, DARK), (SHINING, True, SHINING), (CLOUD, True, SHINING)]
     steps += [(SHINING, False, CLOUD), (THIN, False, CLOUD), (CLOUD, False, DARK), (DARK, False, VACUUM)]
@@ -115,7 +115,7 @@ def test_the_medium_of_highest_priority_is_met(media):
     assert np.all(stack == -1)
 
 
-def test_a_stack_neither_overflows_nor_leaves_what_was_not_entered(media):
+def test_a_stack_neither_overflows_nor_leaves_what_was_not_entered(media: MediaTable) -> None:
     stack = np.full(STACK, -1, np.int64)
     for _ in range(STACK):
         assert stack_work(media, stack, THIN, True) == THIN
@@ -126,14 +126,14 @@ def test_a_stack_neither_overflows_nor_leaves_what_was_not_entered(media):
 
 @pytest.mark.parametrize("m", [VACUUM, THIN, DARK, SHINING, CLOUD, MIXED])
 @pytest.mark.parametrize("far", [0.0, 2.5, 7.0])
-def test_transmittance_against_quadrature(media, m, far):
+def test_transmittance_against_quadrature(media: MediaTable, m: int, far: float) -> None:
     out = np.empty(2)
     transmit_once(media, m, START, AHEAD, far, make_media_work(7, 2), out)
     # Columns are good to 1e-6 of the depth, the exponential to 3e-10.
     np.testing.assert_allclose(out, np.exp(-depth(m, far)), rtol=3e-6 * max(depth(m, far).max(), 1e-3))
 
 
-def test_transmittance_to_infinity(media):
+def test_transmittance_to_infinity(media: MediaTable) -> None:
     work, out = make_media_work(7, 2), np.empty(2)
     for m in range(6):
         transmit_once(media, m, START, AHEAD, math.inf, work, out)
@@ -144,7 +144,7 @@ def test_transmittance_to_infinity(media):
 
 @pytest.mark.parametrize("m", [THIN, DARK, CLOUD, MIXED])
 @pytest.mark.parametrize("far", [3.0, math.inf])
-def test_flights_follow_the_extinction_of_their_hero(media, m, far):
+def test_flights_follow_the_extinction_of_their_hero(media: MediaTable, m: int, far: float) -> None:
     n, walk, work = 4000, make_walk(2), make_media_work(7, 2)
     distance, value, chance = np.empty(n), np.empty((n, 2)), np.empty((n, 2))
     many_flights(media, np.int64(m), START, AHEAD, far, walk, work, distance, value, chance)
@@ -165,7 +165,7 @@ def test_flights_follow_the_extinction_of_their_hero(media, m, far):
         assert np.all(np.abs(through.mean(axis=0) - np.exp(-depth(m, far))) < 4.0 * error)
 
 
-def test_nothing_stops_a_flight_through_what_only_shines(media):
+def test_nothing_stops_a_flight_through_what_only_shines(media: MediaTable) -> None:
     walk, work = make_walk(2), make_media_work(7, 2)
     distance, value, chance = np.empty(16), np.empty((16, 2)), np.empty((16, 2))
     for m in (VACUUM, SHINING):
@@ -175,7 +175,7 @@ def test_nothing_stops_a_flight_through_what_only_shines(media):
             np.testing.assert_array_equal(value, 1.0)
 
 
-def test_scattering_adds_the_components_of_its_medium_alone(media):
+def test_scattering_adds_the_components_of_its_medium_alone(media: MediaTable) -> None:
     work, out = make_media_work(7, 2), np.empty(2)
     density = np.array([9.0, 9.0, 9.0, 0.5, 2.0, 9.0, 9.0])
     scattering_once(media, CLOUD, density, 0.3, work, out)
@@ -187,7 +187,7 @@ def test_scattering_adds_the_components_of_its_medium_alone(media):
     np.testing.assert_allclose(out, 9.0 * np.array(HAZE.scattering) * henyey_greenstein(0.6, np.array(0.3)), rtol=1e-4)
 
 
-def test_scattered_directions_follow_the_phase_function(media):
+def test_scattered_directions_follow_the_phase_function(media: MediaTable) -> None:
     n, walk, work = 20000, make_walk(2), make_media_work(7, 2)
     cosine, value, chance = np.empty(n), np.empty((n, 2)), np.empty((n, 2))
     work.density[:] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -199,7 +199,7 @@ def test_scattered_directions_follow_the_phase_function(media):
     np.testing.assert_allclose(chance, 1.0, rtol=1e-9)
 
 
-def test_what_only_absorbs_ends_a_walk(media):
+def test_what_only_absorbs_ends_a_walk(media: MediaTable) -> None:
     walk, work = make_walk(2), make_media_work(7, 2)
     cosine, value, chance = np.empty(4), np.empty((4, 2)), np.empty((4, 2))
     work.density[:] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]

@@ -284,6 +284,25 @@ def test_pixels_are_means_of_their_parts() -> None:
         solver.check(Options(samples=7))
 
 
+def test_pictures_with_subpixels(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    """The picture of a solver that is linear in the direction: the mean over the parts; the recipe says how many."""
+    from skyscatter.solvers.state import RenderState
+
+    monkeypatch.setattr("skyscatter.solvers.run.load_solver", lambda name, scene: _Plane)
+    camera, looked = Perspective(width=3, height=2, fov_deg=50.0), scene(BALL)
+    image = skyscatter.render(looked, camera, WL[:2], solver="path", samples=18, subpixels=3)
+    directions = fine_directions(camera, looked.observer, camera.directions(looked.observer), 3)
+    np.testing.assert_allclose(image.radiance, directions.mean(axis=2) @ np.ones((3, 2)), atol=1e-14)
+    np.testing.assert_allclose(image.standard_error, 0.1)
+    assert image.recipe["subpixels"] == 3
+    assert image.recipe["options"]["samples"] == 18  # two for each part; 32 were it one ray, see `walks_for`
+    plain = skyscatter.render(looked, camera, WL[:2], solver="path", samples=18)
+    assert "subpixels" not in plain.recipe
+    RenderState.empty(image.recipe, 6, 2).save(tmp_path / "begun.npz")
+    with pytest.raises(DomainError, match="was begun with other"):
+        skyscatter.render(looked, camera, WL[:2], solver="path", samples=18, subpixels=2, resume=tmp_path / "begun.npz")
+
+
 def test_subpixels_are_for_surfaces() -> None:
     sky = skyscatter.load_model("earth-simple").scene()
     with pytest.raises(DomainError, match="subpixels = 2: is for scenes of surfaces"):

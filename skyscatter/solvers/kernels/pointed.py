@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types, typeof
+from numba import typeof, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
@@ -86,7 +86,7 @@ def _type_of(value: Pointed, context: Any) -> PointedType:
 
 
 @register_model(PointedType)
-class _Model(models.PrimitiveModel):  # type: ignore[misc]
+class _Model(models.PrimitiveModel):
     """An address as a number."""
 
     def __init__(self, manager: Any, kind: Any) -> None:
@@ -102,7 +102,7 @@ def _unbox(kind: Any, value: Any, c: Any) -> NativeValue:
 
 
 @infer_getattr
-class _Fields(AttributeTemplate):  # type: ignore[misc]
+class _Fields(AttributeTemplate):
     key = PointedType
 
     def generic_resolve(self, kind: PointedType, name: str) -> Any:
@@ -161,11 +161,11 @@ def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
 
 
 @intrinsic
-def whole(typingctx, table):  # type: ignore[no-untyped-def]
+def whole(typingctx, table):
     """The table itself, for a function that is compiled for such; a table that is not pointed stays as it is."""
     inner = table.inner if isinstance(table, PointedType) else table
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, signature, args):
         if isinstance(signature.args[0], PointedType):
             return _read(context, builder, inner, args[0], 0)
         return args[0]

@@ -28,6 +28,7 @@ from skyscatter.solvers.kernels.surfaces.media import (
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
+from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
 from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
 from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
@@ -36,6 +37,8 @@ from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POI
 MOST_LEGS = 64
 #: Share of the events that are placed by the angle from a lamp.
 ANGLE_SHARE = 0.5
+#: Part of its radius that a sphere keeps at least where the walk enters or leaves a medium.
+LEAST_BALL = 0.2
 #: Value below which walks between mirrors are given up by roulette.
 WEAK = 0.05
 
@@ -95,7 +98,7 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
 
 
 @merged
-def leave_events(scene, points, ray, m, hero, far, events, accepts, order, s):
+def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s):
     """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
     walk, media, work = s.walk, scene.media, s.work
     x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
@@ -127,6 +130,11 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, s):
         mean /= through.size
         if mean > 0.0:
             p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
+            # A sphere that sticks out of the medium would miss light.
+            room = t * slant if slant < math.inf else math.inf
+            if end_slant < math.inf:
+                room = min(room, (far - t) * end_slant)
+            points.reach[p] = min(ball, max(room, LEAST_BALL * ball))
             for c in range(work.density.size):
                 points.density[p, c] = work.density[c]
             for i in range(through.size):
@@ -134,10 +142,11 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, s):
 
 
 @merged
-def leave_surface_point(surfaces, ray, m, beyond, body, item, order, accepts, s):
+def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s):
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
-    surfaces.item[p] = item
+    surfaces.item[p], surfaces.reach[p] = item, disk
+    surfaces.area[p] = share_on_surface(shapes, item, s.walk.position, s.hit[1:], disk)
     for n in range(3):
         surfaces.normal[p, n] = s.hit[1 + n]
     for i in range(s.walk.value.size):
@@ -179,13 +188,13 @@ def weaken(s):
 
 
 @merged
-def look(scene, ray, events, direct, points, surfaces, s, sums):
+def look(scene, ray, events, ball, disk, direct, points, surfaces, s, sums):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
     accepts = (FOCUSED | SCATTERED) if direct else (DIRECT | FOCUSED | SCATTERED)
     hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
-    near, last, skip, order = 0.0, NO_MORE, np.int64(-1), 0
+    near, last, skip, order, slant = 0.0, NO_MORE, np.int64(-1), 0, math.inf
     for n in range(3):
         s.origin[n] = x[n]
     for _ in range(MOST_LEGS):
@@ -193,7 +202,8 @@ def look(scene, ray, events, direct, points, surfaces, s, sums):
         item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         if media.first[m + 1] > media.first[m]:
-            leave_events(scene, points, ray, m, hero, far, events, accepts, order, s)
+            end_slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3]) if item >= 0 else math.inf
+            leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s)
             for i in range(walk.value.size):
                 walk.value[i] *= s.light_through[i]
         if item < 0:
@@ -209,23 +219,27 @@ def look(scene, ray, events, direct, points, surfaces, s, sums):
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
             near, last, skip = hit[0], item, np.int64(-1)
+            slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
             continue
         if not is_delta(scene.materials, material):
             # Rays to lamps are sent on the walk's side alone.
             both = scene.materials.kind[material] == DIELECTRIC
             kinds = accepts | DIRECT if both else accepts
-            leave_surface_point(surfaces, ray, m, beyond, body, item, order, kinds, s)
+            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s)
             return
         order += 1
         if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(s):
             return
         near, last, skip = 0.0, NO_MORE, item
+        slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
         for n in range(3):
             s.origin[n] = x[n]
 
 
 @entry
-def leave_points(scene, origins, directions, ids, first, seed, stream, events, direct, points, surfaces, s, sums):
+def leave_points(
+    scene, origins, directions, ids, first, seed, stream, events, ball, disk, direct, points, surfaces, s, sums
+):  # fmt: skip
     """Walks of the rays from `first` on, until there is no more room for points.
 
     Parameters
@@ -239,6 +253,8 @@ def leave_points(scene, origins, directions, ids, first, seed, stream, events, d
         Seed, and number of the pass.
     events : int
         Points on every leg through a medium.
+    ball, disk : float
+        Radius of the spheres in media and of the disks on surfaces [m].
     direct : bool
         Whether light that comes straight from lamps is found in another way.
     points, surfaces : Points
@@ -269,5 +285,5 @@ def leave_points(scene, origins, directions, ids, first, seed, stream, events, d
         copy_stack(s.first, s.stack)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = 1.0, 1.0
-        look(scene, ray, events, direct, points, surfaces, s, sums)
+        look(scene, ray, events, ball, disk, direct, points, surfaces, s, sums)
     return origins.shape[0]

@@ -104,7 +104,7 @@ def survival_density(through, s):
 
 
 @merged
-def gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums, by_order):
+def gather_event(scene, points, grid, how, m, kind, order, most, s, sums, by_order):
     """An extinction event of a photon, where its walk is: light for all points within whose spheres it lies."""
     x, media = s.walk.position, scene.media
     cell = cell_at(grid, x[0], x[1], x[2])
@@ -112,12 +112,12 @@ def gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums
         return
     through = s.work.through
     survival = survival_density(through, s)
-    volume = 4.0 / 3.0 * math.pi * radius**3
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
+        radius = points.reach[p]
         a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
         if a * a + b * b + c * c < radius * radius and points.medium[p] == m and wanted(points, p, kind, order, most):
-            factor = 1.0 / volume
+            factor = 0.75 / (math.pi * radius**3)
             if how & PATHS:
                 density = 4.0 / 3.0 * radius * extinction_density(media, points, p, through, s)
                 factor *= density / (density + survival)
@@ -126,7 +126,7 @@ def gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums
 
 
 @merged
-def gather_segment(scene, points, grid, how, radius, m, kind, order, most, length, s, sums, by_order):
+def gather_segment(scene, points, grid, how, m, kind, order, most, length, s, sums, by_order):
     """A photon's flight of a length from where its walk is: light for all points whose foot on it is near enough."""
     x, d, media, through = s.walk.position, s.walk.direction, scene.media, s.light_through
     t = enter_cells(grid, x[0], x[1], x[2], d[0], d[1], d[2], 0.0, s.walker)
@@ -137,6 +137,7 @@ def gather_segment(scene, points, grid, how, radius, m, kind, order, most, lengt
         end = min(leave, length)
         for n in range(grid.start[cell], grid.start[cell + 1]):
             p = grid.entry[n]
+            radius = points.reach[p]
             a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
             foot = a * d[0] + b * d[1] + c * d[2]
             if t <= foot < end:
@@ -158,7 +159,7 @@ def gather_segment(scene, points, grid, how, radius, m, kind, order, most, lengt
 
 
 @merged
-def gather_arrival(scene, points, grid, radius, body, kind, order, most, s, sums, by_order):
+def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_order):
     """A photon that arrives on a surface, where its walk is: light for all points on it within the disk around them."""
     x, d, normal, light = s.walk.position, s.walk.direction, s.hit, s.light
     cell = cell_at(grid, x[0], x[1], x[2])
@@ -167,6 +168,7 @@ def gather_arrival(scene, points, grid, radius, body, kind, order, most, s, sums
     material = scene.shapes.material[body]
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
+        radius = points.reach[p]
         a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
         if points.body[p] != body or not a * a + b * b + c * c < radius * radius:
             continue
@@ -181,5 +183,5 @@ def gather_arrival(scene, points, grid, radius, body, kind, order, most, s, sums
         bsdf_value(scene.materials, material, q, s.towards, s.arriving, here, beyond, False, light)
         for i in range(light.size):
             light[i] *= s.walk.value[i] / cosine
-        add_to_ray(points, p, 1.0 / (math.pi * radius * radius), light, order, sums, by_order)
+        add_to_ray(points, p, 1.0 / (math.pi * radius * radius * points.area[p]), light, order, sums, by_order)
         s.found[2] += 1

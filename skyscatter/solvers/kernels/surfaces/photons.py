@@ -170,7 +170,7 @@ def roulette(s):
 
 
 @merged
-def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, hero, most, s, sums, by_order, fates):
+def follow(scene, points, surfaces, grid, floor, how, lamp, skip, hero, most, s, sums, by_order, fates):
     """One photon from its lamp to its end."""
     walk, shapes, media = s.walk, scene.shapes, scene.media
     x, d, hit = walk.position, walk.direction, s.hit
@@ -191,7 +191,7 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
             u = uniform(walk.state)
             if how & PATHS:
                 gather_segment(
-                    scene, points, grid, how, radius, m, kind, order, most, flown, s, sums, by_order
+                    scene, points, grid, how, m, kind, order, most, flown, s, sums, by_order
                 )  # fmt: skip
         if not event and item < 0:
             for i in range(walk.value.size):
@@ -201,7 +201,7 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
             x[n] += flown * d[n]
         if event:
             if how & POINTS:
-                gather_event(scene, points, grid, how, radius, m, kind, order, most, s, sums, by_order)
+                gather_event(scene, points, grid, how, m, kind, order, most, s, sums, by_order)
             order += 1
             if order >= most or not scatter_photon(media, m, hero, s, fates):
                 return
@@ -215,7 +215,7 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
                 near, last, skip = hit[0], item, np.int64(-1)
                 continue
             if not is_delta(scene.materials, material):
-                gather_arrival(scene, surfaces, floor, disk, body, kind, order, most, s, sums, by_order)
+                gather_arrival(scene, surfaces, floor, body, kind, order, most, s, sums, by_order)
             order += 1
             if order >= most:
                 return
@@ -258,7 +258,7 @@ def meet_surface(scene, body, m, beyond, hero, s, fates):
 
 @entry
 def trace_photons(
-    scene, points, surfaces, grid, floor, how, radius, disk, seed, stream, first, last, count, most, s, sums, by_order,
+    scene, points, surfaces, grid, floor, how, seed, stream, first, last, count, most, s, sums, by_order,
     fates,
 ):  # fmt: skip
     """Trace photons `first` to `last` of `count` and gather their light.
@@ -272,8 +272,6 @@ def trace_photons(
         Where the ones and the others are.
     how : int
         POINTS, PATHS or both.
-    radius, disk : float
-        Of the spheres in media and of the disks on surfaces [m].
     seed, stream : int
         Seed, and number of the streams of this pass.
     most : int
@@ -301,6 +299,6 @@ def trace_photons(
             s.power[0] += walk.value[i]
         hero = min(int(walk.even[1] * walk.value.size), walk.value.size - 1)
         follow(
-            scene, points, surfaces, grid, floor, how, radius, disk, lamp, np.int64(skip), hero, most, s, sums,
-            by_order, fates,
+            scene, points, surfaces, grid, floor, how, lamp, np.int64(skip), hero, most, s, sums, by_order,
+            fates,
         )  # fmt: skip

@@ -28,14 +28,17 @@ class Points(NamedTuple):
     item: np.ndarray  #: (point,) int64, and which item of it
     order: np.ndarray  #: (point,) int64, what happened between camera and point
     accepts: np.ndarray  #: (point,) int64, kinds of photons that count
+    reach: np.ndarray  #: (point,) radius [m] of the sphere or disk in which light is gathered
+    area: np.ndarray  #: (point,) share of the disk that lies on the surface
     stack: np.ndarray  #: (point, STACK) int64, media that the point is inside of, on the walk's side of a surface
     count: np.ndarray  #: (1,) int64, points in use
 
 
 def make_points(capacity: int, components: int, wavelengths: int) -> Points:
-    """Room for so many points: 8 (24 + components + wavelengths) bytes each."""
+    """Room for so many points: 8 (26 + components + wavelengths) bytes each."""
     return Points(
         np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, components)),
         np.zeros((capacity, wavelengths)), *(np.zeros(capacity, np.int64) for _ in range(7)),
+        np.zeros(capacity), np.ones(capacity),
         np.full((capacity, STACK), -1), np.zeros(1, np.int64),
     )  # fmt: skip

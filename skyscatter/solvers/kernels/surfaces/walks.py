@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, merged
 from skyscatter.solvers.kernels.path import BATCHES, statistics
 from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
@@ -114,7 +114,7 @@ def noise_of(error, mean):
     return noise / max(n, 1)
 
 
-@kernel
+@merged
 def find_leg(table, s):
     """The next leg of the ray: where it begins and ends, in which medium, and what it lets through."""
     x, d, hit, at, media = s.walk.position, s.walk.direction, s.hit, s.at, table.media
@@ -167,7 +167,7 @@ def go_back(s):
         s.walk.value[i], s.walk.chance[i] = s.saved_value[i], s.saved_chance[i]
 
 
-@kernel
+@merged
 def choose_end(table, hero, s):
     """Which end of the leg the walk goes to: TURN or BEHIND; in ``s.event`` the chances of the first."""
     walk, media, m = s.walk, table.media, s.at[IN]
@@ -195,7 +195,7 @@ def choose_end(table, hero, s):
     return coming
 
 
-@kernel
+@merged
 def take_leg(table, hero, sampling, s, sums):
     """Gather the light of the next leg and choose its end."""
     walk = s.walk
@@ -219,7 +219,7 @@ def take_leg(table, hero, sampling, s, sums):
     return BEHIND
 
 
-@kernel
+@merged
 def scatter_at(table, hero, s):
     """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends."""
     walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
@@ -249,7 +249,7 @@ def scatter_at(table, hero, s):
     return LEG if survives(walk, order + 1, table.guide.level) else OVER
 
 
-@kernel
+@merged
 def turn_at_surface(table, row, hero, here, there, s):
     """Turn where a surface was met; LEG, or OVER if the walk ends."""
     walk, media, order = s.walk, table.media, s.at[ORDER]
@@ -278,7 +278,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     return LEG if survives(walk, order + 1, table.guide.level) else OVER
 
 
-@kernel
+@merged
 def meet(table, hero, sampling, s, sums):
     """What happens behind the leg; LEG, or OVER if the walk ends."""
     walk, shapes, at, hit, d = s.walk, table.shapes, s.at, s.hit, s.walk.direction
@@ -311,7 +311,7 @@ def meet(table, hero, sampling, s, sums):
     return turn_at_surface(table, row, hero, here, there, s)
 
 
-@kernel
+@merged
 def wander(table, max_order, sampling, s, sums):
     """Follow a walk from the camera to its end, and add up its light."""
     walk, at = s.walk, s.at
