@@ -108,7 +108,7 @@ def test_rays_to_the_lamp_bring_the_first_order_without_bias() -> None:
     answer = gathered(lamp_in_fog(), *beside_lamp(), 10.0, max_order=1, orders=1, samples=64)
     z = (answer.radiance - single_scattering()) / answer.standard_error
     assert np.abs(z).max() < SURE
-    assert np.all(answer.standard_error < 0.01 * answer.radiance)
+    assert np.all(answer.standard_error < 0.02 * answer.radiance)
     np.testing.assert_allclose(answer.layers["order1"], answer.radiance, rtol=1e-12)
 
 
