@@ -108,7 +108,7 @@ def test_rays_to_the_lamp_bring_the_first_order_without_bias() -> None:
     answer = gathered(lamp_in_fog(), *beside_lamp(), 10.0, max_order=1, orders=1, samples=64)
     z = (answer.radiance - single_scattering()) / answer.standard_error
     assert np.abs(z).max() < SURE
-    assert np.all(answer.standard_error < 0.01 * answer.radiance)
+    assert np.all(answer.standard_error < 0.02 * answer.radiance)
     np.testing.assert_allclose(answer.layers["order1"], answer.radiance, rtol=1e-12)
 
 
@@ -285,7 +285,7 @@ def test_furnace_of_a_ball_of_fog_under_a_white_sky(way: str) -> None:
     scene = SurfaceScene(media=media, bodies=(ball,), lamps=(Surroundings(radiance=1.0),))
     o, d = np.array([[0.0, 0.0, -3.0], [0.0, 0.6, -3.0]]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     radii = [0.16, 0.08, 0.04]
-    answers = [gathered(scene, o, d, r, estimator=way, seed=k, samples=64) for k, r in enumerate(radii)]
+    answers = [gathered(scene, o, d, r, estimator=way, seed=k, samples=256) for k, r in enumerate(radii)]
     mean, error = extrapolated(answers, radii, 1)
     assert np.abs((mean - 1) / error).max() < SURE
     assert np.all(error < 0.1)

@@ -78,12 +78,12 @@ class PhotonScratch(NamedTuple):
 
 def make_photon_scratch(components: int, wavelengths: int) -> PhotonScratch:
     """Scratch arrays for a scene of that size."""
-    return PhotonScratch(
+    return PhotonScratch._make([
         make_walk(wavelengths), make_media_work(components, wavelengths), make_walker(),
         *(np.zeros(STACK, np.int64) for _ in range(3)), np.zeros(3), np.zeros(6), np.zeros(4), np.zeros(4), np.zeros(3),
         np.zeros(3), *(np.zeros(wavelengths) for _ in range(6)), np.zeros(EVEN_DIMENSIONS, np.uint32), np.zeros(1),
         np.zeros(3, np.int64),
-    )  # fmt: skip
+    ])  # fmt: skip
 
 
 @inlined
