@@ -43,7 +43,7 @@ def main() -> None:
     from matplotlib.figure import Figure
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=8192)
+    parser.add_argument("--samples", type=int, default=4096)
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/gallery/skyglow-law.png"))
     given = parser.parse_args()
     law = 0.01 * PEOPLE * DISTANCES**-2.5 * NATURAL
