@@ -101,6 +101,8 @@ class BsdfContract:
     there: ClassVar[Any] = 1.0
     #: Whether all light goes on.
     lossless: ClassVar[bool] = False
+    #: Bound of value over density.
+    heaviest: ClassVar[float] = 1.0
     #: Whether what passes is refracted, so that its radiance changes by n^2.
     refracts: ClassVar[bool] = True
 
@@ -152,12 +154,12 @@ class BsdfContract:
             np.testing.assert_allclose(drawn.chance[~reflected, 0], 1 - share, rtol=1e-12)
             assert abs(reflected.mean() - share) <= 4 * np.sqrt(share * (1 - share) / 20_000)
             return
-        fine = 24
+        fine = 16
         grid, solid = cells(16, 16, fine)
         _, chance = sample.at(wo, grid)
         expected = chance.reshape(16, fine, 16, fine, 3).sum(axis=(1, 3)) * solid
         for hero in (0, 2):
-            count = 100_000
+            count = 60_000
             drawn = sample.draw(wo, count, hero=hero, seed=5 + hero)
             kept = drawn.event != ABSORBED
             wi = drawn.wi[kept]
@@ -207,7 +209,7 @@ class BsdfContract:
         assert hero.mean() <= 1 + 4 * error + 1e-12
         if self.lossless:
             assert abs(hero.mean() - 1) <= 4 * error + 1e-12, hero.mean()
-        assert weight.max() <= 1 + 1e-9
+        assert weight.max() <= self.heaviest + 1e-9
 
     def test_white_furnace(self, seen: tuple[Bsdf, Array]) -> None:
         """In radiance n^2 on all sides a surface disappears, but for what it keeps: that is seen from both ends."""
@@ -417,7 +419,8 @@ class ShapeContract:
             assert (crossings(table, *(scale * np.eye(3), np.eye(3))).sum(axis=1) <= 1).all()
             return
         rng = np.random.default_rng(5)
-        origins = rng.uniform(*self.shape.bounds, (20_000, 3))
+        low, high = self.shape.bounds
+        origins = low + (high - low) * rng.random((20_000, 3))
         side = self.residual(origins)
         sure = np.abs(side) > 1e-9
         directions = sphere_points(rng, 20_000)

@@ -12,6 +12,7 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.kernels.surfaces import tables
 from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
+from skyscatter.surfaces.facets import NODES, kept_table
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
 from skyscatter.surfaces.meshes import Mesh
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
@@ -20,7 +21,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _PARAMETERS = 16
 #: So many bounded items, and more, are put into a tree: fewer are tested faster one by one.
-TREE_FROM = 12
+TREE_FROM = 8
 #: Rounding of a shape's bounds, relative to its coordinates.
 _ROUNDING = 1e-14
 #: Length [m] that is nothing, but not 0.
@@ -146,6 +147,7 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     count = len(materials)
     kind, roughness = np.zeros(count, np.int64), np.zeros(count)
     reflectance, index, absorption = np.zeros((3, count, wl.size))
+    kept, kept_mean = np.ones((count, NODES)), np.ones(count)
     for k, material in enumerate(materials):
         if isinstance(material, Interface):
             kind[k] = tables.INTERFACE
@@ -158,9 +160,10 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
         elif isinstance(material, Conductor):
             kind[k], roughness[k] = tables.CONDUCTOR, material.roughness
             index[k], absorption[k] = material.index(wl)
+            kept[k], kept_mean[k] = kept_table(material.roughness)
         else:
             raise TypeError(f"no material: {type(material).__name__}")
-    return MaterialTable(kind, roughness, reflectance, index, absorption)
+    return MaterialTable(kind, roughness, reflectance, index, absorption, kept, kept_mean)
 
 
 def body_items(shapes: ShapeTable, body: int) -> Integers:

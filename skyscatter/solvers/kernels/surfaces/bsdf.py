@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
+from skyscatter.solvers.kernels.surfaces.facets import after_more, between_facets, kept_share
 from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
 from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe
 from skyscatter.solvers.kernels.surfaces.tables import (
@@ -49,6 +50,14 @@ def same(index_here, index_there, i):
     return i > 0 and index_here[i] == index_here[i - 1] and index_there[i] == index_there[i - 1]
 
 
+@inlined
+def metal_value(materials, k, i, here, facet, lobe, broad):
+    """Both lobes of a conductor, with what each absorbs."""
+    re, im = materials.index[k, i] / here, materials.absorption[k, i] / here
+    value = fresnel_conductor(facet, re, im) * lobe
+    return value + broad * after_more(re, im, materials.kept_mean[k]) if broad > 0.0 else value
+
+
 @kernel
 def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance):
     """`bsdf_value` and `bsdf_pdf` at once, into `value` and `chance` (wavelength,)."""
@@ -64,10 +73,10 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
     elif alpha > 0.0 and cosine > 0.0:
         lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
         if kind == CONDUCTOR:
+            broad, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
             for i in range(last):
-                here = index_here[i]
-                share = fresnel_conductor(facet, materials.index[k, i] / here, materials.absorption[k, i] / here)
-                value[i], chance[i] = share * lobe, density
+                value[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
+                chance[i] = single * density + rest
         else:
             for i in range(last):
                 share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
@@ -98,13 +107,13 @@ def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
             out[i] = 0.0
     elif cosine > 0.0:
         lobe, _, facet = reflected_lobe(alpha, n, side, wo, wi)
+        broad, _, _ = between_facets(materials, k, side * dot(n, wo), cosine)
         for i in range(out.size):
-            here = index_here[i]
             if kind == CONDUCTOR:
-                share = fresnel_conductor(facet, materials.index[k, i] / here, materials.absorption[k, i] / here)
+                out[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
             else:
-                share, _ = fresnel_dielectric(facet, here, index_there[i])
-            out[i] = share * lobe
+                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
+                out[i] = share * lobe
     else:
         for i in range(out.size):
             if same(index_here, index_there, i):
@@ -130,11 +139,13 @@ def bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out):
             out[i] = 0.0
     elif cosine > 0.0:
         _, density, facet = reflected_lobe(alpha, n, side, wo, wi)
+        _, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
         for i in range(out.size):
-            share = 1.0
             if kind == DIELECTRIC:
                 share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
-            out[i] = share * density
+                out[i] = share * density
+            else:
+                out[i] = single * density + rest
     else:
         for i in range(out.size):
             if same(index_here, index_there, i):
@@ -168,52 +179,17 @@ def draw_cosine(n, side, u, v, wi):
 
 @merged
 def draw_facet(alpha, n, side, wo, u, v, m):
-    """Normal of a facet as seen from `wo`, into `m` (3,)."""
+    """Normal of a facet as seen from `wo`, into `m` (3,); that of the surface where it is smooth."""
+    if alpha == 0.0:
+        for i in range(3):
+            m[i] = side * n[i]
+        return
     tx, ty, tz, bx, by, bz = frame_of(n[0], n[1], n[2])
     ox, oy = wo[0] * tx + wo[1] * ty + wo[2] * tz, wo[0] * bx + wo[1] * by + wo[2] * bz
     x, y, z = draw_normal(alpha, ox, oy, max(side * dot(n, wo), 1e-300), u, v)
     m[0] = x * tx + y * bx + side * z * n[0]
     m[1] = x * ty + y * by + side * z * n[1]
     m[2] = x * tz + y * bz + side * z * n[2]
-
-
-@inlined
-def lose(value, chance):
-    """A walk that ends."""
-    for i in range(value.size):
-        value[i], chance[i] = 0.0, 0.0
-    return ABSORBED
-
-
-@inlined
-def mirror_into(wi, wo, cosine):
-    """Turn `wi`, which holds a facet's normal, into the reflected direction; `cosine` is that of `wo` on the facet."""
-    for i in range(3):
-        wi[i] = 2.0 * cosine * wi[i] - wo[i]
-    norm = 1.0 / math.sqrt(dot(wi, wi))
-    for i in range(3):
-        wi[i] *= norm
-
-
-@inlined
-def bend_into(wi, wo, cosine, beyond, ratio):
-    """Turn `wi`, which holds a facet's normal, into the refracted direction."""
-    for i in range(3):
-        wi[i] = (ratio * cosine - beyond) * wi[i] - ratio * wo[i]
-    norm = 1.0 / math.sqrt(dot(wi, wi))
-    for i in range(3):
-        wi[i] *= norm
-
-
-@merged
-def pass_smooth(hero, cosine, index_here, index_there, dispersive, adjoint, value, chance):
-    """Values and chances of refraction by a smooth surface."""
-    for i in range(value.size):
-        here, there = index_here[i], index_there[i]
-        share, _ = fresnel_dielectric(cosine, here, there)
-        away = dispersive and i != hero
-        value[i] = 0.0 if away else (1.0 - share) * (1.0 if adjoint else (here / there) ** 2)
-        chance[i] = 0.0 if away else 1.0 - share
 
 
 @merged
@@ -224,46 +200,42 @@ def go_straight(hero, dispersive, wo, wi, value, chance):
     for i in range(value.size):
         stays = not dispersive or i == hero
         value[i], chance[i] = (1.0, 1.0) if stays else (0.0, 0.0)
-    return TRANSMITTED + DELTA
 
 
 @merged
-def sample_facets(
-    materials, k, hero, n, side, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
+def follow_facet(wi, wo, reflected, cosine, beyond, ratio):
+    """Turn `wi`, which holds a facet's normal, into the reflected or the refracted direction."""
+    along = 2.0 * cosine if reflected else ratio * cosine - beyond
+    back = 1.0 if reflected else ratio
+    for i in range(3):
+        wi[i] = along * wi[i] - back * wo[i]
+    norm = 1.0 / math.sqrt(dot(wi, wi))
+    for i in range(3):
+        wi[i] *= norm
+
+
+@merged
+def smooth_terms(
+    materials, k, hero, reflected, cosine, index_here, index_there, dispersive, adjoint, value, chance
 ):  # fmt: skip
-    """`sample_bsdf` of dielectrics and conductors."""
-    kind, alpha = materials.kind[k], materials.roughness[k]
-    if alpha > 0.0:
-        draw_facet(alpha, n, side, wo, u, v, wi)
-    else:
-        for i in range(3):
-            wi[i] = side * n[i]
-    cosine = min(max(dot(wi, wo), 0.0), 1.0)
-    here, there = index_here[hero], index_there[hero]
-    share, beyond = fresnel_dielectric(cosine, here, there) if kind == DIELECTRIC else (1.0, 0.0)
-    reflected = w < share
-    if reflected:
-        mirror_into(wi, wo, cosine)
-    else:
-        bend_into(wi, wo, cosine, beyond, here / there)
-    event = REFLECTED if reflected else TRANSMITTED
-    if alpha > 0.0:
-        if (side * dot(n, wi) > 0.0) != reflected:
-            return lose(value, chance)
-        evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance)
-        return event if chance[hero] > 0.0 else lose(value, chance)
-    if kind == CONDUCTOR:
-        for i in range(value.size):
-            here = index_here[i]
+    """Coefficients and probabilities of a smooth surface."""
+    kind = materials.kind[k]
+    for i in range(value.size):
+        here, there = index_here[i], index_there[i]
+        if kind == MIRROR:
+            value[i], chance[i] = materials.reflectance[k, i], 1.0
+        elif kind == CONDUCTOR:
             value[i] = fresnel_conductor(cosine, materials.index[k, i] / here, materials.absorption[k, i] / here)
             chance[i] = 1.0
-    elif reflected:
-        for i in range(value.size):
-            share, _ = fresnel_dielectric(cosine, index_here[i], index_there[i])
-            value[i], chance[i] = share, share
-    else:
-        pass_smooth(hero, cosine, index_here, index_there, dispersive, adjoint, value, chance)
-    return event + DELTA
+        else:
+            share, _ = fresnel_dielectric(cosine, here, there)
+            if reflected:
+                value[i], chance[i] = share, share
+            elif dispersive and i != hero:
+                value[i], chance[i] = 0.0, 0.0
+            else:
+                value[i] = (1.0 - share) * (1.0 if adjoint else (here / there) ** 2)
+                chance[i] = 1.0 - share
 
 
 @kernel
@@ -298,28 +270,33 @@ def sample_bsdf(
     int
         ABSORBED, REFLECTED or TRANSMITTED, plus DELTA.  ABSORBED leaves value and chance 0.
     """
-    kind = materials.kind[k]
+    kind, alpha = materials.kind[k], materials.roughness[k]
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
-    if kind == INTERFACE:
-        return go_straight(hero, False, wo, wi, value, chance)
-    if kind == DIELECTRIC and index_here[hero] == index_there[hero]:
-        return go_straight(hero, dispersive, wo, wi, value, chance)
-    if kind == LAMBERT:
+    here, there = index_here[hero], index_there[hero]
+    if kind == INTERFACE or (kind == DIELECTRIC and here == there):
+        go_straight(hero, dispersive and kind == DIELECTRIC, wo, wi, value, chance)
+        return TRANSMITTED + DELTA
+    reflected, cosine = True, 0.0
+    if kind == LAMBERT or (kind == CONDUCTOR and w >= kept_share(materials, k, side * dot(n, wo))):
         draw_cosine(n, side, u, v, wi)
-        cosine = max(side * dot(n, wi), 0.0)
-        for i in range(value.size):
-            value[i], chance[i] = materials.reflectance[k, i] * cosine / math.pi, cosine / math.pi
-        return REFLECTED
-    if kind == MIRROR:
-        for i in range(3):
-            wi[i] = side * n[i]
-        mirror_into(wi, wo, side * dot(n, wo))
-        for i in range(value.size):
-            value[i], chance[i] = materials.reflectance[k, i], 1.0
-        return REFLECTED + DELTA
-    return sample_facets(
-        materials, k, hero, n, side, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
-    )  # fmt: skip
+    else:
+        draw_facet(alpha, n, side, wo, u, v, wi)
+        cosine = min(max(dot(wi, wo), 0.0), 1.0)
+        share, beyond = fresnel_dielectric(cosine, here, there)
+        reflected = kind != DIELECTRIC or w < share
+        follow_facet(wi, wo, reflected, cosine, beyond, here / there)
+    event = REFLECTED if reflected else TRANSMITTED
+    if is_delta(materials, k):
+        smooth_terms(
+            materials, k, hero, reflected, cosine, index_here, index_there, dispersive, adjoint, value, chance
+        )  # fmt: skip
+        return event + DELTA
+    evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance)
+    if (side * dot(n, wi) > 0.0) == reflected and chance[hero] > 0.0:
+        return event
+    for i in range(value.size):
+        value[i], chance[i] = 0.0, 0.0
+    return ABSORBED
 
 
 @entry

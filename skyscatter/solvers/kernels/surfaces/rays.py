@@ -21,7 +21,10 @@ from skyscatter.solvers.kernels.surfaces.shapes import (
     triangle_distance,
 )
 from skyscatter.solvers.kernels.surfaces.tables import PLANE, STACK
-from skyscatter.solvers.kernels.surfaces.tree import box_entry, climb, descend, inverse
+from skyscatter.solvers.kernels.surfaces.tree import inverse, next_leaf
+
+#: What `shear_of` gives stands here where there is no triangle.
+NO_SHEAR = (np.int64(0), np.int64(1), np.int64(2), 0.0, 0.0, 1.0)
 
 
 @inlined
@@ -32,44 +35,28 @@ def item_distance(kind, parameters, triangle, item, x, d, shear, near, last, ski
     return shape_distance(kind[item], parameters[item], item, x, d, near, last, item == skip)
 
 
-@merged
-def search_tree(
-    kind, parameters, triangle, node_box, node_link, order, x, d, shear, near, last, best, found, skip
-):  # fmt: skip
-    """Go on from a nearest crossing among the loose items to one of all."""
-    ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
-    node, trail, met = np.int64(0), np.uint64(0), False
-    while node >= 0:
-        if not met and box_entry(node_box[node], x, ix, iy, iz, near, best) == math.inf:
-            node, trail = climb(node, trail, node_link)
-        elif node_link[node, 0] >= 0:
-            node, trail, met = descend(node, trail, node_box, node_link, x, ix, iy, iz, near, best)
-        else:
-            first = -1 - node_link[node, 0]
-            for k in range(first, first + (node_link[node, 1] & 15)):
-                item = order[k]
-                t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
-                if t < best or (t == best and item < found):
-                    best, found = t, item
-            node, trail = climb(node, trail, node_link)
-            met = False
-    return best, found
-
-
 @kernel
 def nearest(kind, parameters, triangle, loose, node_box, node_link, order, x, d, near, last, far, skip, hit):
     """First crossing after (`near`, `last`) and before `far`; of crossings at one distance that of the lowest item."""
-    shear = shear_of(d)
+    shear = shear_of(d) if triangle.shape[0] > 0 else NO_SHEAR
+    ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
     best, found = far, np.int64(-1)
-    for k in range(loose.size):
-        item = loose[k]
-        t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
-        if t < best or (t == best and item < found):
-            best, found = t, item
-    if order.size > 0:
-        best, found = search_tree(
-            kind, parameters, triangle, node_box, node_link, order, x, d, shear, near, last, best, found, skip
-        )  # fmt: skip
+    # Runs of items: first the loose ones, then leaf after leaf.
+    node, trail = np.int64(-1), np.uint64(0)
+    first, stop = np.int64(0), np.int64(loose.size)
+    while True:
+        for k in range(first, stop):
+            item = order[k] if node >= 0 else loose[k]
+            t = item_distance(kind, parameters, triangle, item, x, d, shear, near, last, skip)
+            if t < best or (t == best and item < found):
+                best, found = t, item
+        if order.size == 0:
+            break
+        node, trail = next_leaf(node, trail, node_box, node_link, x, ix, iy, iz, near, best)
+        if node < 0:
+            break
+        first = -1 - node_link[node, 0]
+        stop = first + (node_link[node, 1] & 15)
     if found >= 0:
         set_hit(kind, parameters, triangle, found, best, x, d, hit)
     return found
@@ -125,28 +112,22 @@ def stops(shapes, item, x, d, shear, far, skip, skip_far):
 @kernel
 def obstructed(shapes, x, d, far, skip, skip_far):
     """See `blocked`."""
-    shear = shear_of(d)
-    for k in range(shapes.loose.size):
-        if stops(shapes, shapes.loose[k], x, d, shear, far, skip, skip_far):
-            return True
-    if shapes.order.size == 0:
-        return False
-    node_box, node_link = shapes.node_box, shapes.node_link
+    shear = shear_of(d) if shapes.triangle.shape[0] > 0 else NO_SHEAR
     ix, iy, iz = inverse(d[0]), inverse(d[1]), inverse(d[2])
-    node, trail, met = np.int64(0), np.uint64(0), False
-    while node >= 0:
-        if not met and box_entry(node_box[node], x, ix, iy, iz, 0.0, far) == math.inf:
-            node, trail = climb(node, trail, node_link)
-        elif node_link[node, 0] >= 0:
-            node, trail, met = descend(node, trail, node_box, node_link, x, ix, iy, iz, 0.0, far)
-        else:
-            first = -1 - node_link[node, 0]
-            for k in range(first, first + (node_link[node, 1] & 15)):
-                if stops(shapes, shapes.order[k], x, d, shear, far, skip, skip_far):
-                    return True
-            node, trail = climb(node, trail, node_link)
-            met = False
-    return False
+    node, trail = np.int64(-1), np.uint64(0)
+    first, stop = np.int64(0), np.int64(shapes.loose.size)
+    while True:
+        for k in range(first, stop):
+            item = shapes.order[k] if node >= 0 else shapes.loose[k]
+            if stops(shapes, item, x, d, shear, far, skip, skip_far):
+                return True
+        if shapes.order.size == 0:
+            return False
+        node, trail = next_leaf(node, trail, shapes.node_box, shapes.node_link, x, ix, iy, iz, 0.0, far)
+        if node < 0:
+            return False
+        first = -1 - shapes.node_link[node, 0]
+        stop = first + (shapes.node_link[node, 1] & 15)
 
 
 @inlined

@@ -98,25 +98,12 @@ def box_span(p, x, d):
 
 
 @inlined
-def goes_inward(p, x, d):
-    """Whether a ray that starts on a box goes into it: by the face that the start is nearest to."""
-    fx, fy, fz = x[0] - p[0], x[1] - p[1], x[2] - p[2]
-    best, inward = -1.0, False
-    for k in range(3):
-        at = 6 + 3 * k
-        place = fx * p[at] + fy * p[at + 1] + fz * p[at + 2]
-        rate = d[0] * p[at] + d[1] * p[at + 1] + d[2] * p[at + 2]
-        if abs(place) > best * p[3 + k]:
-            best, inward = abs(place) / p[3 + k], place * rate < 0.0
-    return inward
-
-
-@inlined
 def box_distance(p, item, x, d, near, last, skipped):
     """Distance to a box, see the module."""
     enter, leave, _, _ = box_span(p, x, d)
     if skipped:
-        return leave if leave > 0.0 and counts(leave, item, near, last) and goes_inward(p, x, d) else math.inf
+        # The start is on the box: inward means that the middle of the chord lies ahead.
+        return leave if enter + leave > 0.0 and counts(leave, item, near, last) else math.inf
     if not enter < leave:
         return math.inf
     if counts(enter, item, near, last):

@@ -53,6 +53,8 @@ class MaterialTable(NamedTuple):
     reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR
     index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's index
     absorption: np.ndarray  #: (material, wavelength) imaginary part k
+    kept: np.ndarray  #: (material, node) share of light that a CONDUCTOR's facets throw on none other, by even cosines
+    kept_mean: np.ndarray  #: (material,) its mean over directions by the cosine; 1 where nothing is to be made up for
 
 
 class MediaTable(NamedTuple):

@@ -61,20 +61,30 @@ def climb(node, trail, node_link):
 
 
 @inlined
-def descend(node, trail, node_box, node_link, x, ix, iy, iz, near, best):
-    """From an inner node to the child that is met first, or on to what is next.
-
-    Returns the next node, the trail, and whether its box is known to be met.
-    """
-    left = node_link[node, 0]
-    a = box_entry(node_box[left], x, ix, iy, iz, near, best)
-    b = box_entry(node_box[left + 1], x, ix, iy, iz, near, best)
-    if a == math.inf and b == math.inf:
+def next_leaf(node, trail, node_box, node_link, x, ix, iy, iz, near, best):
+    """The leaf to visit after `node` (-1: the first one) and the trail; -1 at the end."""
+    met = False
+    if node < 0:
+        node = np.int64(0)
+    else:
         node, trail = climb(node, trail, node_link)
-        return node, trail, False
-    both = a < math.inf and b < math.inf
-    trail = (trail << np.uint64(1)) | (np.uint64(1) if both else np.uint64(0))
-    return (left if a <= b else left + 1), trail, True
+    while node >= 0:
+        leave = not met and box_entry(node_box[node], x, ix, iy, iz, near, best) == math.inf
+        if not leave:
+            left = node_link[node, 0]
+            if left < 0:
+                break
+            a = box_entry(node_box[left], x, ix, iy, iz, near, best)
+            b = box_entry(node_box[left + 1], x, ix, iy, iz, near, best)
+            leave = a == math.inf and b == math.inf
+            if not leave:
+                both = a < math.inf and b < math.inf
+                trail = (trail << np.uint64(1)) | (np.uint64(1) if both else np.uint64(0))
+                node, met = (left if a <= b else left + 1), True
+        if leave:
+            node, trail = climb(node, trail, node_link)
+            met = False
+    return node, trail
 
 
 @merged
