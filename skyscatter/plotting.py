@@ -140,7 +140,7 @@ def _sky_columns(field: Any, view: Any, pixels: int) -> tuple[float, NDArray[np.
 def plot_model(model: Any, path: str | os.PathLike[str]) -> None:
     """Draw a model into a file: ``.png``, ``.svg`` or ``.pdf`` by its extension."""
     if model.command == "render":
-        raise DomainError("plot", str(path), "scenes of surfaces have no drawing; make a picture with skyscatter render")
+        raise DomainError("plot", str(path), "scenes of surfaces have no drawing; make a picture: skyscatter render")
     figure = model_figure(model) if hasattr(model, "planet") else nebula_figure(model)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120, format=Path(path).suffix.lower().removeprefix("."))

@@ -48,9 +48,7 @@ def room(half: float, albedo: Any, radiance: Any = None) -> list[Body]:
             normal[axis], middle[axis] = -side, side * half
             shape = Rectangle(position=tuple(middle), normal=tuple(normal), size=(2 * half, 2 * half))
             lamp = None if radiance is None else AreaLamp(radiance=radiance)
-            bodies.append(
-                Body(name=f"wall {axis} {side:g}", shape=shape, material=Lambert(albedo=albedo), lamp=lamp)
-            )
+            bodies.append(Body(name=f"wall {axis} {side:g}", shape=shape, material=Lambert(albedo=albedo), lamp=lamp))
     return bodies
 
 

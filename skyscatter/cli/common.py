@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skyscatter.cli import parse
 from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.units import metres
 
 Wavelengths = Annotated[
     str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
@@ -27,8 +28,15 @@ Noise = Annotated[
 Seed = Annotated[
     str | None,
     typer.Option(
-        metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807, else 0 (path)."
+        metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807, else 0 (not single)."
     ),
+]
+Photons = Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")]
+Radius = Annotated[
+    str | None, typer.Option(metavar="LENGTH", help="Radius in which light is gathered, else one that falls (photons).")
+]
+Estimator = Annotated[
+    str | None, typer.Option(metavar="NAME", help="What is gathered: points, paths or both (photons).")
 ]
 Threads = Annotated[str | None, typer.Option(metavar="N", help="Threads; by default one per processor.")]
 Exposure = Annotated[
@@ -88,6 +96,15 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "json": texts["as_json"],
         "quiet": texts["quiet"],
         "resume": None if texts["resume"] is None else parse.check_input(texts["resume"], "checkpoint"),
+    }
+
+
+def photon_options(photons: str | None, radius: str | None, estimator: str | None) -> dict[str, Any]:
+    """Options of the solver photons from what was typed."""
+    return {
+        "photons": parse.parse_integer(photons, "photons", 1, "give a number of photons, 1 or more"),
+        "radius": None if radius is None else metres(radius, "radius"),
+        "estimator": estimator,
     }
 
 

@@ -48,7 +48,7 @@ def nebula(
         ),
     ] = None,
     solver: Annotated[
-        str, typer.Option(metavar="NAME", help="path (all orders of scattering) or single (the first alone).")
+        str, typer.Option(metavar="NAME", help="path (all orders of scattering), single (the first alone) or photons.")
     ] = "path",
     samples: common.Samples = None,
     noise: common.Noise = None,
@@ -63,6 +63,9 @@ def nebula(
         str | None, typer.Option(metavar="N", help="Layers with the light scattered once, ..., N times (path).")
     ] = None,
     sampling: Annotated[str | None, typer.Option(metavar="NAME", help="How flights are drawn (path).")] = None,
+    photons: common.Photons = None,
+    radius: common.Radius = None,
+    estimator: common.Estimator = None,
     seed: common.Seed = None,
     threads: common.Threads = None,
     filters: Annotated[
@@ -124,6 +127,7 @@ def nebula(
         solver=solver,
         orders=parse.parse_integer(orders, "orders", 1, "give a number of layers, 1 or more"),
         sampling=sampling,
+        **common.photon_options(photons, radius, estimator),
         filters=filters,
         png=options.png_options(png, space),
         observation=options.observation(psf, aperture, exposure_time, throughput, seed),
@@ -189,10 +193,10 @@ def run(request: Request, arguments: list[str]) -> int:
     scene: Any = model.scene(**request.turned)
     camera = build_camera(request, scene)
     sky = SkyFrame.seen(scene.view, camera, model.name)
-    more: dict[str, Any] = {"orders": request.orders, "sampling": request.sampling}
-    given = {name: value for name, value in more.items() if value is not None}
+    names = ("orders", "sampling", "photons", "radius", "estimator")
+    given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
     image, finished = common.render_request(request, scene, camera, model.name, arguments, **given)
-    noise = common.median_error(image) if request.solver == "path" else None
+    noise = common.median_error(image) if request.solver != "single" else None
     image = image.placed(sky)
     if request.observation:
         from skyscatter.image.instrument import observe

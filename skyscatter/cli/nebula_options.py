@@ -16,12 +16,16 @@ from skyscatter.units import metres
 
 #: Options that some solvers have no use for.
 MEANINGLESS: dict[str, tuple[str, ...]] = {
-    "path": (),
-    "single": ("samples", "noise", "seed", "max_order", "orders", "sampling"),
+    "path": ("photons", "radius", "estimator"),
+    "single": ("samples", "noise", "seed", "max_order", "orders", "sampling", "photons", "radius", "estimator"),
+    "photons": ("tolerance", "sampling"),
 }
 #: Finest relative accuracy of the quadrature along a ray that may be asked for.
 LEAST_TOLERANCE = 1e-9
-REMEDY = dict.fromkeys(MEANINGLESS["single"], "path")
+REMEDY = {
+    **dict.fromkeys([*MEANINGLESS["single"], *MEANINGLESS["photons"]], "path"),
+    **dict.fromkeys(MEANINGLESS["path"], "photons"),
+}
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,9 @@ class Request(common.RunRequest):
     pixel_scale_deg: float | None
     orders: int | None
     sampling: str | None
+    photons: int | None
+    radius: float | None
+    estimator: str | None
     filters: str | None
     png: dict[str, Any]
     observation: dict[str, Any]

@@ -72,14 +72,9 @@ def render(
         str | None,
         typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges."),
     ] = None,
-    photons: Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")] = None,
-    radius: Annotated[
-        str | None,
-        typer.Option(metavar="LENGTH", help="Radius in which light is gathered, else one that falls (photons)."),
-    ] = None,
-    estimator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What is gathered: points, paths or both (photons).")
-    ] = None,
+    photons: common.Photons = None,
+    radius: common.Radius = None,
+    estimator: common.Estimator = None,
     seed: common.Seed = None,
     threads: common.Threads = None,
     exposure: common.Exposure = None,
@@ -109,9 +104,7 @@ def render(
         solver=solver,
         orders=whole(orders, "orders", 1, "give a number of layers, 1 or more"),
         subpixels=whole(subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"),
-        photons=whole(photons, "photons", 1, "give a number of photons, 1 or more"),
-        radius=None if radius is None else metres(radius, "radius"),
-        estimator=estimator,
+        **common.photon_options(photons, radius, estimator),
         png={
             "exposure": "auto" if exposure is None else parse.parse_exposure(exposure),
             "tone": "filmic" if tone is None else tone,
@@ -143,7 +136,8 @@ def parse_triple(text: str, name: str, lengths: bool) -> tuple[float, float, flo
 
 def build_camera(request: Request, model: Any) -> Any:
     """The model's camera, with the size and the field that were asked for."""
-    camera, changes = model.camera, {}
+    camera = model.camera
+    changes: dict[str, Any] = {}
     if request.size != (0, 0):
         changes = {"width": request.size[0], "height": request.size[1]}
     if request.field_of_view is not None:

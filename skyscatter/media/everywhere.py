@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skyscatter.media.space import Array, FieldTerm, SpatialField
 
@@ -36,13 +37,13 @@ class Everywhere(SpatialField):
         """The model's origin, as good as any point."""
         return np.zeros(3)
 
-    def density(self, points: object) -> Array:
+    def density(self, points: ArrayLike) -> Array:
         """1, in the shape of the points (..., 3) without the last axis."""
-        return np.ones(np.shape(points)[:-1])  # type: ignore[arg-type]
+        return np.ones(np.asarray(points, float).shape[:-1])
 
-    def column(self, start: object, end: object) -> Array:
+    def column(self, start: ArrayLike, end: ArrayLike) -> Array:
         """Length of straight segments [m]."""
-        return np.asarray(np.linalg.norm(np.subtract(end, start), axis=-1))  # type: ignore[call-overload]
+        return np.asarray(np.linalg.norm(np.asarray(end, float) - np.asarray(start, float), axis=-1))
 
     def reference_column(self) -> float:
         """Not a number: a field without end has none."""

@@ -21,7 +21,7 @@ from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
 from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
-from skyscatter.solvers.kernels.surfaces.nearlight import light_events, light_surfaces, make_near_scratch
+from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_near_scratch
 from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
 from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
 from skyscatter.solvers.kernels.surfaces.points import Points, make_points
@@ -212,8 +212,28 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
         )  # fmt: skip
         if by_rays(options):
             seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
-            light_events(table, room.points, seed, stream, bunch, most, near, room.sums, by_order)
-            light_surfaces(table, room.surfaces, seed, stream, bunch, most, near, room.sums, by_order)
+            for on_surface, points in enumerate((room.points, room.surfaces)):
+                light_points(
+                    table, points, bool(on_surface), seed, stream, 2 * bunch + on_surface, most, near, room.sums,
+                    by_order,
+                )  # fmt: skip
         bunch += 1
     layers = {f"order{k + 1}": by_order[k] for k in range(options.orders)}
     return Answer(room.sums, np.zeros_like(room.sums), layers, np.full(n, 1))
+
+
+def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
+    """What becomes of the power of photons, shape (fate, wavelength) [W nm-1].
+
+    Rows: escaped, absorbed by media, absorbed by surfaces, given up after too many events.  They add up to the power of
+    the lamps (what reaches the sphere around the scene, of light from outside), the second one in the mean.
+    """
+    room = _Room.for_rays(guided(table), 1)
+    none = make_cells(np.zeros((0, 3)), 1.0)
+    fates = np.zeros((4, table.media.sigma_t.shape[1]))
+    trace_photons(
+        guided(table), room.points, room.surfaces, none, none, ESTIMATORS["both"], 1.0, 1.0, np.int64(seed),
+        np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
+        np.zeros((0, 1, fates.shape[1])), fates,
+    )  # fmt: skip
+    return fates

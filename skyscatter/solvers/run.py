@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,7 +68,7 @@ def worker_count(threads: int | None) -> int:
     return threads
 
 
-def is_space(scene: AnyScene) -> bool:
+def is_space(scene: AnyScene) -> TypeGuard[SpaceScene]:
     """Whether a scene is one of space, without loading what such scenes are made of."""
     return hasattr(scene, "star_field")
 

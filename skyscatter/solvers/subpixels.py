@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.telescope import Telescope
@@ -115,7 +116,7 @@ class Subpixels:
         return Rays(np.ascontiguousarray(origins), np.ascontiguousarray(directions), numbers)
 
     def _mean(self, answer: Answer) -> Answer:
-        def split(values: Array) -> Array:
+        def split(values: NDArray[Any]) -> NDArray[Any]:
             return values.reshape(-1, self.count, *values.shape[1:])
 
         def combined(name: str, values: Array) -> Array:

@@ -16,6 +16,7 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.kernels.path import BATCHES
+from skyscatter.solvers.kernels.pointed import Pointed
 from skyscatter.solvers.kernels.surfaces.flights import make_scratch
 from skyscatter.solvers.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
 from skyscatter.solvers.kernels.surfaces.lamps import LampGuide
@@ -45,13 +46,18 @@ SAMPLINGS = {None: BOTH, "area": AREA, "angular": ANGULAR}
 ANGLES = 513
 #: Share of it that takes scattering as equal in all directions.
 EVEN_SHARE = 0.1
+#: Share of the points on legs that are drawn by where the lamp is near, points on the camera's first leg, and the
+#: throughput below which roulette begins.  The answer is the same whatever they are; measured for the least noise at
+#: equal time in rooms with fog of an optical depth from 0.1 to 10.
+NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
 #: Points from which the middle and the size of a lamp with a surface are found.
 POINTS = 256
 
 
 def check(options: Options) -> None:
     """Refuse what contradicts itself."""
-    options.refuse("path with surfaces", "stokes", "tolerance", "transmittance", "photons", "radius", "estimator", "direct")
+    of_others = ("stokes", "tolerance", "transmittance", "photons", "radius", "estimator", "direct")
+    options.refuse("path with surfaces", *of_others)
     if options.samples is not None and options.noise is not None:
         raise DomainError("samples", options.samples, "give samples or noise, not both")
     if options.sampling not in SAMPLINGS:
@@ -65,7 +71,7 @@ def prepare(
     options: Options,
     threads: int,
     progress: Callable[[float], None] | None,
-) -> WalkTable:
+) -> Pointed:
     """The tables of a scene, and where its light is."""
     from skyscatter.solvers.surfaces import compile_surfaces
 
@@ -73,22 +79,24 @@ def prepare(
     if options.sampling == "angular" and np.any(np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP))):
         rule = "finds no lamp without extent, and there is one; leave it out, or make it a body that shines"
         raise DomainError("sampling", options.sampling, rule)
-    return guided(table)
+    return Pointed(guided(table))
 
 
-def solve(table: WalkTable, rays: Rays, options: Options) -> Answer:
+def solve(pointed: Pointed, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
+    table: WalkTable = pointed.table
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     apart = np.empty((n, 3, wavelengths))
     used = np.empty(n, np.int64)
     walks = walks_for(options)
+    components, lamps = len(table.media.density), len(table.lamps.kind)
+    scratch = make_scratch(components, wavelengths, lamps, min(walks, BATCHES))
     surface_path_rays(
-        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
+        pointed, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
         MOST_ORDERS if options.max_order is None else int(options.max_order), SAMPLINGS[options.sampling],
-        make_scratch(len(table.media.density), wavelengths, len(table.lamps.kind), min(walks, BATCHES)), mean, error,
-        by_order, apart, used,
+        Pointed(scratch), mean, error, by_order, apart, used,
     )  # fmt: skip
     if np.any(used < 0):
         place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])
@@ -136,6 +144,9 @@ def guided(table: SurfaceTable) -> WalkTable:
         scatters=scatters,
         shines=shines,
         extinction=media.extinction.mean(axis=1),
+        near=NEAR_SHARE,
+        points=FIRST_POINTS,
+        level=ROULETTE_LEVEL,
         gathered=gathered,
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide)

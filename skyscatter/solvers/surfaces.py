@@ -34,11 +34,10 @@ from skyscatter.surfaces.packing import (
     pack_shapes,
     starting_stack,
 )
-from skyscatter.surfaces.scene import SurfaceMedium, SurfaceScene
+from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene
 
 if TYPE_CHECKING:
     from skyscatter.media.medium import Component
-    from skyscatter.surfaces.lamps import AreaLamp
     from skyscatter.surfaces.meshes import AnyShape
 
 Array = NDArray[np.float64]
@@ -64,26 +63,28 @@ def compile_surfaces(scene: SurfaceScene | SpaceScene, wavelengths: ArrayLike) -
 
 @lru_cache(maxsize=8)
 def _compiled(scene: SurfaceScene | SpaceScene, wavelengths: tuple[float, ...]) -> SurfaceTable:
-    wl = np.array(wavelengths)
+    wl, bodies = np.array(wavelengths), _bodies(scene)
     if isinstance(scene, SpaceScene):
-        media = compile_media((SurfaceMedium(name="space", components=scene.medium.components),), wavelengths)
-        bodies, lamps = (), space_lamps(scene, wl)
+        records: tuple[SurfaceMedium, ...] = (SurfaceMedium(name="space", components=scene.medium.components),)
+        lamps, viewpoint = space_lamps(scene, wl), None
     else:
-        media, bodies = compile_media(scene.media, wavelengths), scene.bodies
-        lamps = free_lamps(scene, wl)
-    names = [medium.name for medium in getattr(scene, "media", ())]
+        records, lamps, viewpoint = scene.media, free_lamps(scene, wl), np.array(scene.viewpoint.position)
+    media, names = compile_media(records, wavelengths), [medium.name for medium in records]
     inside = [-1 if body.inside is None else names.index(body.inside) for body in bodies]
     materials = tuple(dict.fromkeys(body.material for body in bodies))
     rows = [materials.index(body.material) for body in bodies]
     shining = [k for k, body in enumerate(bodies) if body.lamp is not None]
     lamp = [shining.index(k) if k in shining else -1 for k in range(len(bodies))]
-    parts = [(body.shape, *numbers) for body, *numbers in zip(bodies, rows, inside, lamp, strict=True)]
+    parts = list(zip((body.shape for body in bodies), rows, inside, lamp, strict=True))
     shapes = pack_shapes(parts, materials)
-    lamps = [surface_lamp(shapes, k, bodies[k].name, bodies[k].lamp, wl) for k in shining] + lamps
-    viewpoint = None if isinstance(scene, SpaceScene) else np.array(scene.viewpoint.position)
+    lamps = [surface_lamp(shapes, k, bodies[k], wl) for k in shining] + lamps
     centre, radius = everything(tuple(body.shape for body in bodies), media, lamps, viewpoint)
     table = pack_lamps(shapes, media, lamps, centre, radius)
     return SurfaceTable(shapes, pack_materials(materials, wl), media, table)
+
+
+def _bodies(scene: SurfaceScene | SpaceScene) -> tuple[Body, ...]:
+    return () if isinstance(scene, SpaceScene) else scene.bodies
 
 
 # --- media --------------------------------------------------------------------------------------------------------
@@ -185,9 +186,11 @@ def surroundings(name: str, radiance: Array) -> Lamp:
     return Lamp(name, SURROUNDINGS, radiance, np.zeros(3), _UP, *_FROM_OUTSIDE)
 
 
-def surface_lamp(shapes: ShapeTable, body: int, name: str, lamp: AreaLamp, wl: Array) -> Lamp:
+def surface_lamp(shapes: ShapeTable, number: int, body: Body, wl: Array) -> Lamp:
     """A body that shines."""
-    items = body_items(shapes, body)
+    name, lamp = body.name, body.lamp
+    assert lamp is not None
+    items = body_items(shapes, number)
     areas = item_areas(shapes)[items]
     items, areas = items[areas > 0], areas[areas > 0]
     area = float(areas.sum())

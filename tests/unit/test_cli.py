@@ -60,6 +60,7 @@ class PolarisedImage(Image):
 
 class State:
     done = np.array([True, False])
+    share = 0.5
 
     def save(self, path):
         Path(path).write_text("state")
@@ -99,7 +100,8 @@ def fake(monkeypatch, tmp_path):
     def load_model(name):
         if name not in ("earth", "mars"):
             raise ModelFileError(name, "no such model; choose earth or mars")
-        return SimpleNamespace(name=name, planet=SimpleNamespace(name=name.capitalize()), scene=scene)
+        planet = SimpleNamespace(name=name.capitalize())
+        return SimpleNamespace(name=name, command="sky", planet=planet, scene=scene)
 
     def render(scene, camera, wavelengths, **options):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
@@ -546,6 +548,7 @@ def small_model(monkeypatch):
     ]
     model = SimpleNamespace(
         name="small",
+        command="sky",
         description="two components",
         sources=["a test"],
         planet=SimpleNamespace(name="Earth", radius=6371e3),

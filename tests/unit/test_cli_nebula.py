@@ -27,6 +27,7 @@ WL = "486.27,500.82,656.46,672.55"
 
 class State:
     done = np.array([True, False])
+    share = 0.5
 
     def save(self, path):
         Path(path).write_text("state")
@@ -55,8 +56,8 @@ def fake(monkeypatch, tmp_path):
 
     def load_model(name):
         if name == "earth":
-            return SimpleNamespace(name="earth", planet=None)
-        return SimpleNamespace(name="orion", scene=scene)
+            return SimpleNamespace(name="earth", command="sky")
+        return SimpleNamespace(name="orion", command="nebula", scene=scene)
 
     def render(scene, camera, wavelengths, **options):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
@@ -92,6 +93,9 @@ def fake(monkeypatch, tmp_path):
         (["--solver", "single", "--samples", "3"], ["samples", "--solver path"]),
         (["--solver", "single", "--orders", "3"], ["orders", "--solver path"]),
         (["--solver", "single", "--seed", "3"], ["seed", "--solver path"]),
+        (["--solver", "photons", "--tolerance", "1%"], ["tolerance", "--solver path"]),
+        (["--photons", "1000"], ["photons", "--solver photons"]),
+        (["--solver", "photons", "--radius", "wide"], ["radius", "'wide'"]),
         (["--samples", "3", "--noise", "1%"], ["--samples or --noise"]),
         (["--tolerance", "20%"], ["tolerance", "between 1e-07 and 10 %"]),
         (["--orders", "0"], ["orders", "1 or more"]),
@@ -282,3 +286,12 @@ def test_angles_lengths_and_times():
     for wrong in ("", "arcmin", "0deg", "nandeg", "1parsec", "3"):
         with pytest.raises(DomainError):
             parse_field(wrong)
+
+
+def test_photons_are_asked_for_with_their_options(fake):
+    words = "--solver photons --photons 5000 --radius 0.01pc --estimator both --samples 8 -o out.png -q"
+    assert main(["nebula", "orion", *words.split(), "--wavelengths", "450,550,650"]) == 0
+    assert fake.render["solver"] == "photons"
+    assert fake.render["photons"] == 5000
+    assert fake.render["radius"] == pytest.approx(0.01 * PARSEC)
+    assert fake.render["estimator"] == "both"

@@ -148,7 +148,9 @@ def test_colours_of_the_shipped_spectra() -> None:
     eye = read_table("cie1931.csv")
     for name, (x, y) in stated.items():
         shape = spectrum_shape(lamp_spectrum(name), eye["wavelength_nm"])
-        tristimulus = np.array([np.trapezoid(shape * eye[c], eye["wavelength_nm"]) for c in ("x_bar", "y_bar", "z_bar")])
+        tristimulus = np.array(
+            [np.trapezoid(shape * eye[c], eye["wavelength_nm"]) for c in ("x_bar", "y_bar", "z_bar")]
+        )
         assert tristimulus[:2] / tristimulus.sum() == pytest.approx((x, y), abs=1.5e-3), name
 
 
@@ -200,7 +202,9 @@ def test_bad_lamps_are_refused_in_one_line(lamp: Any, given: dict[str, Any], mes
 def test_bad_light_from_outside_and_of_surfaces() -> None:
     assert "give either direction" in complaint(lambda: ParallelLamp(irradiance=1.0))
     assert "elevation_deg = 95.0" in complaint(lambda: ParallelLamp(irradiance=1.0, azimuth_deg=0, elevation_deg=95))
-    assert "exactly one of radiance, watts_per_m2_sr" in complaint(lambda: Surroundings(radiance=1.0, watts_per_m2_sr=1))
+    assert "exactly one of radiance, watts_per_m2_sr" in complaint(
+        lambda: Surroundings(radiance=1.0, watts_per_m2_sr=1)
+    )
     assert "shines into the body" in complaint(lambda: AreaLamp(power=1.0, lobe=IsotropicLobe()))
     assert "use a point lamp" in complaint(lambda: AreaLamp(power=1.0, lobe=CityLobe()))
     assert "intensities = -1.0" in complaint(lambda: TabulatedLobe(angles_deg=(0, 90), intensities=(1, -1)))

@@ -47,7 +47,7 @@ class TestAroundPlanet(SpatialFieldBase):
         """It does not: optical depths are those of the air above the ground, as in an atmosphere."""
         for field in self.examples:
             assert field.reference_column() == field.profile.reference_column()
-            low, high = field.bounds
+            low, _ = field.bounds
             x, y, z = field.position
             column = field.column([x, y, low[2]], [x, y, z])
             assert float(column) == pytest.approx(field.reference_column(), rel=1e-6)
@@ -57,7 +57,9 @@ class TestAroundPlanet(SpatialFieldBase):
 def test_columns_through_the_air_of_the_earth(profile: Any) -> None:
     """The same optical depths as through the shells of an atmosphere, from the zenith to the horizon."""
     optics = Particles(optical_depth=1.0, phase=Isotropic())
-    shells = Scene(medium=Medium(planet_radius=EARTH, components=(Component(name="air", density=profile, optics=optics),)))
+    shells = Scene(
+        medium=Medium(planet_radius=EARTH, components=(Component(name="air", density=profile, optics=optics),))
+    )
     field = AroundPlanet(radius=EARTH, position=(0, 0, -EARTH), profile=profile)
     elevation = np.radians([0.0, 0.3, 2.0, 20.0, 90.0])
     ends = 2.2e6 * np.stack([np.cos(elevation), np.zeros(5), np.sin(elevation)], axis=-1)

@@ -29,6 +29,7 @@ from skyscatter.media.operations import (
     warp_modes,
 )
 from skyscatter.media.particles import ParticleSet
+from skyscatter.media.planets import AroundPlanet
 from skyscatter.media.shapes import (
     BonnorEbert,
     GaussianShell,
@@ -586,8 +587,8 @@ class TestWarped(SpatialFieldBase):
 
 
 def test_every_field_has_its_tests() -> None:
-    # Grids and particles are tested in files of their own: what they hold is data, not a formula.
-    assert members(AnySpatialField) == {*SPACE_TESTS, VoxelGrid, ParticleSet}
+    # Grids and particles are tested in files of their own: what they hold is data, not a formula.  So is a planet's air.
+    assert members(AnySpatialField) == {*SPACE_TESTS, VoxelGrid, ParticleSet, AroundPlanet}
 
 
 def test_fields_from_a_file() -> None:

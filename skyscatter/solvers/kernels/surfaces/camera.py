@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, kernel, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, merged
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta
 from skyscatter.solvers.kernels.surfaces.lamps import brightness
@@ -25,11 +25,11 @@ from skyscatter.solvers.kernels.surfaces.media import (
     spectral_depth,
     transmit,
 )
-from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind
+from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
-from skyscatter.solvers.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
+from skyscatter.solvers.kernels.surfaces.rays import fill_stack
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
-from skyscatter.solvers.kernels.surfaces.shapes import item_body
+from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
 from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
 
 #: Legs of a walk at most: as many boundaries and mirrors as can be looked through.
@@ -40,7 +40,7 @@ ANGLE_SHARE = 0.5
 WEAK = 0.05
 
 
-@kernel
+@inlined
 def note_point(points, ray, x, d, m, beyond, body, order, accepts, stack):
     """A new visibility point; its number."""
     p = points.count[0]
@@ -48,7 +48,7 @@ def note_point(points, ray, x, d, m, beyond, body, order, accepts, stack):
     for n in range(3):
         points.place[p, n], points.direction[p, n] = x[n], d[n]
     points.ray[p], points.medium[p], points.beyond[p], points.body[p] = ray, m, beyond, body
-    points.order[p], points.accepts[p] = order, accepts
+    points.order[p], points.accepts[p], points.item[p] = order, accepts, -1
     copy_stack(stack, points.stack[p])
     return p
 
@@ -185,15 +185,12 @@ def look(scene, ray, events, direct, points, surfaces, s, sums):
     x, d = walk.position, walk.direction
     accepts = (FOCUSED | SCATTERED) if direct else (DIRECT | FOCUSED | SCATTERED)
     hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
-    near, last, skip, order = 0.0, np.int64(-1), np.int64(-1), 0
+    near, last, skip, order = 0.0, NO_MORE, np.int64(-1), 0
     for n in range(3):
         s.origin[n] = x[n]
     for _ in range(MOST_LEGS):
         m = current_medium(media, s.stack)
-        if last >= 0:
-            item = next_hit(shapes, s.origin, d, near, last, math.inf, hit)
-        else:
-            item = closest_hit(shapes, x, d, math.inf, skip, hit)
+        item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         if media.first[m + 1] > media.first[m]:
             leave_events(scene, points, ray, m, hero, far, events, accepts, order, s)
@@ -211,7 +208,7 @@ def look(scene, ray, events, direct, points, surfaces, s, sums):
             see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums)
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
-            near, last = hit[0], item
+            near, last, skip = hit[0], item, np.int64(-1)
             continue
         if not is_delta(scene.materials, material):
             # Rays to lamps are sent on the walk's side alone.
@@ -222,7 +219,7 @@ def look(scene, ray, events, direct, points, surfaces, s, sums):
         order += 1
         if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(s):
             return
-        near, last, skip = 0.0, np.int64(-1), item
+        near, last, skip = 0.0, NO_MORE, item
         for n in range(3):
             s.origin[n] = x[n]
 

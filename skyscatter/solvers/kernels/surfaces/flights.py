@@ -19,6 +19,7 @@ import numpy as np
 from skyscatter.solvers.kernels.fastexp import fast_exp
 from skyscatter.solvers.kernels.jit import kernel, merged
 from skyscatter.solvers.kernels.path import Walk, make_walk
+from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, uniform
 from skyscatter.solvers.kernels.space import clip_to_space
 from skyscatter.solvers.kernels.surfaces.media import (
@@ -184,7 +185,7 @@ def gather_emission(media, m, x, d, far, s):
             sigma = media.extinction[m, i]
             out[i] *= s.lost[i] / sigma if s.lost[i] > 0.0 else (far if out[i] > 0.0 else 0.0)
         return
-    start, end = clip_to_space(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    start, end = clip_to_space(whole(media.space), x[0], x[1], x[2], d[0], d[1], d[2])
     start, end = max(start, 0.0), min(end, far)
     for c in range(media.first[m], media.first[m + 1]):
         if media.density[c] > 0.0 and far < math.inf:

@@ -48,26 +48,38 @@ def add_to_ray(points, p, factor, light, order, sums, by_order):
 
 
 @kernel
+def mix_phase(first, last, density, sigma_s, phase, cos_theta, out):
+    """Scattering coefficient times phase function of components `first` to `last`, into `out` [m-1 sr-1]."""
+    angles = phase.shape[1] - 1
+    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * angles), angles - 1)
+    scale = 2.0 / (angles * angles)
+    # Nodes fall from +1: mu_k - mu_(k+1) = 2 (2 k + 1) / n^2.
+    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    for i in range(out.size):
+        out[i] = 0.0
+    for c in range(first, last):
+        n = density[c]
+        if n > 0.0:
+            for i in range(out.size):
+                low, high = phase[c, k, i], phase[c, k + 1, i]
+                out[i] += n * sigma_s[c, i] * (low + w * (high - low))
+
+
+@inlined
+def look_up(media, points, p, dx, dy, dz, out):
+    """What point p scatters of light that flies along (dx, dy, dz) towards the camera, into `out` [m-1 sr-1]."""
+    e, m = points.direction[p], points.medium[p]
+    cos_theta = -(dx * e[0] + dy * e[1] + dz * e[2])
+    mix_phase(media.first[m], media.first[m + 1], points.density[p], media.sigma_s, media.phase, cos_theta, out)
+
+
+@inlined
 def add_scattered(media, points, p, flux, factor, d, order, s, sums, by_order):
     """Light of a fluence rate `flux` (wavelength,) that flies along d, scattered at p towards the camera."""
-    e = points.direction[p]
-    cos_theta = -(d[0] * e[0] + d[1] * e[1] + d[2] * e[2])
-    last = media.phase.shape[1] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
-    scale = 2.0 / (last * last)
-    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
-    light, m = s.light, points.medium[p]
-    for i in range(light.size):
-        light[i] = 0.0
-    for c in range(media.first[m], media.first[m + 1]):
-        n = points.density[p, c]
-        if n > 0.0:
-            for i in range(light.size):
-                low, high = media.phase[c, k, i], media.phase[c, k + 1, i]
-                light[i] += n * media.sigma_s[c, i] * (low + w * (high - low))
-    for i in range(light.size):
-        light[i] *= flux[i]
-    add_to_ray(points, p, factor, light, order, sums, by_order)
+    look_up(media, points, p, d[0], d[1], d[2], s.light)
+    for i in range(s.light.size):
+        s.light[i] *= flux[i]
+    add_to_ray(points, p, factor, s.light, order, sums, by_order)
 
 
 @inlined

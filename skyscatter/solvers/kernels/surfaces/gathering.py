@@ -58,8 +58,6 @@ from skyscatter.solvers.kernels.surfaces.tables import (
 BOTH, AREA, ANGULAR = 0, 1, 2
 #: What the vertex before was: one from which no lamp can be aimed at, one on a surface, one in a medium.
 NO_AIM, SURFACE, MEDIUM = 0, 1, 2
-#: Share of the points at which lamps are looked for that are drawn by where the lamp is near.
-NEAR_SHARE = 0.6
 #: Parts of the light: straight from where it shines, scattered once by a medium, once by a surface.
 DIRECT, SCATTERED, REFLECTED_ONCE = 0, 1, 2
 
@@ -115,7 +113,7 @@ def meeting_weight(table, k, cosine, s):
         m, t, far = np.int64(kept[2, 0]), kept[2, 1], kept[2, 2]
         guess_on_leg(lamps, guide, m, kept[0], kept[1], far, s.chance)
         _, along, height, low, high = aim_on_leg(lamps, guide, m, k, kept[0], kept[1], far)
-        near = NEAR_SHARE if high > low else 0.0
+        near = table.guide.near if high > low else 0.0
         density *= s.chance[k] * s.far[SCALE]
         first = density * near * density_on_leg(guide.gathered[m], along, height, low, high, t)
         second = density * (1.0 - near)
@@ -126,15 +124,15 @@ def meeting_weight(table, k, cosine, s):
 
 
 @merged
-def place_on_leg(table, m, k, hero, s):
+def place_on_leg(table, m, k, hero, first, s):
     """A distance on the leg at which lamp k is looked for, into ``s.place`` the point; how it was drawn.
 
     Returns the distance, negative if there is none, and of draws by where the lamp is near the share and the density.
     """
     walk, d, far, order = s.walk, s.walk.direction, s.far[LENGTH], s.at[ORDER]
     _, along, height, low, high = aim_on_leg(table.lamps, table.guide, m, k, s.start, d, far)
-    near = NEAR_SHARE if high > low else 0.0
-    u = number(walk, order, 1)
+    near = table.guide.near if high > low else 0.0
+    u = number(walk, order, 1) if first else uniform(walk.state)
     if u < near:
         t = draw_on_leg(table.guide.gathered[m], along, height, low, high, u / near)
         t = min(max(t, 0.0), far)
@@ -150,19 +148,23 @@ def place_on_leg(table, m, k, hero, s):
 
 
 @kernel
-def light_leg(table, hero, sampling, s):
-    """Light of a lamp that is scattered into the leg, into ``s.light`` (wavelength,); False if there is none."""
+def light_leg(table, hero, sampling, first, s):
+    """Light of a lamp that is scattered into the leg, into ``s.light`` (wavelength,); False if there is none.
+
+    Only the `first` of several draws on a leg takes evenly spread numbers.
+    """
     media, lamps, walk, d = table.media, table.lamps, s.walk, s.walk.direction
     m, order = s.at[IN], s.at[ORDER]
     guess_on_leg(lamps, table.guide, m, s.start, d, s.far[LENGTH], s.chance)
-    k = pick(s.chance, number(walk, order, 2))
+    k = pick(s.chance, number(walk, order, 2) if first else uniform(walk.state))
     if k < 0:
         return False
-    t, near, drawn = place_on_leg(table, m, k, hero, s)
+    t, near, drawn = place_on_leg(table, m, k, hero, first, s)
     if t < 0.0:
         return False
     distance, goal, density, light = aim(
-        table.shapes, lamps, k, s.place, number(walk, order, 3), number(walk, order, 4), s.aside, s.point
+        table.shapes, lamps, k, s.place, number(walk, order, 3) if first else uniform(walk.state),
+        number(walk, order, 4) if first else uniform(walk.state), s.aside, s.point,
     )  # fmt: skip
     if not light > 0.0 or not reaches(table, s.place, s.aside, distance, np.int64(-1), goal, s.stack, s):
         return False

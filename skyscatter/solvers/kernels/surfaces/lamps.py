@@ -15,6 +15,7 @@ import numpy as np
 
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.path import turn
+from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.surfaces.shapes import sample_item
 from skyscatter.solvers.kernels.surfaces.tables import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
 
@@ -37,6 +38,9 @@ class LampGuide(NamedTuple):
     scatters: np.ndarray  #: (medium,) bool
     shines: np.ndarray  #: (medium,) bool
     extinction: np.ndarray  #: (medium,) mean over the wavelengths of constant media, 0 of others [m-1]
+    near: float  #: share of the points on legs that are drawn by where the lamp is near
+    points: int  #: of the camera's first leg at which lamps are looked for
+    level: float  #: throughput below which roulette begins
     gathered: np.ndarray  #: (medium, angle) integral of the mean phase function over the angle up to pi (k / n)^2
 
 
@@ -46,6 +50,8 @@ def lobe_value(lamps, k, cosine):
     low, high = lamps.lobe_first[k], lamps.lobe_first[k + 1] - 1
     c = lamps.lobe_cosine
     value = 0.0
+    # A scalar product of unit vectors may exceed 1 by its last digit.
+    cosine = min(max(cosine, -1.0), 1.0)
     if high > low and c[low] <= cosine <= c[high]:
         while high - low > 1:
             middle = (low + high) >> 1
@@ -143,7 +149,7 @@ def aim(shapes, lamps, k, x, u, v, d, point):
             half = math.sqrt(max(p[3] * p[3] - height, 0.0))
             distance = along - half
             return distance, item, share / (2.0 * math.pi * opening), brightness(lamps, k, half / p[3])
-    sample_item(shapes, item, u, v, point)
+    sample_item(whole(shapes), item, u, v, point)
     distance = face(x, point, d)
     cosine = -(d[0] * point[3] + d[1] * point[4] + d[2] * point[5])
     if not (cosine > 0.0 and distance > 0.0):

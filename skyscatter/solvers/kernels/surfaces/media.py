@@ -19,6 +19,7 @@ from skyscatter.solvers.kernels.fastexp import fast_exp
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import sample_cosine
 from skyscatter.solvers.kernels.path import rebalance, turn
+from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.space import (
     SpaceWork,
     clip_to_space,
@@ -104,7 +105,7 @@ def medium_density(media, m, x, y, z, work):
         for c in range(density.size):
             density[c] = 0.0
     else:
-        space_densities(media.space, x, y, z, work.space, density)
+        space_densities(whole(media.space), x, y, z, whole(work.space), density)
     for c in range(density.size):
         density[c] = density[c] + media.density[c] if media.first[m] <= c < media.first[m + 1] else 0.0
 
@@ -114,7 +115,8 @@ def add_columns(media, m, x, d, start, end, work, out):
     """Add the columns of medium m along x + d t from start to end [m] to `out` (component,)."""
     if not end > start:
         return
-    space_columns(media.space, x[0], x[1], x[2], d[0], d[1], d[2], start, end, work.space, out)
+    space, scratch = whole(media.space), whole(work.space)
+    space_columns(space, x[0], x[1], x[2], d[0], d[1], d[2], start, end, scratch, out)
     for c in range(out.size):
         if not media.first[m] <= c < media.first[m + 1]:
             out[c] = 0.0
@@ -169,7 +171,7 @@ def dim_through(media, m, x, d, far, work, out):
         out[i] = fast_exp(-out[i])
 
 
-@inlined
+@kernel
 def transmit(media, m, x, d, far, work, out):
     """Transmittance of medium m from x in direction d over the distance `far` [m], into `out` (wavelength,).
 
@@ -191,14 +193,14 @@ def reach(media, m, i, x, d, far, wanted, work):
     for c in range(first.size):
         first[c], along[c] = 0.0, 0.0
     constant = depth_of(media, m, media.density, i)
-    start, end = clip_to_space(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    start, end = clip_to_space(whole(media.space), x[0], x[1], x[2], d[0], d[1], d[2])
     top = far if far < math.inf else (end if end > start else 0.0)
     add_columns(media, m, x, d, 0.0, top, work, along)
-    whole = depth_of(media, m, along, i)
-    if whole < wanted or not whole > 0.0:
+    depth = depth_of(media, m, along, i)
+    if depth < wanted or not depth > 0.0:
         # Nothing but what is the same everywhere lies beyond.
-        return top + (wanted - whole) / constant if far == math.inf and constant > 0.0 else math.inf
-    low, high, t = 0.0, top, top * (wanted / whole)
+        return top + (wanted - depth) / constant if far == math.inf and constant > 0.0 else math.inf
+    low, high, t = 0.0, top, top * (wanted / depth)
     for _ in range(80):
         for c in range(along.size):
             along[c] = first[c]

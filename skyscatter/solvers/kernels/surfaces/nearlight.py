@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, kernel, merged
+from skyscatter.solvers.kernels.jit import entry, merged
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
-from skyscatter.solvers.kernels.surfaces.gather import add_scattered, add_to_ray
+from skyscatter.solvers.kernels.surfaces.gather import add_to_ray, look_up
 from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, lobe_value, pick, share_out
 from skyscatter.solvers.kernels.surfaces.media import MediaWork, current_medium, make_media_work, transmit
 from skyscatter.solvers.kernels.surfaces.points import DIRECT
@@ -64,7 +64,7 @@ def guess_in_medium(lamps, guide, x, chance):
     share_out(guide, chance)
 
 
-@kernel
+@merged
 def shines_through(table, x, d, distance, skip, goal, stack, s):
     """Whether light comes straight from `distance` to x, and with what transmittance, into ``s.light`` (wavelength,).
 
@@ -95,7 +95,7 @@ def shines_through(table, x, d, distance, skip, goal, stack, s):
         item = next_hit(shapes, x, d, near, item, distance, hit)
 
 
-@kernel
+@merged
 def fetch(table, points, p, skip, s):
     """Irradiance of a lamp at point p across the way to it, over all chances, into ``s.flux``; False if dark."""
     x = points.place[p]
@@ -114,37 +114,39 @@ def fetch(table, points, p, skip, s):
     return True
 
 
-@entry
-def light_events(table, points, seed, stream, bunch, most, s, sums, by_order):
-    """Add the light that comes straight from lamps and is scattered at points in media; see `trace_photons`."""
-    start_stream(s.state, seed, stream, 2 * bunch)
-    for p in range(points.count[0]):
-        if points.order[p] + 1 <= most:
-            guess_in_medium(table.lamps, table.guide, points.place[p], s.chance)
-            if fetch(table, points, p, np.int64(-1), s):
-                for n in range(3):
-                    s.back[n] = -s.towards[n]
-                add_scattered(table.media, points, p, s.flux, 1.0, s.back, 0, s, sums, by_order)
+@merged
+def face_camera(points, p, s):
+    """Direction to the camera into ``s.back``, normal on its side into ``s.point``."""
+    n, e = points.normal[p], points.direction[p]
+    side = 1.0 if n[0] * e[0] + n[1] * e[1] + n[2] * e[2] < 0.0 else -1.0
+    for k in range(3):
+        s.back[k], s.point[k] = -e[k], side * n[k]
 
 
 @entry
-def light_surfaces(table, points, seed, stream, bunch, most, s, sums, by_order):
-    """Add the light that comes straight from lamps and is reflected at points on surfaces; see `trace_photons`."""
-    start_stream(s.state, seed, stream, 2 * bunch + 1)
+def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, by_order):
+    """Add the light that comes straight from lamps and is scattered at points; arguments as for `trace_photons`."""
+    media = table.media
+    start_stream(s.state, seed, stream, bunch)
     for p in range(points.count[0]):
         if points.order[p] + 1 > most or points.accepts[p] & DIRECT:
             continue
-        n, e = points.normal[p], points.direction[p]
-        for k in range(3):
-            s.back[k] = -e[k]
-        side = 1.0 if n[0] * e[0] + n[1] * e[1] + n[2] * e[2] < 0.0 else -1.0
-        for k in range(3):
-            s.point[k] = side * n[k]
-        guess_at_point(table.lamps, table.guide, points.place[p], s.point, False, s.chance)
-        if fetch(table, points, p, points.item[p], s):
-            here, beyond = table.media.index[points.medium[p]], table.media.index[points.beyond[p]]
+        if on_surface:
+            face_camera(points, p, s)
+            guess_at_point(table.lamps, table.guide, points.place[p], s.point, False, s.chance)
+        else:
+            guess_in_medium(table.lamps, table.guide, points.place[p], s.chance)
+        if not fetch(table, points, p, points.item[p], s):
+            continue
+        if on_surface:
+            here, beyond = media.index[points.medium[p]], media.index[points.beyond[p]]
             material = table.shapes.material[points.body[p]]
-            bsdf_value(table.materials, material, n, s.back, s.towards, here, beyond, False, s.light)
-            for i in range(s.flux.size):
-                s.light[i] *= s.flux[i]
-            add_to_ray(points, p, 1.0, s.light, 0, sums, by_order)
+            bsdf_value(
+                table.materials, material, points.normal[p], s.back, s.towards, here, beyond, False, s.light
+            )  # fmt: skip
+        else:
+            d = s.towards
+            look_up(media, points, p, -d[0], -d[1], -d[2], s.light)
+        for i in range(s.flux.size):
+            s.light[i] *= s.flux[i]
+        add_to_ray(points, p, 1.0, s.light, 0, sums, by_order)

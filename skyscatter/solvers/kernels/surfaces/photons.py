@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.gridwalk import Walker, make_walker
-from skyscatter.solvers.kernels.jit import entry, kernel, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, merged
 from skyscatter.solvers.kernels.path import Walk, make_walk, rebalance
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta, sample_bsdf
@@ -33,9 +33,9 @@ from skyscatter.solvers.kernels.surfaces.media import (
     scatter_walk,
 )
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
-from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
+from skyscatter.solvers.kernels.surfaces.rays import nearest
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
-from skyscatter.solvers.kernels.surfaces.shapes import item_body
+from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
 from skyscatter.solvers.kernels.surfaces.tables import (
     ABSORBED,
     DELTA,
@@ -86,7 +86,19 @@ def make_photon_scratch(components: int, wavelengths: int) -> PhotonScratch:
     )  # fmt: skip
 
 
-@kernel
+@inlined
+def meet(shapes, origin, d, near, last, skip, hit):
+    """The item that a ray meets after `last`, at the distance `near` from its origin; -1 without one.
+
+    A ray that has passed nothing yet has NO_MORE for `last`, and may start on the item `skip`.
+    """
+    return nearest(
+        shapes.kind, shapes.parameters, shapes.triangle, shapes.loose, shapes.node_box, shapes.node_link, shapes.order,
+        origin, d, near, last, math.inf, skip, hit,
+    )  # fmt: skip
+
+
+@merged
 def media_behind(scene, s, body):
     """Media behind a surface that the walk has met, into ``s.there``; the number of the current one there."""
     d = s.walk.direction
@@ -95,7 +107,7 @@ def media_behind(scene, s, body):
     return current_medium(scene.media, s.there)
 
 
-@kernel
+@merged
 def bounce(scene, body, m, beyond, hero, adjoint, s):
     """A walk that has met a surface is reflected, refracted or absorbed; the event, see `sample_bsdf`."""
     walk, media = s.walk, scene.media
@@ -143,14 +155,7 @@ def mix_scattering(media, m, s):
             s.light[i] += s.work.density[c] * media.sigma_s[c, i]
 
 
-@kernel
-def tally(fates, kind, value, factor):
-    """Add value x factor to the fates of the photons."""
-    for i in range(value.size):
-        fates[kind, i] += value[i] * factor[i]
-
-
-@kernel
+@merged
 def roulette(s):
     """Give up photons that surfaces have made weak, so that those that go on are as strong as they were at first."""
     walk, now = s.walk, 0.0
@@ -170,16 +175,13 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
     walk, shapes, media = s.walk, scene.shapes, scene.media
     x, d, hit = walk.position, walk.direction, s.hit
     kind = FOCUSED if scene.lamps.kind[lamp] == SURROUNDINGS else DIRECT
-    order, near, last = 0, 0.0, np.int64(-1)
+    order, near, last = 0, 0.0, NO_MORE
     u = walk.even[7]
     for n in range(3):
         s.origin[n] = x[n]
     for _ in range(MOST_EVENTS):
         m = current_medium(media, s.stack)
-        if last >= 0:
-            item = next_hit(shapes, s.origin, d, near, last, math.inf, hit)
-        else:
-            item = closest_hit(shapes, x, d, math.inf, skip, hit)
+        item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         flown, event = far, False
         if media.first[m + 1] > media.first[m]:
@@ -203,14 +205,14 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
             order += 1
             if order >= most or not scatter_photon(media, m, hero, s, fates):
                 return
-            kind, near, last, skip = SCATTERED, 0.0, np.int64(-1), np.int64(-1)
+            kind, near, last, skip = SCATTERED, 0.0, NO_MORE, np.int64(-1)
         else:
             body = item_body(shapes, item)
             beyond = media_behind(scene, s, body)
             material = shapes.material[body]
             if passes(scene.materials.kind[material], m, beyond):
                 copy_stack(s.there, s.stack)
-                near, last = hit[0], item
+                near, last, skip = hit[0], item, np.int64(-1)
                 continue
             if not is_delta(scene.materials, material):
                 gather_arrival(scene, surfaces, floor, disk, body, kind, order, most, s, sums, by_order)
@@ -221,14 +223,14 @@ def follow(scene, points, surfaces, grid, floor, how, radius, disk, lamp, skip, 
             if met == ABSORBED:
                 return
             kind = max(kind, FOCUSED) if met & DELTA else SCATTERED
-            near, last, skip = 0.0, np.int64(-1), item
+            near, last, skip = 0.0, NO_MORE, item
         for n in range(3):
             s.origin[n] = x[n]
     for i in range(walk.value.size):
         fates[LEFT, i] += walk.value[i]
 
 
-@kernel
+@merged
 def scatter_photon(media, m, hero, s, fates):
     """What becomes of a photon at an event: False where it ends."""
     walk = s.walk
@@ -240,7 +242,7 @@ def scatter_photon(media, m, hero, s, fates):
     return scatter_walk(media, m, hero, uniform(walk.state), uniform(walk.state), s.work, walk)
 
 
-@kernel
+@merged
 def meet_surface(scene, body, m, beyond, hero, s, fates):
     """What becomes of a photon at a surface: the event, ABSORBED where it ends."""
     walk = s.walk

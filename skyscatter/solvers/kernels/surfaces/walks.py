@@ -18,8 +18,9 @@ import math
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.path import BATCHES, statistics
+from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta, sample_bsdf
 from skyscatter.solvers.kernels.surfaces.flights import (
@@ -62,8 +63,6 @@ from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passe
 from skyscatter.solvers.kernels.surfaces.shapes import item_body
 from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DELTA, DIELECTRIC, TRANSMITTED
 
-#: Roulette begins where the throughput falls below this.
-ROULETTE_LEVEL = 0.3
 #: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
 LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
 #: Walks of each batch before the noise is judged first, and before a ray may count as quiet.
@@ -88,12 +87,12 @@ def balance(walk):
 
 
 @inlined
-def survives(walk, order):
+def survives(walk, order, level):
     """Russian roulette; survivors carry the weight of the fallen."""
     largest = 0.0
     for i in range(walk.value.size):
         largest = max(largest, walk.value[i])
-    q = min(largest / ROULETTE_LEVEL, 1.0)
+    q = min(largest / level, 1.0)
     if order >= LONG:
         q = min(q, LONG_SHARE if order < ENDLESS else ENDLESS_SHARE)
     if q < 1.0:
@@ -115,7 +114,7 @@ def noise_of(error, mean):
     return noise / max(n, 1)
 
 
-@merged
+@kernel
 def find_leg(table, s):
     """The next leg of the ray: where it begins and ends, in which medium, and what it lets through."""
     x, d, hit, at, media = s.walk.position, s.walk.direction, s.hit, s.at, table.media
@@ -168,7 +167,7 @@ def go_back(s):
         s.walk.value[i], s.walk.chance[i] = s.saved_value[i], s.saved_chance[i]
 
 
-@merged
+@kernel
 def choose_end(table, hero, s):
     """Which end of the leg the walk goes to: TURN or BEHIND; in ``s.event`` the chances of the first."""
     walk, media, m = s.walk, table.media, s.at[IN]
@@ -196,7 +195,7 @@ def choose_end(table, hero, s):
     return coming
 
 
-@merged
+@kernel
 def take_leg(table, hero, sampling, s, sums):
     """Gather the light of the next leg and choose its end."""
     walk = s.walk
@@ -207,8 +206,10 @@ def take_leg(table, hero, sampling, s, sums):
     if table.guide.shines[s.at[IN]]:
         glow(table, s, sums)
     if scatters:
-        if sampling != ANGULAR and light_leg(table, hero, sampling, s):
-            add_light(s.light, 1.0, s.at[ORDER] + 1, SCATTERED, sums)
+        points = table.guide.points if s.at[ORDER] == 0 else 1
+        for n in range(points if sampling != ANGULAR else 0):
+            if light_leg(table, hero, sampling, n == 0, s):
+                add_light(s.light, 1.0 / points, s.at[ORDER] + 1, SCATTERED, sums)
         if coming == TURN:
             return TURN if s.far[VERTEX] >= 0.0 else OVER
         for i in range(walk.chance.size):
@@ -218,7 +219,7 @@ def take_leg(table, hero, sampling, s, sums):
     return BEHIND
 
 
-@merged
+@kernel
 def scatter_at(table, hero, s):
     """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends."""
     walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
@@ -245,10 +246,10 @@ def scatter_at(table, hero, s):
     if not mean > 0.0:
         return OVER
     s.far[SCALE] = 1.0 / mean
-    return LEG if survives(walk, order + 1) else OVER
+    return LEG if survives(walk, order + 1, table.guide.level) else OVER
 
 
-@merged
+@kernel
 def turn_at_surface(table, row, hero, here, there, s):
     """Turn where a surface was met; LEG, or OVER if the walk ends."""
     walk, media, order = s.walk, table.media, s.at[ORDER]
@@ -274,10 +275,10 @@ def turn_at_surface(table, row, hero, here, there, s):
     if not mean > 0.0:
         return OVER
     s.far[SCALE] = 1.0 / mean
-    return LEG if survives(walk, order + 1) else OVER
+    return LEG if survives(walk, order + 1, table.guide.level) else OVER
 
 
-@merged
+@kernel
 def meet(table, hero, sampling, s, sums):
     """What happens behind the leg; LEG, or OVER if the walk ends."""
     walk, shapes, at, hit, d = s.walk, table.shapes, s.at, s.hit, s.walk.direction
@@ -310,7 +311,7 @@ def meet(table, hero, sampling, s, sums):
     return turn_at_surface(table, row, hero, here, there, s)
 
 
-@merged
+@kernel
 def wander(table, max_order, sampling, s, sums):
     """Follow a walk from the camera to its end, and add up its light."""
     walk, at = s.walk, s.at
@@ -384,7 +385,7 @@ def surface_path_rays(
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] = 0.0
         used[ray] = -1
-        if fill_stack(table.shapes, origins[ray], directions[ray], np.int64(-1), s.first_stack, s.hit) < 0:
+        if fill_stack(whole(table.shapes), origins[ray], directions[ray], np.int64(-1), s.first_stack, s.hit) < 0:
             continue
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
