@@ -258,7 +258,7 @@ def test_furnace_of_a_shining_room_with_fog(way: str) -> None:
     answers = [gathered(scene, *looking_around(6), r, estimator=way, seed=k, samples=64) for k, r in enumerate(radii)]
     mean, error = extrapolated(answers, radii, 1)
     assert np.abs((mean - 1) / error).max() < SURE
-    assert np.all(error < 0.03)
+    assert np.all(error < 0.1)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -272,7 +272,7 @@ def test_furnace_of_a_ball_of_fog_under_a_white_sky(way: str) -> None:
     answers = [gathered(scene, o, d, r, estimator=way, seed=k, samples=64) for k, r in enumerate(radii)]
     mean, error = extrapolated(answers, radii, 1)
     assert np.abs((mean - 1) / error).max() < SURE
-    assert np.all(error < 0.03)
+    assert np.all(error < 0.1)
 
 
 def test_fates_of_photons_add_up_to_the_power() -> None:
