@@ -162,7 +162,8 @@ class _Room(NamedTuple):
     @property
     def in_use(self) -> tuple[Points, Points]:
         """Those points that have been left."""
-        media, floor = (Points._make([*(a[: p.count[0]] for a in p[:-1]), p.count]) for p in (self.points, self.surfaces))
+        both = (self.points, self.surfaces)
+        media, floor = (Points._make([*(a[: p.count[0]] for a in p[:-1]), p.count]) for p in both)
         return media, floor
 
     def look(
