@@ -12,12 +12,14 @@ not stored.  Where the rays have more points, they are taken in bunches, each wi
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
 from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
@@ -25,7 +27,7 @@ from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_nea
 from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
 from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
 from skyscatter.solvers.kernels.surfaces.points import Points, make_points
-from skyscatter.solvers.kernels.surfaces.tables import SurfaceTable
+from skyscatter.solvers.kernels.surfaces.tables import MediaTable, PeakTable, SurfaceTable
 from skyscatter.solvers.surface_path import guided
 
 if TYPE_CHECKING:
@@ -49,6 +51,8 @@ MOST_POINTS = 1 << 18
 ALPHA = 2 / 3
 #: First radius in parts of the extent of what is seen, and in mean free paths at most.
 OF_EXTENT, OF_FREE_PATH = 0.02, 0.25
+#: Where phase functions are cut [sr-1], see `kernels.surfaces.peaks`: at a few times the isotropic one.
+CUT = 4 / (4 * np.pi)
 #: Rays by which the extent is found.
 SCOUTS = 4096
 #: Scattered or reflected more often than this is left out when nothing else is said: roulette ends walks long before.
@@ -61,6 +65,7 @@ class Context(NamedTuple):
     """What passes need."""
 
     table: WalkTable
+    peaks: PeakTable
     first_radius: float  #: of the first pass [m]
 
 
@@ -100,7 +105,22 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
         rule = "media that shine by themselves cannot send out photons; choose the solver path"
         raise DomainError("solver", "photons", rule)
     walks = guided(table)
-    return Context(walks, options.radius or scout_radius(walks, rays, options))
+    peaks = split_peaks(table.media)
+    return Context(walks, peaks, options.radius or scout_radius(walks, peaks, rays, options))
+
+
+def split_peaks(media: MediaTable) -> PeakTable:
+    """Phase functions as a broad part and a peak; what little rises above the cut is no peak."""
+    mu = phase_cosines()
+    broad = np.minimum(media.phase, CUT)
+    peak = media.phase - broad
+    cell = np.pi * (peak[:, 1:] + peak[:, :-1]) * (mu[:-1] - mu[1:])[None, :, None]
+    cdf = np.concatenate([np.zeros_like(peak[:, :1]), np.cumsum(cell, axis=1)], axis=1)
+    share = cdf[:, -1].copy()
+    cdf = np.ascontiguousarray(np.moveaxis(cdf / np.where(share > 0, share, 1.0)[:, None], 1, 2))
+    scattered = share * media.sigma_s / np.where(media.sigma_t > 0, media.sigma_t, 1.0)
+    most = [scattered[a:b].max(axis=0, initial=0.0) for a, b in pairwise(media.first)]
+    return PeakTable(broad, peak, cdf, share, np.array(most))
 
 
 def radius_of(context: Context, number: int, options: Options, dimensions: int) -> float:
@@ -115,7 +135,7 @@ def radius_of(context: Context, number: int, options: Options, dimensions: int) 
     return float(context.first_radius * np.prod((k + ALPHA) / (k + 1)) ** (1 / dimensions))
 
 
-def scout_radius(table: WalkTable, rays: Rays, options: Options) -> float:
+def scout_radius(table: WalkTable, peaks: PeakTable, rays: Rays, options: Options) -> float:
     """First radius from where the rays see something.
 
     A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
@@ -126,7 +146,7 @@ def scout_radius(table: WalkTable, rays: Rays, options: Options) -> float:
     some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int))
     part = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some].copy())
     room = _Room.for_rays(table, len(part.origins))
-    room.look(table, part, 0, 0, options, 0.0, 0.0)
+    room.look(table, peaks, part, 0, 0, options, 0.0, 0.0)
     media, floor = room.in_use
     place = np.concatenate([media.place, floor.place])
     if len(place) < 2:
@@ -167,13 +187,13 @@ class _Room(NamedTuple):
         return media, floor
 
     def look(
-        self, table: WalkTable, rays: Rays, first: int, number: int, options: Options, ball: float, disk: float
+        self, table: WalkTable, peaks: PeakTable, rays: Rays, first: int, number: int, options: Options, ball: float, disk: float
     ) -> int:
         """Leave points from ray `first` on; the first ray for which there was no room."""
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            table, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events, ball,
+            table, peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events, ball,
             disk, by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
         )  # fmt: skip
         if following < 0:
@@ -206,10 +226,10 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
     near = make_near_scratch(len(table.media.density), wavelengths, len(table.lamps.kind))
     first = bunch = 0
     while first < n:
-        first = room.look(table, plain, first, number, options, ball, disk)
+        first = room.look(table, context.peaks, plain, first, number, options, ball, disk)
         media, floor = room.in_use
         trace_photons(
-            table, room.points, room.surfaces, make_cells(media.place, ball), make_cells(floor.place, disk), how,
+            table, context.peaks, room.points, room.surfaces, make_cells(media.place, ball), make_cells(floor.place, disk), how,
             np.int64(options.seed), np.int64(PHOTON_STREAMS + number), bunch * photons, (bunch + 1) * photons,
             photons, most, room.scratch, room.sums, by_order, fates,
         )  # fmt: skip
@@ -235,7 +255,7 @@ def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
     none = make_cells(np.zeros((0, 3)), 1.0)
     fates = np.zeros((4, table.media.sigma_t.shape[1]))
     trace_photons(
-        guided(table), room.points, room.surfaces, none, none, ESTIMATORS["both"], np.int64(seed),
+        guided(table), split_peaks(table.media), room.points, room.surfaces, none, none, ESTIMATORS["both"], np.int64(seed),
         np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
         np.zeros((0, 1, fates.shape[1])), fates,
     )  # fmt: skip

@@ -5,7 +5,8 @@ surface that spreads light; there it leaves its last point.  On every leg throug
 *forced* to lie on the leg: half of them drawn by the hero's free path, cut off at the end of the leg, half evenly over
 the angle under which a lamp sees the leg (Kulla & Fajardo 2012, Computer Graphics Forum 31, 1519).  With F and P as in
 `kernels.path` a point at the distance t counts  F_i tau_i(t) / mean_h(P_h p_h(t)),  where p_h is the mean of
-tau_h sigma_h / (1 - tau_h(end)) and of the density by angle; the walk itself goes on with the leg's transmittance.
+tau_h sigma_h / (1 - tau_h(end)) and of the density by angle; the walk itself goes on with the leg's transmittance, or
+from a vertex on the leg, scattered by the peak of a phase function (`kernels.surfaces.peaks`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import math
 import numpy as np
 
 from skyscatter.solvers.kernels.jit import entry, inlined, merged
+from skyscatter.solvers.kernels.path import rebalance
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta
 from skyscatter.solvers.kernels.surfaces.lamps import brightness
@@ -25,6 +27,7 @@ from skyscatter.solvers.kernels.surfaces.media import (
     spectral_depth,
     transmit,
 )
+from skyscatter.solvers.kernels.surfaces.peaks import chances_of_peak, scatter_by_peak
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
@@ -41,6 +44,8 @@ ANGLE_SHARE = 0.5
 LEAST_BALL = 0.2
 #: Value below which walks between mirrors are given up by roulette.
 WEAK = 0.05
+#: Legs after which roulette begins, and the chance to go on: 64 legs are reached by one walk in a million.
+EARLY_LEGS, GO_ON = 8, 0.78
 
 
 @inlined
@@ -174,9 +179,14 @@ def see_surroundings(lamps, ray, s, sums):
 
 
 @merged
-def weaken(s):
-    """Roulette for walks that have become weak; False where one ends."""
+def weaken(leg, s):
+    """Roulette for walks that have become long or weak; False where one ends."""
     walk, largest = s.walk, 0.0
+    if leg >= EARLY_LEGS:
+        if uniform(walk.state) >= GO_ON:
+            return False
+        for i in range(walk.value.size):
+            walk.value[i] /= GO_ON
     for i in range(walk.value.size):
         largest = max(largest, walk.value[i])
     if largest < WEAK:
@@ -188,33 +198,62 @@ def weaken(s):
 
 
 @merged
-def look(scene, ray, events, ball, disk, direct, points, surfaces, s, sums):
+def end_leg(scene, peaks, m, hero, far, s):
+    """Whether the walk is scattered by a peak on its leg: the distance, or -1 where it goes on to the leg's end."""
+    walk, media, whole = s.walk, scene.media, s.light_through
+    chances_of_peak(peaks, m, whole, s.density)
+    if s.density[hero] > 0.0 and uniform(walk.state) < s.density[hero]:
+        t = place_event(
+            media, m, walk.position, walk.direction, far, hero, 1.0 - whole[hero], uniform(walk.state), 0.0, 1.0, 0.0,
+            0.0, s,
+        )  # fmt: skip
+        return min(t, far) if t < math.inf else -1.0
+    for i in range(walk.value.size):
+        walk.value[i] *= whole[i]
+        walk.chance[i] *= 1.0 - s.density[i]
+    rebalance(walk)
+    return -1.0
+
+
+@merged
+def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
     accepts = (FOCUSED | SCATTERED) if direct else (DIRECT | FOCUSED | SCATTERED)
     hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
-    near, last, skip, order, slant = 0.0, NO_MORE, np.int64(-1), 0, math.inf
+    near, last, skip, order, slant, straight = 0.0, NO_MORE, np.int64(-1), 0, math.inf, True
     for n in range(3):
         s.origin[n] = x[n]
-    for _ in range(MOST_LEGS):
+    for leg in range(MOST_LEGS):
         m = current_medium(media, s.stack)
         item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         if media.first[m + 1] > media.first[m]:
             end_slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3]) if item >= 0 else math.inf
-            leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s)
-            for i in range(walk.value.size):
-                walk.value[i] *= s.light_through[i]
+            # Photons are dear, walks are cheap: those that were scattered leave one point a leg.
+            leave_events(
+                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, slant, end_slant, s
+            )  # fmt: skip
+            t = end_leg(scene, peaks, m, hero, far, s)
+            if t >= 0.0:
+                order += 1
+                if not scatter_by_peak(peaks, media, m, hero, t, s) or not weaken(leg, s):
+                    return
+                near, last, skip, slant, straight = 0.0, NO_MORE, np.int64(-1), math.inf, False
+                for n in range(3):
+                    s.origin[n] = x[n]
+                continue
         if item < 0:
-            see_surroundings(scene.lamps, ray, s, sums)
+            if straight:
+                see_surroundings(scene.lamps, ray, s, sums)
             return
         for n in range(3):
             x[n] += far * d[n]
         body = item_body(shapes, item)
         beyond = media_behind(scene, s, body)
         material = shapes.material[body]
-        if shapes.lamp[body] >= 0:
+        if shapes.lamp[body] >= 0 and straight:
             see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums)
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
@@ -228,7 +267,7 @@ def look(scene, ray, events, ball, disk, direct, points, surfaces, s, sums):
             leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s)
             return
         order += 1
-        if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(s):
+        if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(leg, s):
             return
         near, last, skip = 0.0, NO_MORE, item
         slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
@@ -238,13 +277,14 @@ def look(scene, ray, events, ball, disk, direct, points, surfaces, s, sums):
 
 @entry
 def leave_points(
-    scene, origins, directions, ids, first, seed, stream, events, ball, disk, direct, points, surfaces, s, sums
+    scene, peaks, origins, directions, ids, first, seed, stream, events, ball, disk, direct, points, surfaces, s, sums
 ):  # fmt: skip
     """Walks of the rays from `first` on, until there is no more room for points.
 
     Parameters
     ----------
     scene : SurfaceTable
+    peaks : PeakTable
     origins, directions : (ray, 3)
     ids : (ray,) int64
         Numbers by which their random streams are told apart.
@@ -285,5 +325,5 @@ def leave_points(
         copy_stack(s.first, s.stack)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = 1.0, 1.0
-        look(scene, ray, events, ball, disk, direct, points, surfaces, s, sums)
+        look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums)
     return origins.shape[0]

@@ -66,17 +66,20 @@ def mix_phase(first, last, density, sigma_s, phase, cos_theta, out):
 
 
 @inlined
-def look_up(media, points, p, dx, dy, dz, out):
-    """What point p scatters of light that flies along (dx, dy, dz) towards the camera, into `out` [m-1 sr-1]."""
+def look_up(media, phase, points, p, dx, dy, dz, out):
+    """What point p scatters of light that flies along (dx, dy, dz) towards the camera, into `out` [m-1 sr-1].
+
+    `phase` (component, angle, wavelength) is the whole phase function, or its broad part.
+    """
     e, m = points.direction[p], points.medium[p]
     cos_theta = -(dx * e[0] + dy * e[1] + dz * e[2])
-    mix_phase(media.first[m], media.first[m + 1], points.density[p], media.sigma_s, media.phase, cos_theta, out)
+    mix_phase(media.first[m], media.first[m + 1], points.density[p], media.sigma_s, phase, cos_theta, out)
 
 
 @inlined
-def add_scattered(media, points, p, flux, factor, d, order, s, sums, by_order):
+def add_scattered(media, phase, points, p, flux, factor, d, order, s, sums, by_order):
     """Light of a fluence rate `flux` (wavelength,) that flies along d, scattered at p towards the camera."""
-    look_up(media, points, p, d[0], d[1], d[2], s.light)
+    look_up(media, phase, points, p, d[0], d[1], d[2], s.light)
     for i in range(s.light.size):
         s.light[i] *= flux[i]
     add_to_ray(points, p, factor, s.light, order, sums, by_order)
@@ -104,7 +107,7 @@ def survival_density(through, s):
 
 
 @merged
-def gather_event(scene, points, grid, how, m, kind, order, most, s, sums, by_order):
+def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order):
     """An extinction event of a photon, where its walk is: light for all points within whose spheres it lies."""
     x, media = s.walk.position, scene.media
     cell = cell_at(grid, x[0], x[1], x[2])
@@ -121,12 +124,12 @@ def gather_event(scene, points, grid, how, m, kind, order, most, s, sums, by_ord
             if how & PATHS:
                 density = 4.0 / 3.0 * radius * extinction_density(media, points, p, through, s)
                 factor *= density / (density + survival)
-            add_scattered(media, points, p, s.walk.value, factor, s.walk.direction, order, s, sums, by_order)
+            add_scattered(media, phase, points, p, s.walk.value, factor, s.walk.direction, order, s, sums, by_order)
             s.found[0] += 1
 
 
 @merged
-def gather_segment(scene, points, grid, how, m, kind, order, most, length, s, sums, by_order):
+def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length, s, sums, by_order):
     """A photon's flight of a length from where its walk is: light for all points whose foot on it is near enough."""
     x, d, media, through = s.walk.position, s.walk.direction, scene.media, s.light_through
     t = enter_cells(grid, x[0], x[1], x[2], d[0], d[1], d[2], 0.0, s.walker)
@@ -152,7 +155,7 @@ def gather_segment(scene, points, grid, how, m, kind, order, most, length, s, su
                         for i in range(through.size):
                             through[i] *= s.value[i]
                         factor = 1.0 / (math.pi * radius * radius * density)
-                        add_scattered(media, points, p, through, factor, d, order, s, sums, by_order)
+                        add_scattered(media, phase, points, p, through, factor, d, order, s, sums, by_order)
                         s.found[1] += 1
         t = leave
         cell, leave = next_cell(s.walker)

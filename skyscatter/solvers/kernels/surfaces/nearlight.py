@@ -146,7 +146,7 @@ def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, 
             )  # fmt: skip
         else:
             d = s.towards
-            look_up(media, points, p, -d[0], -d[1], -d[2], s.light)
+            look_up(media, media.phase, points, p, -d[0], -d[1], -d[2], s.light)
         for i in range(s.flux.size):
             s.light[i] *= s.flux[i]
         add_to_ray(points, p, 1.0, s.light, 0, sums, by_order)

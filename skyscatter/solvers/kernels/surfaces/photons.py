@@ -170,7 +170,7 @@ def roulette(s):
 
 
 @merged
-def follow(scene, points, surfaces, grid, floor, how, lamp, skip, hero, most, s, sums, by_order, fates):
+def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, most, s, sums, by_order, fates):
     """One photon from its lamp to its end."""
     walk, shapes, media = s.walk, scene.shapes, scene.media
     x, d, hit = walk.position, walk.direction, s.hit
@@ -184,6 +184,7 @@ def follow(scene, points, surfaces, grid, floor, how, lamp, skip, hero, most, s,
         item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         flown, event = far, False
+        phase = peaks.broad if kind == SCATTERED else media.phase
         if media.first[m + 1] > media.first[m]:
             for i in range(walk.value.size):
                 s.value[i], s.chance[i] = walk.value[i], walk.chance[i]
@@ -191,7 +192,7 @@ def follow(scene, points, surfaces, grid, floor, how, lamp, skip, hero, most, s,
             u = uniform(walk.state)
             if how & PATHS:
                 gather_segment(
-                    scene, points, grid, how, m, kind, order, most, flown, s, sums, by_order
+                    scene, phase, points, grid, how, m, kind, order, most, flown, s, sums, by_order
                 )  # fmt: skip
         if not event and item < 0:
             for i in range(walk.value.size):
@@ -201,7 +202,7 @@ def follow(scene, points, surfaces, grid, floor, how, lamp, skip, hero, most, s,
             x[n] += flown * d[n]
         if event:
             if how & POINTS:
-                gather_event(scene, points, grid, how, m, kind, order, most, s, sums, by_order)
+                gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order)
             order += 1
             if order >= most or not scatter_photon(media, m, hero, s, fates):
                 return
@@ -258,7 +259,7 @@ def meet_surface(scene, body, m, beyond, hero, s, fates):
 
 @entry
 def trace_photons(
-    scene, points, surfaces, grid, floor, how, seed, stream, first, last, count, most, s, sums, by_order,
+    scene, peaks, points, surfaces, grid, floor, how, seed, stream, first, last, count, most, s, sums, by_order,
     fates,
 ):  # fmt: skip
     """Trace photons `first` to `last` of `count` and gather their light.
@@ -266,6 +267,8 @@ def trace_photons(
     Parameters
     ----------
     scene : SurfaceTable
+    peaks : PeakTable
+        What walks from the camera have followed already, and photons leave out.
     points, surfaces : Points
         Visibility points in media and on surfaces.
     grid, floor : Cells
@@ -299,6 +302,6 @@ def trace_photons(
             s.power[0] += walk.value[i]
         hero = min(int(walk.even[1] * walk.value.size), walk.value.size - 1)
         follow(
-            scene, points, surfaces, grid, floor, how, lamp, np.int64(skip), hero, most, s, sums, by_order,
+            scene, peaks, points, surfaces, grid, floor, how, lamp, np.int64(skip), hero, most, s, sums, by_order,
             fates,
         )  # fmt: skip

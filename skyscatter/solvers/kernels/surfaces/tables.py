@@ -80,6 +80,16 @@ class MediaTable(NamedTuple):
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1]
 
 
+class PeakTable(NamedTuple):
+    """Phase functions as the sum of a broad part and a peak, see `kernels.surfaces.peaks`."""
+
+    broad: np.ndarray  #: (component, angle, wavelength) [sr-1]
+    phase: np.ndarray  #: (component, angle, wavelength) the peak [sr-1]
+    phase_cdf: np.ndarray  #: (component, wavelength, angle) its distribution function
+    share: np.ndarray  #: (component, wavelength) its share of the scattered light
+    most: np.ndarray  #: (medium, wavelength) the largest share of it times albedo of the medium's components
+
+
 class LampTable(NamedTuple):
     """Where light comes from.
 
