@@ -114,11 +114,13 @@ def compare(case: Case, given: Any) -> tuple[list[Any], list[Runs]]:
         samples = samples_for(case.scene, case.rays, WAVELENGTHS, way, given.seconds, given.threads)
         made.append(runs(case.scene, case.rays, WAVELENGTHS, way, samples, given.repeats, given.threads))
     _, judge = render(case.scene, case.rays, WAVELENGTHS, PATH, given.judge, 2**32, given.threads)
-    bright = judge.radiance.mean(axis=1)
+    # In dense fog path finds next to nothing of the light, and does not know: the photons' own mean is the measure.
+    mean = np.mean([one.images.mean(axis=0) for one in made], axis=0)
+    bright = mean.mean(axis=1)
     kept = bright < 20 * np.median(bright)  # without the lamp itself
     truth = judge.radiance
     # Noise alone, from the spread between runs, at the time that was given to all.
-    cost = [one.images[:, kept].var(axis=0, ddof=1).mean() / truth[kept].mean() ** 2 * one.seconds for one in made]
+    cost = [one.images[:, kept].var(axis=0, ddof=1).mean() / mean[kept].mean() ** 2 * one.seconds for one in made]
     ratios = [one.ratio(truth, judge.standard_error, kept) for one in made]
     row = [
         case.name, case.extinction, 100 / case.extinction, case.extinction * case.radius,
