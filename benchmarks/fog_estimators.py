@@ -3,7 +3,9 @@
 Zhdanov et al. (2013) report that in a room with a volume concentration of droplets of 0.01 % the path estimator has the
 lower variance at equal time, that at 0.1 % the two come close, and that in a dense light guide the point estimator is
 better.  The extinction that belongs to a concentration depends on the droplets' size, hence a table over sizes:
-droplets of water by Mie's theory, log-normal with an effective variance of 0.05.
+droplets of water by Mie's theory, log-normal with an effective variance of 0.05.  Their phase function is that of
+Henyey and Greenstein with Mie's mean cosine unless `--phase mie` is given: half of what large droplets scatter goes
+into a peak of diffraction narrower than a degree, which photons next to never find where they are gathered.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from skyscatter.media.everywhere import Everywhere
 from skyscatter.optics.mie import LogNormalMode, MieAerosol
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
+from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces.lamps import AreaLamp
 from skyscatter.surfaces.materials import Dielectric, Lambert
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
@@ -43,6 +46,11 @@ def droplets(radius: float, concentration: float) -> MieAerosol:
     return MieAerosol(modes=(cut,), number_density=concentration / volume, material="water")
 
 
+def spectrum(values: Any) -> SpectralTable:
+    """Values at the wavelengths as a spectrum."""
+    return SpectralTable(wavelengths=tuple(map(float, WAVELENGTHS)), values=tuple(map(float, values)))
+
+
 @dataclass(frozen=True)
 class Case:
     """A scene, its rays, and the radius [m] of the spheres in which light is gathered."""
@@ -57,11 +65,19 @@ class Case:
 def fog_case(radius: float, concentration: float, given: Any) -> Case:
     """The room with a fog of droplets."""
     room = FogRoom()
-    optics = droplets(radius, concentration)
+    mie = droplets(radius, concentration)
+    sigma = mie.coefficients([550.0], 1.0)
+    optics: Any = mie
+    if given.phase == "hg":
+        extinction, albedo, g = mie.optical_properties(WAVELENGTHS)
+        extinction = extinction * mie.number_density
+        optics = Particles(
+            extinction=spectrum(extinction), single_scattering_albedo=spectrum(albedo),
+            phase=HenyeyGreenstein(g=float(g.mean())),
+        )  # fmt: skip
     scene = surface_room(room, WAVELENGTHS)
     component = skyscatter.Component(name="fog", density=Everywhere(), optics=optics)
     scene = scene.model_copy(update={"media": (SurfaceMedium(name="fog", components=(component,)),)})
-    sigma = optics.coefficients([550.0], 1.0)
     name = f"fog of {radius * 1e6:g} um, {100 * concentration:g} %"
     return Case(
         name, scene, camera_rays(room, given.size), given.radius, float(sigma.scattering[0] + sigma.absorption[0])
@@ -98,11 +114,13 @@ def compare(case: Case, given: Any) -> tuple[list[Any], list[Runs]]:
         samples = samples_for(case.scene, case.rays, WAVELENGTHS, way, given.seconds, given.threads)
         made.append(runs(case.scene, case.rays, WAVELENGTHS, way, samples, given.repeats, given.threads))
     _, judge = render(case.scene, case.rays, WAVELENGTHS, PATH, given.judge, 2**32, given.threads)
-    bright = judge.radiance.mean(axis=1)
+    # In dense fog path finds next to nothing of the light, and does not know: the photons' own mean is the measure.
+    mean = np.mean([one.images.mean(axis=0) for one in made], axis=0)
+    bright = mean.mean(axis=1)
     kept = bright < 20 * np.median(bright)  # without the lamp itself
     truth = judge.radiance
     # Noise alone, from the spread between runs, at the time that was given to all.
-    cost = [one.images[:, kept].var(axis=0, ddof=1).mean() / truth[kept].mean() ** 2 * one.seconds for one in made]
+    cost = [one.images[:, kept].var(axis=0, ddof=1).mean() / mean[kept].mean() ** 2 * one.seconds for one in made]
     ratios = [one.ratio(truth, judge.standard_error, kept) for one in made]
     row = [
         case.name, case.extinction, 100 / case.extinction, case.extinction * case.radius,
@@ -141,8 +159,9 @@ def main() -> None:
     options.add_argument("--sizes", default="5,20,50,500", help="effective radii of droplets [um]")
     options.add_argument("--concentrations", default="0.01,0.1", help="share of the volume [%%]")
     options.add_argument("--radius", type=float, default=0.05, help="of the spheres in the room [m]")
-    options.add_argument("--guide", type=float, default=4000.0, help="extinction of the light guide [m-1]")
-    options.add_argument("--guide-radius", type=float, default=0.001, help="of the spheres in it [m]")
+    options.add_argument("--phase", choices=("hg", "mie"), default="hg", help="hg: Mie's mean cosine, without its peak")
+    options.add_argument("--guide", type=float, default=500.0, help="extinction of the light guide [m-1]")
+    options.add_argument("--guide-radius", type=float, default=0.002, help="of the spheres in it [m]")
     options.add_argument("--photons", type=int, default=20_000, help="in a pass")
     options.add_argument("--seconds", type=float, default=4.0, help="of each run")
     options.add_argument("--judge", type=int, default=256, help="walks of path that check the means")
@@ -169,7 +188,8 @@ def main() -> None:
     blocks = [
         f"{given.size}x{given.size} pixels, {WAVELENGTHS.size} wavelengths, spheres of {100 * given.radius:g} cm in "
         f"the room and {1000 * given.guide_radius:g} mm in the guide, {given.photons} photons in a pass, "
-        f"{given.seconds:g} s a run, {given.repeats} runs, {given.threads} threads; {ways}.",
+        f"{given.seconds:g} s a run, {given.repeats} runs, {given.threads} threads; {ways}; "
+        f"phase function: {given.phase}.",
         table(header, [row for row, _ in made]),
         "Variance x time: variance between runs over the squared mean light, averaged over pixels (the lamp left out) "
         "and wavelengths, times seconds. The spheres are the same for both, so is their bias.",
