@@ -27,7 +27,14 @@ from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_nea
 from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
 from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
 from skyscatter.solvers.kernels.surfaces.points import Points, make_points
-from skyscatter.solvers.kernels.surfaces.tables import MediaTable, PeakTable, SurfaceTable
+from skyscatter.solvers.kernels.surfaces.tables import (
+    PARALLEL_LAMP,
+    PLANE,
+    SURROUNDINGS,
+    MediaTable,
+    PeakTable,
+    SurfaceTable,
+)
 from skyscatter.solvers.surface_path import guided
 
 if TYPE_CHECKING:
@@ -104,6 +111,10 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
     if np.any(table.media.emission):
         rule = "media that shine by themselves cannot send out photons; choose the solver path"
         raise DomainError("solver", "photons", rule)
+    outside = np.isin(table.lamps.kind, (PARALLEL_LAMP, SURROUNDINGS)) & np.any(table.lamps.power > 0, axis=1)
+    if outside.any() and np.any(table.shapes.kind == PLANE):
+        rule = "photons from outside cannot cover an endless plane; give a large rectangle, or choose the solver path"
+        raise DomainError("bodies", "plane", rule)
     walks = guided(table)
     peaks = split_peaks(table.media)
     return Context(walks, peaks, options.radius or scout_radius(walks, peaks, rays, options))
@@ -146,7 +157,7 @@ def scout_radius(table: WalkTable, peaks: PeakTable, rays: Rays, options: Option
     some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int))
     part = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some].copy())
     room = _Room.for_rays(table, len(part.origins))
-    room.look(table, peaks, part, 0, 0, options, 0.0, 0.0)
+    room.look(Context(table, peaks, 0.0), part, 0, 0, options, 0.0, 0.0, np.zeros((0, 1, 1)))
     media, floor = room.in_use
     place = np.concatenate([media.place, floor.place])
     if len(place) < 2:
@@ -187,14 +198,17 @@ class _Room(NamedTuple):
         return media, floor
 
     def look(
-        self, table: WalkTable, peaks: PeakTable, rays: Rays, first: int, number: int, options: Options, ball: float, disk: float
-    ) -> int:
+        self, context: Context, rays: Rays, first: int, number: int, options: Options, ball: float, disk: float,
+        by_order: Array,
+    ) -> int:  # fmt: skip
         """Leave points from ray `first` on; the first ray for which there was no room."""
+        most = MOST_ORDERS if options.max_order is None else int(options.max_order)
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            table, peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed), number, events, ball,
-            disk, by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
+            context.table, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
+            number, events, most, ball, disk, by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
+            by_order,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
@@ -226,12 +240,12 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
     near = make_near_scratch(len(table.media.density), wavelengths, len(table.lamps.kind))
     first = bunch = 0
     while first < n:
-        first = room.look(table, context.peaks, plain, first, number, options, ball, disk)
+        first = room.look(context, plain, first, number, options, ball, disk, by_order)
         media, floor = room.in_use
         trace_photons(
-            table, context.peaks, room.points, room.surfaces, make_cells(media.place, ball), make_cells(floor.place, disk), how,
-            np.int64(options.seed), np.int64(PHOTON_STREAMS + number), bunch * photons, (bunch + 1) * photons,
-            photons, most, room.scratch, room.sums, by_order, fates,
+            table, context.peaks, room.points, room.surfaces, make_cells(media.place, ball),
+            make_cells(floor.place, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
+            bunch * photons, (bunch + 1) * photons, photons, most, room.scratch, room.sums, by_order, fates,
         )  # fmt: skip
         if by_rays(options):
             seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
@@ -255,8 +269,8 @@ def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
     none = make_cells(np.zeros((0, 3)), 1.0)
     fates = np.zeros((4, table.media.sigma_t.shape[1]))
     trace_photons(
-        guided(table), split_peaks(table.media), room.points, room.surfaces, none, none, ESTIMATORS["both"], np.int64(seed),
-        np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
+        guided(table), split_peaks(table.media), room.points, room.surfaces, none, none, ESTIMATORS["both"],
+        np.int64(seed), np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
         np.zeros((0, 1, fates.shape[1])), fates,
     )  # fmt: skip
     return fates

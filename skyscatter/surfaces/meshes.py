@@ -34,6 +34,7 @@ class Triangles(NamedTuple):
 class Faceted(Surface):
     """What all surfaces of flat triangles share."""
 
+    kind: str
     scale: float = 1.0
     position: Point = (0.0, 0.0, 0.0)
     axis: Triple = (0.0, 0.0, 1.0)

@@ -40,7 +40,7 @@ class Surface(Record):
         """Refuse a shape that holds no volume: no medium can be inside of it."""
         if not self.holds_volume:
             kind = type(self).__name__.lower()
-            raise DomainError("inside", kind, "holds no volume: give a sphere, a box, a plane, a turned body or a closed mesh")
+            raise DomainError("inside", kind, "holds no volume: give a sphere, a box, a plane, a turned or meshed body")
 
 
 def _unit(name: str, vector: Triple) -> Array:

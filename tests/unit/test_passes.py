@@ -43,7 +43,9 @@ def test_mean_and_error_are_those_of_the_passes() -> None:
     np.testing.assert_allclose(state.layers["Q_error"], 0.5 * state.standard_error, rtol=1e-9)
     np.testing.assert_allclose(state.layers["order1"], state.radiance - 1, rtol=1e-12)
     assert "order1_error" not in state.layers
-    assert state.done.all() and np.all(state.samples == 7) and state.share == 1
+    assert state.done.all()
+    assert np.all(state.samples == 7)
+    assert state.share == 1
 
 
 def test_threads_change_no_digit() -> None:
@@ -56,7 +58,9 @@ def test_threads_change_no_digit() -> None:
 def test_interrupted_work_goes_on_from_a_file(workers: int, tmp_path: Any) -> None:
     whole = solved(Options(samples=20))
     state = solved(Options(samples=20), workers, stop_at=12)
-    assert not state.complete and 2 <= state.passes <= 12 and state.share == state.passes / 20
+    assert not state.complete
+    assert 2 <= state.passes <= 12
+    assert state.share == state.passes / 20
     assert state.done.all(), "what was finished is worth a picture"
     state.save(tmp_path / "state.npz")
     again = RenderState.load(tmp_path / "state.npz", {})
@@ -77,7 +81,8 @@ def test_errors_are_not_swallowed() -> None:
 def test_noise_ends_the_work_at_a_power_of_two() -> None:
     # The spread of 2 on 5 is a noise of 0.4 / sqrt(n): 0.05 after 64 passes.
     state = solved(Options(noise=0.06))
-    assert state.passes in (64, 128) and worst_noise(state) < 0.06
+    assert state.passes in (64, 128)
+    assert worst_noise(state) < 0.06
     assert worst_noise(solved(Options(samples=state.passes // 2))) >= 0.06
 
 
@@ -85,7 +90,9 @@ def test_progress_rises_to_one() -> None:
     seen: list[float] = []
     state = RenderState.empty({}, 3, 4)
     assert solve_passes(module(), None, RAYS, Options(samples=9), state, 2, seen.append)
-    assert seen == sorted(seen) and seen[-1] == 1 and len(seen) == 9
+    assert seen == sorted(seen)
+    assert seen[-1] == 1
+    assert len(seen) == 9
 
 
 def test_solvers_without_photons_refuse_their_options() -> None:

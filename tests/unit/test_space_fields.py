@@ -587,7 +587,8 @@ class TestWarped(SpatialFieldBase):
 
 
 def test_every_field_has_its_tests() -> None:
-    # Grids and particles are tested in files of their own: what they hold is data, not a formula.  So is a planet's air.
+    # Grids and particles are tested in files of their own: what they hold is data, not a formula;
+    # so is a planet's air.
     assert members(AnySpatialField) == {*SPACE_TESTS, VoxelGrid, ParticleSet, AroundPlanet}
 
 

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.path import rebalance
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta
@@ -94,9 +94,12 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
     if u < share:
         t = near + apart * math.tan(low + (high - low) * u / share)
     else:
-        wanted = -math.log1p(-(u - share) / (1.0 - share) * lost)
+        # A hero that loses nothing on the leg has no event there.
+        wanted = -math.log1p(-(u - share) / (1.0 - share) * lost) if lost > 0.0 else math.inf
         if media.constant[m]:
             t = wanted / media.extinction[m, hero] if media.extinction[m, hero] > 0.0 else math.inf
+        elif wanted == math.inf:
+            t = math.inf
         else:
             t = reach(media, m, hero, x, d, far, wanted, s.work)
     return t
@@ -108,8 +111,10 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
     walk, media, work = s.walk, scene.media, s.work
     x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
     transmit(media, m, x, d, far, work, whole)
-    lost = 1.0 - whole[hero]
-    if not (lost > 0.0 and scene.guide.scatters[m]):
+    lost, dims = 1.0 - whole[hero], False
+    for i in range(whole.size):
+        dims = dims or whole[i] < 1.0
+    if not (dims and scene.guide.scatters[m]):
         return
     k, near, apart = nearest_lamp(scene.lamps, scene.guide, x, d, uniform(walk.state))
     low = math.atan(-near / apart) if k >= 0 else 0.0
@@ -158,24 +163,36 @@ def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, acc
         surfaces.weight[p, i] = s.walk.value[i]
 
 
+@kernel
+def add_seen(ray, order, s, sums, by_order):
+    """Light (wavelength,) in ``s.light`` that the walk meets, after so many reflections and refractions."""
+    for i in range(s.light.size):
+        sums[ray, i] += s.walk.value[i] * s.light[i]
+    if 0 < order <= by_order.shape[0]:
+        for i in range(s.light.size):
+            by_order[order - 1, ray, i] += s.walk.value[i] * s.light[i]
+
+
 @merged
-def see_lamp(lamps, k, ray, s, sums):
+def see_lamp(lamps, k, ray, order, s, sums, by_order):
     """Light of a lamp's own surface that the walk has met from outside."""
     d, hit = s.walk.direction, s.hit
     cosine = -(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
     if cosine > 0.0:
         bright = brightness(lamps, k, min(cosine, 1.0))
         for i in range(s.walk.value.size):
-            sums[ray, i] += s.walk.value[i] * lamps.power[k, i] * bright
+            s.light[i] = lamps.power[k, i] * bright
+        add_seen(ray, order, s, sums, by_order)
 
 
 @merged
-def see_surroundings(lamps, ray, s, sums):
+def see_surroundings(lamps, ray, order, s, sums, by_order):
     """Light from outside that the walk meets when it leaves the scene."""
     for k in range(lamps.kind.size):
         if lamps.kind[k] == SURROUNDINGS:
-            for i in range(s.walk.value.size):
-                sums[ray, i] += s.walk.value[i] * lamps.power[k, i]
+            for i in range(s.light.size):
+                s.light[i] = lamps.power[k, i]
+            add_seen(ray, order, s, sums, by_order)
 
 
 @merged
@@ -216,7 +233,7 @@ def end_leg(scene, peaks, m, hero, far, s):
 
 
 @merged
-def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums):
+def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
@@ -238,6 +255,8 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
             t = end_leg(scene, peaks, m, hero, far, s)
             if t >= 0.0:
                 order += 1
+                if order >= most:
+                    return
                 if not scatter_by_peak(peaks, media, m, hero, t, s) or not weaken(leg, s):
                     return
                 near, last, skip, slant, straight = 0.0, NO_MORE, np.int64(-1), math.inf, False
@@ -246,7 +265,7 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
                 continue
         if item < 0:
             if straight:
-                see_surroundings(scene.lamps, ray, s, sums)
+                see_surroundings(scene.lamps, ray, order, s, sums, by_order)
             return
         for n in range(3):
             x[n] += far * d[n]
@@ -254,7 +273,7 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
         beyond = media_behind(scene, s, body)
         material = shapes.material[body]
         if shapes.lamp[body] >= 0 and straight:
-            see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums)
+            see_lamp(scene.lamps, shapes.lamp[body], ray, order, s, sums, by_order)
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
             near, last, skip = hit[0], item, np.int64(-1)
@@ -267,6 +286,8 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
             leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s)
             return
         order += 1
+        if order > most:
+            return
         if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(leg, s):
             return
         near, last, skip = 0.0, NO_MORE, item
@@ -277,7 +298,8 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
 
 @entry
 def leave_points(
-    scene, peaks, origins, directions, ids, first, seed, stream, events, ball, disk, direct, points, surfaces, s, sums
+    scene, peaks, origins, directions, ids, first, seed, stream, events, most, ball, disk, direct, points, surfaces, s,
+    sums, by_order,
 ):  # fmt: skip
     """Walks of the rays from `first` on, until there is no more room for points.
 
@@ -293,6 +315,8 @@ def leave_points(
         Seed, and number of the pass.
     events : int
         Points on every leg through a medium.
+    most : int
+        Light that was scattered, reflected or refracted more often than this is left out.
     ball, disk : float
         Radius of the spheres in media and of the disks on surfaces [m].
     direct : bool
@@ -302,6 +326,8 @@ def leave_points(
     s : PhotonScratch
     sums : (ray, wavelength)
         What is seen directly is added here: lamps, and light from outside.
+    by_order : (order, ray, wavelength)
+        The same after 1, 2, ... reflections and refractions.
 
     Returns
     -------
@@ -325,5 +351,5 @@ def leave_points(
         copy_stack(s.first, s.stack)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = 1.0, 1.0
-        look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums)
+        look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order)
     return origins.shape[0]

@@ -92,12 +92,12 @@ def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) ->
     stacks = [np.full(STACK, -1, np.int64) for _ in range(5)]
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
-    return Scratch(
+    return Scratch._make([
         make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(9, np.int64), np.zeros(4), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
-    )  # fmt: skip
+    ])  # fmt: skip
 
 
 @kernel

@@ -283,7 +283,7 @@ def draw_scattered(media, m, hero, u, v, work, direction):
     for c in range(media.first[m], media.first[m + 1]):
         s = density[c] * media.sigma_s[c, hero]
         if s > 0.0:
-            chosen, part = c, s
+            chosen, part = c, s  # type: ignore[assignment]
             if rest < s:
                 break
             rest -= s

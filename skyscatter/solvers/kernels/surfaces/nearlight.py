@@ -41,11 +41,11 @@ class NearScratch(NamedTuple):
 
 def make_near_scratch(components: int, wavelengths: int, lamps: int) -> NearScratch:
     """Scratch arrays for a scene of that size."""
-    return NearScratch(
+    return NearScratch._make([
         make_media_work(components, wavelengths), *(np.zeros(wavelengths) for _ in range(3)),
         np.zeros(STACK, np.int64), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6), np.zeros(lamps),
         np.zeros(1, np.uint64),
-    )  # fmt: skip
+    ])  # fmt: skip
 
 
 @merged

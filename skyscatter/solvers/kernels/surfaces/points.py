@@ -31,14 +31,14 @@ class Points(NamedTuple):
     reach: np.ndarray  #: (point,) radius [m] of the sphere or disk in which light is gathered
     area: np.ndarray  #: (point,) share of the disk that lies on the surface
     stack: np.ndarray  #: (point, STACK) int64, media that the point is inside of, on the walk's side of a surface
-    count: np.ndarray  #: (1,) int64, points in use
+    count: np.ndarray  # type: ignore[assignment]  #: (1,) int64, points in use
 
 
 def make_points(capacity: int, components: int, wavelengths: int) -> Points:
     """Room for so many points: 8 (26 + components + wavelengths) bytes each."""
-    return Points(
+    return Points._make([
         np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, components)),
         np.zeros((capacity, wavelengths)), *(np.zeros(capacity, np.int64) for _ in range(7)),
         np.zeros(capacity), np.ones(capacity),
         np.full((capacity, STACK), -1), np.zeros(1, np.int64),
-    )  # fmt: skip
+    ])  # fmt: skip
