@@ -20,6 +20,7 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.kernels.pointed import Pointed
 from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
 from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
@@ -72,6 +73,7 @@ class Context(NamedTuple):
     """What passes need."""
 
     table: WalkTable
+    laid: Pointed  #: the same for kernels
     peaks: PeakTable
     first_radius: float  #: of the first pass [m]
 
@@ -116,8 +118,8 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
         rule = "photons from outside cannot cover an endless plane; give a large rectangle, or choose the solver path"
         raise DomainError("bodies", "plane", rule)
     walks = guided(table)
-    peaks = split_peaks(table.media)
-    return Context(walks, peaks, options.radius or scout_radius(walks, peaks, rays, options))
+    context = Context(walks, Pointed(walks), split_peaks(table.media), options.radius or 0.0)
+    return context if options.radius else context._replace(first_radius=scout_radius(context, rays, options))
 
 
 def split_peaks(media: MediaTable) -> PeakTable:
@@ -146,7 +148,7 @@ def radius_of(context: Context, number: int, options: Options, dimensions: int) 
     return float(context.first_radius * np.prod((k + ALPHA) / (k + 1)) ** (1 / dimensions))
 
 
-def scout_radius(table: WalkTable, peaks: PeakTable, rays: Rays, options: Options) -> float:
+def scout_radius(context: Context, rays: Rays, options: Options) -> float:
     """First radius from where the rays see something.
 
     A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
@@ -156,8 +158,9 @@ def scout_radius(table: WalkTable, peaks: PeakTable, rays: Rays, options: Option
         return 1.0
     some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int))
     part = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some].copy())
+    table = context.table
     room = _Room.for_rays(table, len(part.origins))
-    room.look(Context(table, peaks, 0.0), part, 0, 0, options, 0.0, 0.0, np.zeros((0, 1, 1)))
+    room.look(context, part, 0, 0, options, 0.0, 0.0, np.zeros((0, 1, 1)))
     media, floor = room.in_use
     place = np.concatenate([media.place, floor.place])
     if len(place) < 2:
@@ -206,9 +209,9 @@ class _Room(NamedTuple):
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            context.table, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
-            number, events, most, ball, disk, by_rays(options), self.points, self.surfaces, self.scratch, self.sums,
-            by_order,
+            context.laid, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
+            number, events, most, ball, disk, by_rays(options), Pointed(self.points),
+            Pointed(self.surfaces), Pointed(self.scratch), self.sums, by_order,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
@@ -243,16 +246,17 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
         first = room.look(context, plain, first, number, options, ball, disk, by_order)
         media, floor = room.in_use
         trace_photons(
-            table, context.peaks, room.points, room.surfaces, make_cells(media.place, ball),
+            context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.place, ball),
             make_cells(floor.place, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
-            bunch * photons, (bunch + 1) * photons, photons, most, room.scratch, room.sums, by_order, fates,
+            bunch * photons, (bunch + 1) * photons, photons, most, Pointed(room.scratch), room.sums, by_order,
+            fates,
         )  # fmt: skip
         if by_rays(options):
             seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
             for on_surface, points in enumerate((room.points, room.surfaces)):
                 light_points(
-                    table, points, bool(on_surface), seed, stream, 2 * bunch + on_surface, most, near, room.sums,
-                    by_order,
+                    context.laid, Pointed(points), bool(on_surface), seed, stream, 2 * bunch + on_surface, most,
+                    Pointed(near), room.sums, by_order,
                 )  # fmt: skip
         bunch += 1
     layers = {f"order{k + 1}": by_order[k] for k in range(options.orders)}
@@ -269,8 +273,9 @@ def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
     none = make_cells(np.zeros((0, 3)), 1.0)
     fates = np.zeros((4, table.media.sigma_t.shape[1]))
     trace_photons(
-        guided(table), split_peaks(table.media), room.points, room.surfaces, none, none, ESTIMATORS["both"],
-        np.int64(seed), np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS, room.scratch, room.sums,
+        Pointed(guided(table)), split_peaks(table.media), Pointed(room.points), Pointed(room.surfaces), none, none,
+        ESTIMATORS["both"], np.int64(seed), np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS,
+        Pointed(room.scratch), room.sums,
         np.zeros((0, 1, fates.shape[1])), fates,
     )  # fmt: skip
     return fates

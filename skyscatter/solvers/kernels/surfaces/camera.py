@@ -105,7 +105,7 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
     return t
 
 
-@merged
+@kernel
 def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s):
     """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
     walk, media, work = s.walk, scene.media, s.work
@@ -151,7 +151,7 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
                 points.weight[p, i] = walk.value[i] * through[i] / (mean * events)
 
 
-@merged
+@kernel
 def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s):
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
@@ -239,7 +239,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
     x, d = walk.position, walk.direction
     accepts = (FOCUSED | SCATTERED) if direct else (DIRECT | FOCUSED | SCATTERED)
     hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
-    near, last, skip, order, slant, straight = 0.0, NO_MORE, np.int64(-1), 0, math.inf, True
+    near, last, skip, order, slant, straight = 0.0, NO_MORE, np.int64(-1), np.int64(0), math.inf, True
     for n in range(3):
         s.origin[n] = x[n]
     for leg in range(MOST_LEGS):
@@ -288,7 +288,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
         order += 1
         if order > most:
             return
-        if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(leg, s):
+        if bounce(scene, body, m, beyond, hero, np.bool_(False), s) == ABSORBED or not weaken(leg, s):
             return
         near, last, skip = 0.0, NO_MORE, item
         slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 from skyscatter.solvers.kernels.gridwalk import enter_cells, next_cell
-from skyscatter.solvers.kernels.jit import inlined, kernel, merged
+from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
 from skyscatter.solvers.kernels.surfaces.media import transmit
 from skyscatter.solvers.kernels.surfaces.neighbours import cell_at
@@ -106,7 +106,7 @@ def survival_density(through, s):
     return total / through.size
 
 
-@merged
+@kernel
 def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order):
     """An extinction event of a photon, where its walk is: light for all points within whose spheres it lies."""
     x, media = s.walk.position, scene.media
@@ -128,7 +128,7 @@ def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums,
             s.found[0] += 1
 
 
-@merged
+@kernel
 def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length, s, sums, by_order):
     """A photon's flight of a length from where its walk is: light for all points whose foot on it is near enough."""
     x, d, media, through = s.walk.position, s.walk.direction, scene.media, s.light_through
@@ -161,7 +161,7 @@ def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length
         cell, leave = next_cell(s.walker)
 
 
-@merged
+@kernel
 def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_order):
     """A photon that arrives on a surface, where its walk is: light for all points on it within the disk around them."""
     x, d, normal, light = s.walk.position, s.walk.direction, s.hit, s.light

@@ -207,7 +207,8 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     if not (light > 0.0 and (cosine > 0.0 or both_sides)):
         return False
     evaluate_bsdf(
-        table.materials, row, s.normal, s.back, s.aside, media.index[here], media.index[there], False, s.factor,
+        table.materials, row, s.normal, s.back, s.aside, media.index[here], media.index[there],
+        np.bool_(False), s.factor,
         s.density,
     )
     bright = 0.0

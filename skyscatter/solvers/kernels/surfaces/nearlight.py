@@ -133,7 +133,7 @@ def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, 
             continue
         if on_surface:
             face_camera(points, p, s)
-            guess_at_point(table.lamps, table.guide, points.place[p], s.point, False, s.chance)
+            guess_at_point(table.lamps, table.guide, points.place[p], s.point, np.bool_(False), s.chance)
         else:
             guess_in_medium(table.lamps, table.guide, points.place[p], s.chance)
         if not fetch(table, points, p, points.item[p], s):
@@ -142,11 +142,11 @@ def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, 
             here, beyond = media.index[points.medium[p]], media.index[points.beyond[p]]
             material = table.shapes.material[points.body[p]]
             bsdf_value(
-                table.materials, material, points.normal[p], s.back, s.towards, here, beyond, False, s.light
+                table.materials, material, points.normal[p], s.back, s.towards, here, beyond, np.bool_(False), s.light
             )  # fmt: skip
         else:
             d = s.towards
             look_up(media, media.phase, points, p, -d[0], -d[1], -d[2], s.light)
         for i in range(s.flux.size):
             s.light[i] *= s.flux[i]
-        add_to_ray(points, p, 1.0, s.light, 0, sums, by_order)
+        add_to_ray(points, p, 1.0, s.light, np.int64(0), sums, by_order)

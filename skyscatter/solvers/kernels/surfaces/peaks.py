@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from skyscatter.solvers.kernels.jit import merged
+from skyscatter.solvers.kernels.jit import kernel, merged
 from skyscatter.solvers.kernels.optics import sample_cosine
 from skyscatter.solvers.kernels.path import rebalance, turn
 from skyscatter.solvers.kernels.random import uniform
@@ -57,7 +57,7 @@ def draw_peak(peaks, media, m, hero, u, v, work, direction):
     return True
 
 
-@merged
+@kernel
 def scatter_by_peak(peaks, media, m, hero, t, s):
     """Scatter the walk by the peak at the distance t, drawn by the hero's free path; False if it ends.
 

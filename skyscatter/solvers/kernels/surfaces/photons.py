@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.gridwalk import Walker, make_walker
-from skyscatter.solvers.kernels.jit import entry, inlined, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.path import Walk, make_walk, rebalance
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta, sample_bsdf
@@ -107,7 +107,7 @@ def media_behind(scene, s, body):
     return current_medium(scene.media, s.there)
 
 
-@merged
+@kernel
 def bounce(scene, body, m, beyond, hero, adjoint, s):
     """A walk that has met a surface is reflected, refracted or absorbed; the event, see `sample_bsdf`."""
     walk, media = s.walk, scene.media
@@ -175,7 +175,7 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
     walk, shapes, media = s.walk, scene.shapes, scene.media
     x, d, hit = walk.position, walk.direction, s.hit
     kind = FOCUSED if scene.lamps.kind[lamp] == SURROUNDINGS else DIRECT
-    order, near, last = 0, 0.0, NO_MORE
+    order, near, last = np.int64(0), 0.0, NO_MORE
     u = walk.even[7]
     for n in range(3):
         s.origin[n] = x[n]
@@ -249,7 +249,7 @@ def meet_surface(scene, body, m, beyond, hero, s, fates):
     walk = s.walk
     for i in range(walk.value.size):
         fates[ABSORBED_BY_SURFACES, i] += walk.value[i]
-    met = bounce(scene, body, m, beyond, hero, True, s)
+    met = bounce(scene, body, m, beyond, hero, np.bool_(True), s)
     if met == ABSORBED:
         return met
     for i in range(walk.value.size):

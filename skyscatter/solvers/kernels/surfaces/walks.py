@@ -18,9 +18,8 @@ import math
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, inlined, merged
+from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.path import BATCHES, statistics
-from skyscatter.solvers.kernels.pointed import whole
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta, sample_bsdf
 from skyscatter.solvers.kernels.surfaces.flights import (
@@ -167,7 +166,7 @@ def go_back(s):
         s.walk.value[i], s.walk.chance[i] = s.saved_value[i], s.saved_chance[i]
 
 
-@merged
+@kernel
 def choose_end(table, hero, s):
     """Which end of the leg the walk goes to: TURN or BEHIND; in ``s.event`` the chances of the first."""
     walk, media, m = s.walk, table.media, s.at[IN]
@@ -195,7 +194,7 @@ def choose_end(table, hero, s):
     return coming
 
 
-@merged
+@kernel
 def take_leg(table, hero, sampling, s, sums):
     """Gather the light of the next leg and choose its end."""
     walk = s.walk
@@ -219,7 +218,7 @@ def take_leg(table, hero, sampling, s, sums):
     return BEHIND
 
 
-@merged
+@kernel
 def scatter_at(table, hero, s):
     """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends."""
     walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
@@ -257,7 +256,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     dispersive = media.dispersive[here] or media.dispersive[there]
     event = sample_bsdf(
         table.materials, row, hero, s.normal, s.back, u, v, uniform(walk.state), media.index[here], media.index[there],
-        dispersive, False, walk.direction, s.factor, s.density,
+        dispersive, np.bool_(False), walk.direction, s.factor, s.density,
     )  # fmt: skip
     if event == ABSORBED:
         return OVER
@@ -278,7 +277,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     return LEG if survives(walk, order + 1, table.guide.level) else OVER
 
 
-@merged
+@kernel
 def meet(table, hero, sampling, s, sums):
     """What happens behind the leg; LEG, or OVER if the walk ends."""
     walk, shapes, at, hit, d = s.walk, table.shapes, s.at, s.hit, s.walk.direction
@@ -385,7 +384,7 @@ def surface_path_rays(
             for k in range(by_order.shape[1]):
                 by_order[ray, k, i] = 0.0
         used[ray] = -1
-        if fill_stack(whole(table.shapes), origins[ray], directions[ray], np.int64(-1), s.first_stack, s.hit) < 0:
+        if fill_stack(table.shapes, origins[ray], directions[ray], np.int64(-1), s.first_stack, s.hit) < 0:
             continue
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
