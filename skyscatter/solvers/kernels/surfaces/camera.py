@@ -29,6 +29,7 @@ from skyscatter.solvers.kernels.surfaces.media import (
 )
 from skyscatter.solvers.kernels.surfaces.peaks import chances_of_peak, scatter_by_peak
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
+from skyscatter.solvers.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
 from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
@@ -103,7 +104,7 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
 
 
 @merged
-def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s):
+def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s, polar):
     """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
     walk, media, work = s.walk, scene.media, s.work
     x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
@@ -135,6 +136,7 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
         mean /= through.size
         if mean > 0.0:
             p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
+            note_matrix(polar, p, 0)
             # A sphere that sticks out of the medium would miss light.
             room = t * slant if slant < math.inf else math.inf
             if end_slant < math.inf:
@@ -147,9 +149,10 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
 
 
 @merged
-def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s):
+def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s, polar):
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
+    note_matrix(polar, p, 1)
     surfaces.item[p], surfaces.reach[p] = item, disk
     surfaces.area[p] = share_on_surface(shapes, item, s.walk.position, s.hit[1:], disk)
     for n in range(3):
@@ -159,23 +162,23 @@ def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, acc
 
 
 @merged
-def see_lamp(lamps, k, ray, s, sums):
+def see_lamp(lamps, k, ray, s, sums, polar):
     """Light of a lamp's own surface that the walk has met from outside."""
     d, hit = s.walk.direction, s.hit
     cosine = -(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
     if cosine > 0.0:
         bright = brightness(lamps, k, min(cosine, 1.0))
         for i in range(s.walk.value.size):
-            sums[ray, i] += s.walk.value[i] * lamps.power[k, i] * bright
+            add_seen(polar, ray, i, s.walk.value[i] * lamps.power[k, i] * bright, sums)
 
 
 @merged
-def see_surroundings(lamps, ray, s, sums):
+def see_surroundings(lamps, ray, s, sums, polar):
     """Light from outside that the walk meets when it leaves the scene."""
     for k in range(lamps.kind.size):
         if lamps.kind[k] == SURROUNDINGS:
             for i in range(s.walk.value.size):
-                sums[ray, i] += s.walk.value[i] * lamps.power[k, i]
+                add_seen(polar, ray, i, s.walk.value[i] * lamps.power[k, i], sums)
 
 
 @merged
@@ -216,7 +219,7 @@ def end_leg(scene, peaks, m, hero, far, s):
 
 
 @merged
-def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums):
+def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums, polar):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
@@ -233,7 +236,8 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
             end_slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3]) if item >= 0 else math.inf
             # Photons are dear, walks are cheap: those that were scattered leave one point a leg.
             leave_events(
-                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, slant, end_slant, s
+                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, slant, end_slant, s,
+                polar,
             )  # fmt: skip
             t = end_leg(scene, peaks, m, hero, far, s)
             if t >= 0.0:
@@ -246,7 +250,7 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
                 continue
         if item < 0:
             if straight:
-                see_surroundings(scene.lamps, ray, s, sums)
+                see_surroundings(scene.lamps, ray, s, sums, polar)
             return
         for n in range(3):
             x[n] += far * d[n]
@@ -254,7 +258,7 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
         beyond = media_behind(scene, s, body)
         material = shapes.material[body]
         if shapes.lamp[body] >= 0 and straight:
-            see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums)
+            see_lamp(scene.lamps, shapes.lamp[body], ray, s, sums, polar)
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
             near, last, skip = hit[0], item, np.int64(-1)
@@ -264,10 +268,10 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
             # Rays to lamps are sent on the walk's side alone.
             both = scene.materials.kind[material] == DIELECTRIC
             kinds = accepts | DIRECT if both else accepts
-            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s)
+            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s, polar)
             return
         order += 1
-        if bounce(scene, body, m, beyond, hero, False, s) == ABSORBED or not weaken(leg, s):
+        if bounce(scene, body, m, beyond, hero, False, s, polar) == ABSORBED or not weaken(leg, s):
             return
         near, last, skip = 0.0, NO_MORE, item
         slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
@@ -277,7 +281,8 @@ def look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sum
 
 @entry
 def leave_points(
-    scene, peaks, origins, directions, ids, first, seed, stream, events, ball, disk, direct, points, surfaces, s, sums
+    scene, peaks, origins, directions, ids, first, seed, stream, events, ball, disk, direct, points, surfaces, s, sums,
+    polar,
 ):  # fmt: skip
     """Walks of the rays from `first` on, until there is no more room for points.
 
@@ -302,6 +307,7 @@ def leave_points(
     s : PhotonScratch
     sums : (ray, wavelength)
         What is seen directly is added here: lamps, and light from outside.
+    polar : PhotonPolar or None
 
     Returns
     -------
@@ -310,8 +316,11 @@ def leave_points(
     """
     walk = s.walk
     filled = False
+    forget_walks(polar)
     for ray in range(first, origins.shape[0]):
         if points.count[0] + events * MOST_LEGS > points.ray.size or surfaces.count[0] >= surfaces.ray.size:
+            return ray
+        if full(polar, MOST_LEGS):
             return ray
         start_stream(walk.state, seed, ids[ray], stream)
         same = filled
@@ -325,5 +334,6 @@ def leave_points(
         copy_stack(s.first, s.stack)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = 1.0, 1.0
-        look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums)
+        begin_look(polar, ray)
+        look(scene, peaks, ray, events, ball, disk, direct, points, surfaces, s, sums, polar)
     return origins.shape[0]
