@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from coulson_tables import cds
 from numpy.typing import NDArray
-from significance import assert_agrees, largest_t
+from significance import largest_t
 
 import skyscatter
 from skyscatter.errors import DomainError
