@@ -220,15 +220,15 @@ def test_light_scattered_once_before_and_after_reflection(floor: str) -> None:
     """Both ends at a smooth plane: photons that were reflected first, walks that are reflected on their way."""
     o, d = sights(*LOOKS)
     # Of walks that meet glass few are reflected: many of them are needed for errors that are normal.
-    effort = {"samples": 2048, "photons": 1 << 10} if floor == "glass" else {"samples": 64, "photons": 1 << 14}
+    effort = {"samples": 2048, "photons": 1 << 10} if floor in ("glass", "total") else {"samples": 64, "photons": 1 << 14}
     answer = photons(over_floor(floor), o, d, max_order=3, radius=0.06, estimator="paths", **effort)
     expected = np.repeat(truth(floor, o, d)[:, None], 2, axis=1)
     # The disk of 0.06 m blurs light of an image more than 0.85 m away by R^2 / 8 x 6 / r^2 = 0.4 %, half of all at most.
     allowed = largest_t(32, 63) * answer.stokes_error + 2e-3 * expected[..., :1]
     assert np.all(np.abs(answer.stokes - expected) < allowed)
     assert np.all(answer.stokes_error[..., 0] < 0.06 * answer.radiance)
-    circular = np.abs(expected[..., 3]) / answer.stokes_error[..., 3].clip(1e-30)
-    assert (circular.max() > 20) == (floor in ("metal", "total"))
+    circular = np.abs(expected[..., 3]) / expected[..., 0]
+    assert (circular.max() > 0.05) == (floor in ("metal", "total"))
 
 
 def test_brewster_angle() -> None:

@@ -178,8 +178,8 @@ def test_weights_of_both_ways_are_in_the_ratio_of_their_densities() -> None:
     for how in (POINTS, PATHS, POINTS | PATHS):
         sums, s.found[:] = np.zeros((1, 1)), 0
         trace_photons(
-            table, split_peaks(table.media), points, surfaces, cells, none, how, np.int64(1), np.int64(7), 0, 4000, 4000, 1, s,
-            sums, np.zeros((0, 1, 1)), np.zeros((4, 1)), None,
+            table, split_peaks(table.media), points, surfaces, cells, none, how, np.int64(1), np.int64(7), 0,
+            4000, 4000, 1, s, sums, np.zeros((0, 1, 1)), np.zeros((4, 1)), None,
         )  # fmt: skip
         light[how] = float(sums[0, 0])
     odds = 4 / 3 * EXTINCTION[1] * radius
