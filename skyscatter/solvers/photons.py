@@ -27,8 +27,8 @@ from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
 from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_near_scratch
 from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
 from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
-from skyscatter.solvers.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
 from skyscatter.solvers.kernels.surfaces.points import Points, make_points
+from skyscatter.solvers.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
 from skyscatter.solvers.kernels.surfaces.tables import (
     LAMBERT,
     MaterialTable,
@@ -192,7 +192,9 @@ class _Room(NamedTuple):
     polar: PhotonPolar | None
 
     @classmethod
-    def for_rays(cls, table: WalkTable, rays: int, matrix: Array | None = None, directions: Array | None = None) -> _Room:
+    def for_rays(
+        cls, table: WalkTable, rays: int, matrix: Array | None = None, directions: Array | None = None
+    ) -> _Room:
         events = events_for(rays)
         components, wavelengths = table.media.sigma_t.shape
         capacity = min(MOST_POINTS, rays * events * 2) + events * MOST_LEGS

@@ -29,8 +29,8 @@ from skyscatter.solvers.kernels.surfaces.media import (
 )
 from skyscatter.solvers.kernels.surfaces.peaks import chances_of_peak, scatter_by_peak
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
-from skyscatter.solvers.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
 from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes

@@ -15,8 +15,8 @@ from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
 from skyscatter.solvers.kernels.surfaces.gather import add_to_ray, look_towards
 from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, lobe_value, pick, share_out
 from skyscatter.solvers.kernels.surfaces.media import MediaWork, current_medium, make_media_work, transmit
-from skyscatter.solvers.kernels.surfaces.polarised import add_rest, begin_plain, send_plain
 from skyscatter.solvers.kernels.surfaces.points import DIRECT
+from skyscatter.solvers.kernels.surfaces.polarised import add_rest, begin_plain, send_plain
 from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.solvers.kernels.surfaces.shapes import item_body

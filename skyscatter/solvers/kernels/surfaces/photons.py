@@ -32,13 +32,13 @@ from skyscatter.solvers.kernels.surfaces.media import (
     make_media_work,
     scatter_walk,
 )
+from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.polarised import (
     begin_plain,
     bounce_polarised,
     remember_direction,
     scatter_polarised,
 )
-from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import nearest
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body

@@ -55,7 +55,8 @@ def make_photon_polar(tables: np.ndarray, frame: np.ndarray, points: int, chains
     return PhotonPolar(
         tables, np.zeros((3, wavelengths)), np.zeros((4, 4, wavelengths)), np.zeros(3), np.zeros(3),
         np.zeros((6, wavelengths)), np.zeros((4, wavelengths)), np.array(frame, order="C"), chain,
-        np.array([1, 0]), np.zeros((2, points), np.int64), np.zeros((points, 3)), np.zeros((3, len(frame), wavelengths)),
+        np.array([1, 0]), np.zeros((2, points), np.int64), np.zeros((points, 3)),
+        np.zeros((3, len(frame), wavelengths)),
     )  # fmt: skip
 
 
@@ -133,7 +134,7 @@ def _scatter(polar, first, last, sigma_s, hero, density, walk):
 
 @inlined
 def follow(across, nx, ny, nz, kx, ky, kz):
-    """v = n x k after a scattering, k being the way of the light."""
+    """The vector v = n x k after a scattering, k being the way of the light."""
     across[0], across[1], across[2] = ny * kz - nz * ky, nz * kx - nx * kz, nx * ky - ny * kx
 
 
