@@ -270,7 +270,7 @@ def test_rayleigh_slab_against_corrected_coulson_tables(upwards: bool, reference
         media=(SurfaceMedium(name="vacuum"), SurfaceMedium(name="gas", components=(gas(1.0),))),
         bodies=(Body(name="slab", shape=Box(size=(12, 12, 1)), material=Interface(), inside="gas"),),
         lamps=(ParallelLamp(name="sun", direction=(0, (1 - mu0[sun] ** 2) ** 0.5, mu0[sun]), irradiance=np.pi),),
-        viewpoint=Viewpoint(position=(0, 0, -0.6), target=(0, 0, 0)),
+        viewpoint=Viewpoint(position=(0, 0, -0.6), target=(0, 1, 0)),
     )
     side = 1.0 if upwards else -1.0
     m, phi = np.meshgrid(mu[chosen_mu], np.radians(30.0 * np.array(chosen_phi)), indexing="ij")
