@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from skyscatter.errors import DomainError
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.kernels.pointed import Pointed
@@ -28,10 +29,13 @@ from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_nea
 from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
 from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
 from skyscatter.solvers.kernels.surfaces.points import Points, make_points
+from skyscatter.solvers.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
 from skyscatter.solvers.kernels.surfaces.tables import (
+    LAMBERT,
     PARALLEL_LAMP,
     PLANE,
     SURROUNDINGS,
+    MaterialTable,
     MediaTable,
     PeakTable,
     SurfaceTable,
@@ -55,6 +59,8 @@ ESTIMATORS = {"points": POINTS, "paths": PATHS, "both": POINTS | PATHS}
 EVENTS, LEAST_EVENTS, MOST_EVENTS = 1 << 14, 2, 32
 #: Points in memory at once.
 MOST_POINTS = 1 << 18
+#: Walks past mirrors and glass whose matrices are in memory at once, 128 bytes each for every wavelength.
+MOST_CHAINS = 1 << 14
 #: Share of the squared radius (cubed, where points alone are gathered) that is kept from pass to pass, see `radius_of`.
 ALPHA = 2 / 3
 #: First radius in parts of the extent of what is seen, and in mean free paths at most.
@@ -76,11 +82,12 @@ class Context(NamedTuple):
     laid: Pointed  #: the same for kernels
     peaks: PeakTable
     first_radius: float  #: of the first pass [m]
+    matrix: Array | None  #: scattering matrices, with ``stokes``
 
 
 def check(options: Options) -> None:
     """Refuse what contradicts itself."""
-    options.refuse("photons", "tolerance", "sampling", "parts", "transmittance", "stokes")
+    options.refuse("photons", "tolerance", "sampling", "parts", "transmittance")
     if options.samples is not None and options.noise is not None:
         raise DomainError("samples", options.samples, "give samples or noise, not both")
     if options.estimator is not None and options.estimator not in ESTIMATORS:
@@ -103,16 +110,21 @@ def prepare(
     progress: Callable[[float], None] | None,
 ) -> Context:
     """The tables of a scene, and the first radius."""
-    from skyscatter.solvers.surfaces import compile_surfaces
+    from skyscatter.solvers.surfaces import compile_matrices, compile_surfaces
 
-    return prepare_table(compile_surfaces(scene, wavelengths), rays, options)
+    matrix = compile_matrices(scene, wavelengths) if options.stokes else None
+    return prepare_table(compile_surfaces(scene, wavelengths), rays, options, matrix)
 
 
-def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
-    """The same from tables."""
+def prepare_table(table: SurfaceTable, rays: Rays, options: Options, matrix: Array | None = None) -> Context:
+    """The same from tables; `matrix` (component, 6, angle, wavelength) where light is polarised."""
     check_table(table)
+    if matrix is not None:
+        refuse_rough(table.materials)
     walks = guided(table)
-    context = Context(walks, Pointed(walks), split_peaks(table.media), options.radius or 0.0)
+    # A walk would have to take the matrix of a peak along; polarised light is gathered with the whole phase function.
+    peaks = split_peaks(table.media, CUT if matrix is None else np.inf)
+    context = Context(walks, Pointed(walks), peaks, options.radius or 0.0, matrix)
     return context if options.radius else context._replace(first_radius=scout_radius(context, rays, options))
 
 
@@ -132,10 +144,18 @@ def check_table(table: SurfaceTable) -> None:
         raise DomainError("bodies", "plane", rule)
 
 
-def split_peaks(media: MediaTable) -> PeakTable:
+def refuse_rough(materials: MaterialTable) -> None:
+    """Facets of glass and metal polarise light in a way that is not modelled."""
+    rough = materials.roughness[materials.kind != LAMBERT]
+    if np.any(rough > 0):
+        rule = "is 0 where light is polarised: smooth glass and metal, or Lambert's surfaces; or leave out stokes"
+        raise DomainError("roughness", float(rough.max()), rule)
+
+
+def split_peaks(media: MediaTable, cut: float = CUT) -> PeakTable:
     """Phase functions as a broad part and a peak; what little rises above the cut is no peak."""
     mu = phase_cosines()
-    broad = np.minimum(media.phase, CUT)
+    broad = np.minimum(media.phase, cut)
     peak = media.phase - broad
     cell = np.pi * (peak[:, 1:] + peak[:, :-1]) * (mu[:-1] - mu[1:])[None, :, None]
     cdf = np.concatenate([np.zeros_like(peak[:, :1]), np.cumsum(cell, axis=1)], axis=1)
@@ -190,17 +210,26 @@ class _Room(NamedTuple):
     surfaces: Points
     scratch: PhotonScratch
     sums: Array  #: (ray, wavelength)
+    polar: PhotonPolar | None
 
     @classmethod
-    def for_rays(cls, table: WalkTable, rays: int) -> _Room:
+    def for_rays(
+        cls, table: WalkTable, rays: int, matrix: Array | None = None, directions: Array | None = None
+    ) -> _Room:
         events = events_for(rays)
         components, wavelengths = table.media.sigma_t.shape
         capacity = min(MOST_POINTS, rays * events * 2) + events * MOST_LEGS
+        polar = None
+        if matrix is not None and directions is not None:
+            # The scene's z axis is up everywhere.
+            frame, _ = meridian_frame(np.array([0.0, 0.0, 1.0]), directions)
+            polar = make_photon_polar(matrix, frame, capacity, min(MOST_CHAINS, 4 * rays) + MOST_LEGS + 1)
         return cls(
             make_points(capacity, components, wavelengths),
             make_points(min(MOST_POINTS, rays), components, wavelengths),
             make_photon_scratch(components, wavelengths),
             np.zeros((rays, wavelengths)),
+            polar,
         )
 
     @property
@@ -221,7 +250,7 @@ class _Room(NamedTuple):
         following = leave_points(
             context.laid, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
             number, events, most, ball, disk, by_rays(options), Pointed(self.points),
-            Pointed(self.surfaces), Pointed(self.scratch), self.sums, by_order,
+            Pointed(self.surfaces), Pointed(self.scratch), self.sums, by_order, self.polar,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
@@ -242,7 +271,7 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
     """Radiance along the rays from one pass alone."""
     table = context.table
     n, wavelengths = len(rays.origins), table.media.sigma_t.shape[1]
-    room = _Room.for_rays(table, n)
+    room = _Room.for_rays(table, n, context.matrix, rays.directions)
     by_order, fates = np.zeros((options.orders, n, wavelengths)), np.zeros((4, wavelengths))
     most = MOST_ORDERS if options.max_order is None else int(options.max_order)
     how = ESTIMATORS[options.estimator or "both"]
@@ -259,17 +288,19 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
             context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.place, ball),
             make_cells(floor.place, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
             bunch * photons, (bunch + 1) * photons, photons, most, Pointed(room.scratch), room.sums, by_order,
-            fates,
+            fates, room.polar,
         )  # fmt: skip
         if by_rays(options):
             seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
             for on_surface, points in enumerate((room.points, room.surfaces)):
                 light_points(
                     context.laid, Pointed(points), bool(on_surface), seed, stream, 2 * bunch + on_surface, most,
-                    Pointed(near), room.sums, by_order,
+                    Pointed(near), room.sums, by_order, room.polar,
                 )  # fmt: skip
         bunch += 1
     layers = {f"order{k + 1}": by_order[k] for k in range(options.orders)}
+    if room.polar is not None:
+        layers |= dict(zip("QUV", room.polar.sums, strict=True))
     return Answer(room.sums, np.zeros_like(room.sums), layers, np.full(n, 1))
 
 
@@ -286,6 +317,6 @@ def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
         Pointed(guided(table)), split_peaks(table.media), Pointed(room.points), Pointed(room.surfaces), none, none,
         ESTIMATORS["both"], np.int64(seed), np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS,
         Pointed(room.scratch), room.sums,
-        np.zeros((0, 1, fates.shape[1])), fates,
+        np.zeros((0, 1, fates.shape[1])), fates, None,
     )  # fmt: skip
     return fates

@@ -69,7 +69,8 @@ def render(
         Vacuum wavelengths [nm], rising.
     solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads
     photons, radius, estimator, direct
-        As for `skyscatter.radiance`; samples are those of a pixel.
+        As for `skyscatter.radiance`; samples are those of a pixel.  Q, U and V of a nebula are not averaged over the
+        pixels around a star as the radiance is.
     subpixels : int
         Send a square of so many by so many rays through each pixel, which share its samples (scenes of surfaces only).
     progress : callable, optional

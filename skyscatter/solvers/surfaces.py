@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.media.medium import Medium
-from skyscatter.solvers.compile import PHASE_CELLS, medium_optics
+from skyscatter.solvers.compile import PHASE_CELLS, matrix_tables, medium_optics
 from skyscatter.solvers.kernels.surfaces.tables import (
     PARALLEL_LAMP,
     POINT_LAMP,
@@ -63,12 +63,11 @@ def compile_surfaces(scene: SurfaceScene | SpaceScene, wavelengths: ArrayLike) -
 
 @lru_cache(maxsize=8)
 def _compiled(scene: SurfaceScene | SpaceScene, wavelengths: tuple[float, ...]) -> SurfaceTable:
-    wl, bodies = np.array(wavelengths), _bodies(scene)
+    wl, bodies, records = np.array(wavelengths), _bodies(scene), scene_media(scene)
     if isinstance(scene, SpaceScene):
-        records: tuple[SurfaceMedium, ...] = (SurfaceMedium(name="space", components=scene.medium.components),)
         lamps, viewpoint = space_lamps(scene, wl), None
     else:
-        records, lamps, viewpoint = scene.media, free_lamps(scene, wl), np.array(scene.viewpoint.position)
+        lamps, viewpoint = free_lamps(scene, wl), np.array(scene.viewpoint.position)
     media, names = compile_media(records, wavelengths), [medium.name for medium in records]
     inside = [-1 if body.inside is None else names.index(body.inside) for body in bodies]
     materials = tuple(dict.fromkeys(body.material for body in bodies))
@@ -96,11 +95,7 @@ def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ..
     from skyscatter.media.spacetables import medium_table
 
     wl = np.array(wavelengths)
-    components = [
-        component.model_copy(update={"name": f"{medium.name}: {component.name}"})
-        for medium in media
-        for component in medium.components
-    ]
+    components = own_components(media)
     first = np.cumsum([0, *(len(medium.components) for medium in media)])
     sigma_s, sigma_t, emission, phase, cdf = _optics(components, wavelengths)
     endless = np.array([isinstance(component.density, Everywhere) for component in components], bool)
@@ -125,6 +120,37 @@ def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ..
         phase_cdf=cdf,
         rate=sigma_t.max(axis=1, initial=0.0),
     )
+
+
+def compile_matrices(scene: SurfaceScene | SpaceScene, wavelengths: ArrayLike) -> Array:
+    """Scattering matrices of the components of a scene in the order of its `MediaTable`.
+
+    Returns
+    -------
+    ndarray, shape (component, 6, angle, wavelength)
+        As `skyscatter.solvers.compile.matrix_tables`.
+    """
+    wl = tuple(float(w) for w in np.atleast_1d(np.asarray(wavelengths, float)))
+    components = own_components(scene_media(scene))
+    if not components:
+        return np.zeros((0, 6, PHASE_CELLS + 1, len(wl)))
+    return matrix_tables(Medium(components=tuple(components)), wl)
+
+
+def scene_media(scene: SurfaceScene | SpaceScene) -> tuple[SurfaceMedium, ...]:
+    """The media of a scene; space is one."""
+    if isinstance(scene, SpaceScene):
+        return (SurfaceMedium(name="space", components=scene.medium.components),)
+    return scene.media
+
+
+def own_components(media: tuple[SurfaceMedium, ...]) -> list[Component]:
+    """Components of all media, with names that no two of them share."""
+    return [
+        component.model_copy(update={"name": f"{medium.name}: {component.name}"})
+        for medium in media
+        for component in medium.components
+    ]
 
 
 def _optics(components: list[Component], wavelengths: tuple[float, ...]) -> tuple[Array, Array, Array, Array, Array]:

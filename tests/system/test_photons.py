@@ -18,7 +18,7 @@ from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
 from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
 from skyscatter.solvers.kernels.surfaces.photons import make_photon_scratch, trace_photons
 from skyscatter.solvers.kernels.surfaces.points import make_points
-from skyscatter.solvers.photons import photon_fates
+from skyscatter.solvers.photons import photon_fates, split_peaks
 from skyscatter.solvers.surface_path import guided
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.spectra.table import SpectralTable
@@ -120,8 +120,10 @@ def test_the_ratios_of_the_paper() -> None:
     s, points, surfaces = make_photon_scratch(1, 3), make_points(1000, 1, 3), make_points(1, 1, 3)
     o, d = beside_lamp()
     light = np.zeros((1, 3))
+    peaks = split_peaks(white.media)
     leave_points(
         none,
+        peaks,
         o[:1].copy(),
         d[:1].copy(),
         np.arange(1),
@@ -136,6 +138,7 @@ def test_the_ratios_of_the_paper() -> None:
         surfaces,
         s,
         light,
+        None,
     )
     assert points.count[0] == 8
     t = points.place[:8, 2] + 3
@@ -150,8 +153,8 @@ def test_the_ratios_of_the_paper() -> None:
     none_by_order, fates = np.zeros((0, 1, 3)), np.zeros((4, 3))
     cells = make_cells(points.place[:1], radius)
     trace_photons(
-        white, points, surfaces, cells, make_cells(surfaces.place[:0], 1.0), POINTS, np.int64(1),
-        np.int64(7), 0, 1, 1, 1, s, light, none_by_order, fates,
+        white, peaks, points, surfaces, cells, make_cells(surfaces.place[:0], 1.0), POINTS, np.int64(1),
+        np.int64(7), 0, 1, 1, 1, s, light, none_by_order, fates, None,
     )  # fmt: skip
     flown = np.linalg.norm(s.walk.position)
     f = np.exp(-EXTINCTION * flown)
@@ -175,8 +178,8 @@ def test_weights_of_both_ways_are_in_the_ratio_of_their_densities() -> None:
     for how in (POINTS, PATHS, POINTS | PATHS):
         sums, s.found[:] = np.zeros((1, 1)), 0
         trace_photons(
-            table, points, surfaces, cells, none, how, np.int64(1), np.int64(7), 0, 4000, 4000, 1, s,
-            sums, np.zeros((0, 1, 1)), np.zeros((4, 1)),
+            table, split_peaks(table.media), points, surfaces, cells, none, how, np.int64(1), np.int64(7), 0,
+            4000, 4000, 1, s, sums, np.zeros((0, 1, 1)), np.zeros((4, 1)), None,
         )  # fmt: skip
         light[how] = float(sums[0, 0])
     odds = 4 / 3 * EXTINCTION[1] * radius

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from coulson_tables import cds
 from numpy.typing import NDArray
 from plane_parallel import Slab
 from scipy import stats
@@ -148,15 +149,6 @@ def test_emission_and_ground_add_light_but_no_polarisation() -> None:
 
 
 # All orders: published tables
-
-
-def cds(reference: Path, parameter: str, upwards: bool, tau: str) -> tuple[Array, Array, Array]:
-    """Corrected Coulson-Dave-Sekera tables: mu0 (7,), mu (16,), values (albedo, mu0, mu, phi)."""
-    path = reference / "rayleigh_slab_cds" / f"{parameter}_{'UP' if upwards else 'DN'}_TAU_{tau}.txt"
-    lines = [line.split() for line in path.read_text().splitlines()]
-    rows = np.array([[float(w) for w in words] for words in lines if len(words) == 9 and words[0] != "mu0"])
-    rows = rows.reshape(3, 7, 16, 9)
-    return rows[0, :, 0, 0], rows[0, 0, :, 1], rows[..., 2:]
 
 
 def compare_with_cds(

@@ -30,6 +30,7 @@ from skyscatter.solvers.kernels.surfaces.media import (
 from skyscatter.solvers.kernels.surfaces.peaks import chances_of_peak, scatter_by_peak
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
 from skyscatter.solvers.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
 from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
@@ -106,7 +107,7 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
 
 
 @kernel
-def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s):
+def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s, polar):
     """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
     walk, media, work = s.walk, scene.media, s.work
     x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
@@ -140,6 +141,7 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
         mean /= through.size
         if mean > 0.0:
             p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
+            note_matrix(polar, p, 0)
             # A sphere that sticks out of the medium would miss light.
             room = t * slant if slant < math.inf else math.inf
             if end_slant < math.inf:
@@ -152,9 +154,10 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
 
 
 @kernel
-def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s):
+def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s, polar):
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
+    note_matrix(polar, p, 1)
     surfaces.item[p], surfaces.reach[p] = item, disk
     surfaces.area[p] = share_on_surface(shapes, item, s.walk.position, s.hit[1:], disk)
     for n in range(3):
@@ -164,17 +167,17 @@ def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, acc
 
 
 @kernel
-def add_seen(ray, order, s, sums, by_order):
+def see_light(ray, order, s, sums, by_order, polar):
     """Light (wavelength,) in ``s.light`` that the walk meets, after so many reflections and refractions."""
     for i in range(s.light.size):
-        sums[ray, i] += s.walk.value[i] * s.light[i]
+        add_seen(polar, ray, i, s.walk.value[i] * s.light[i], sums)
     if 0 < order <= by_order.shape[0]:
         for i in range(s.light.size):
             by_order[order - 1, ray, i] += s.walk.value[i] * s.light[i]
 
 
 @merged
-def see_lamp(lamps, k, ray, order, s, sums, by_order):
+def see_lamp(lamps, k, ray, order, s, sums, by_order, polar):
     """Light of a lamp's own surface that the walk has met from outside."""
     d, hit = s.walk.direction, s.hit
     cosine = -(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
@@ -182,17 +185,17 @@ def see_lamp(lamps, k, ray, order, s, sums, by_order):
         bright = brightness(lamps, k, min(cosine, 1.0))
         for i in range(s.walk.value.size):
             s.light[i] = lamps.power[k, i] * bright
-        add_seen(ray, order, s, sums, by_order)
+        see_light(ray, order, s, sums, by_order, polar)
 
 
 @merged
-def see_surroundings(lamps, ray, order, s, sums, by_order):
+def see_surroundings(lamps, ray, order, s, sums, by_order, polar):
     """Light from outside that the walk meets when it leaves the scene."""
     for k in range(lamps.kind.size):
         if lamps.kind[k] == SURROUNDINGS:
             for i in range(s.light.size):
                 s.light[i] = lamps.power[k, i]
-            add_seen(ray, order, s, sums, by_order)
+            see_light(ray, order, s, sums, by_order, polar)
 
 
 @merged
@@ -233,7 +236,7 @@ def end_leg(scene, peaks, m, hero, far, s):
 
 
 @merged
-def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order):
+def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
@@ -252,7 +255,8 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
             end_slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3]) if item >= 0 else math.inf
             # Photons are dear, walks are cheap: those that were scattered leave one point a leg.
             leave_events(
-                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, slant, end_slant, s
+                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, slant, end_slant, s,
+                polar,
             )  # fmt: skip
             t = end_leg(scene, peaks, m, hero, far, s)
             if t >= 0.0:
@@ -266,7 +270,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
                     s.origin[n] = x[n]
                 continue
         if item < 0:
-            see_surroundings(scene.lamps, ray, order, s, sums, by_order)
+            see_surroundings(scene.lamps, ray, order, s, sums, by_order, polar)
             return
         for n in range(3):
             x[n] += far * d[n]
@@ -274,7 +278,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
         beyond = media_behind(scene, s, body)
         material = shapes.material[body]
         if shapes.lamp[body] >= 0 and straight:
-            see_lamp(scene.lamps, shapes.lamp[body], ray, order, s, sums, by_order)
+            see_lamp(scene.lamps, shapes.lamp[body], ray, order, s, sums, by_order, polar)
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
             near, last, skip = hit[0], item, np.int64(-1)
@@ -284,12 +288,12 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
             # Rays to lamps are sent on the walk's side alone.
             both = scene.materials.kind[material] == DIELECTRIC
             kinds = accepts | DIRECT if both else accepts
-            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s)
+            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s, polar)
             return
         order += 1
         if order > most:
             return
-        if bounce(scene, body, m, beyond, hero, np.bool_(False), s) == ABSORBED or not weaken(leg, s):
+        if bounce(scene, body, m, beyond, hero, np.bool_(False), s, polar) == ABSORBED or not weaken(leg, s):
             return
         near, last, skip = 0.0, NO_MORE, item
         slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
@@ -300,7 +304,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
 @entry
 def leave_points(
     scene, peaks, origins, directions, ids, first, seed, stream, events, most, ball, disk, direct, points, surfaces, s,
-    sums, by_order,
+    sums, by_order, polar,
 ):  # fmt: skip
     """Walks of the rays from `first` on, until there is no more room for points.
 
@@ -329,6 +333,7 @@ def leave_points(
         What is seen directly is added here: lamps, and light from outside.
     by_order : (order, ray, wavelength)
         The same after 1, 2, ... reflections and refractions.
+    polar : PhotonPolar or None
 
     Returns
     -------
@@ -337,8 +342,11 @@ def leave_points(
     """
     walk = s.walk
     filled = False
+    forget_walks(polar)
     for ray in range(first, origins.shape[0]):
         if points.count[0] + events * MOST_LEGS > points.ray.size or surfaces.count[0] >= surfaces.ray.size:
+            return ray
+        if full(polar, MOST_LEGS):
             return ray
         start_stream(walk.state, seed, ids[ray], stream)
         same = filled
@@ -352,5 +360,6 @@ def leave_points(
         copy_stack(s.first, s.stack)
         for i in range(walk.value.size):
             walk.value[i], walk.chance[i] = 1.0, 1.0
-        look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order)
+        begin_look(polar, ray)
+        look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar)
     return origins.shape[0]

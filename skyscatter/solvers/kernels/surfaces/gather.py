@@ -22,6 +22,7 @@ from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
 from skyscatter.solvers.kernels.surfaces.media import transmit
 from skyscatter.solvers.kernels.surfaces.neighbours import cell_at
+from skyscatter.solvers.kernels.surfaces.polarised import add_rest, scatter_to_camera, send_plain
 
 #: Ways to gather: one bit each.
 POINTS, PATHS = 1, 2
@@ -77,9 +78,19 @@ def look_up(media, phase, points, p, dx, dy, dz, out):
 
 
 @inlined
-def add_scattered(media, phase, points, p, flux, factor, d, order, s, sums, by_order):
+def look_towards(media, phase, points, p, dx, dy, dz, out, polar):
+    """`look_up`, or with polarisation the I that arrives at the camera, see `scatter_to_camera`."""
+    if polar is None:
+        look_up(media, phase, points, p, dx, dy, dz, out)
+    else:
+        scatter_to_camera(polar, media, points, p, dx, dy, dz, out)
+
+
+@inlined
+def add_scattered(media, phase, points, p, flux, factor, d, order, s, sums, by_order, polar):
     """Light of a fluence rate `flux` (wavelength,) that flies along d, scattered at p towards the camera."""
-    look_up(media, phase, points, p, d[0], d[1], d[2], s.light)
+    look_towards(media, phase, points, p, d[0], d[1], d[2], s.light, polar)
+    add_rest(polar, points, p, flux, factor)
     for i in range(s.light.size):
         s.light[i] *= flux[i]
     add_to_ray(points, p, factor, s.light, order, sums, by_order)
@@ -107,7 +118,7 @@ def survival_density(through, s):
 
 
 @kernel
-def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order):
+def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order, polar):
     """An extinction event of a photon, where its walk is: light for all points within whose spheres it lies."""
     x, media = s.walk.position, scene.media
     cell = cell_at(grid, x[0], x[1], x[2])
@@ -124,12 +135,14 @@ def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums,
             if how & PATHS:
                 density = 4.0 / 3.0 * radius * extinction_density(media, points, p, through, s)
                 factor *= density / (density + survival)
-            add_scattered(media, phase, points, p, s.walk.value, factor, s.walk.direction, order, s, sums, by_order)
+            add_scattered(
+                media, phase, points, p, s.walk.value, factor, s.walk.direction, order, s, sums, by_order, polar
+            )
             s.found[0] += 1
 
 
 @kernel
-def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length, s, sums, by_order):
+def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length, s, sums, by_order, polar):
     """A photon's flight of a length from where its walk is: light for all points whose foot on it is near enough."""
     x, d, media, through = s.walk.position, s.walk.direction, scene.media, s.light_through
     t = enter_cells(grid, x[0], x[1], x[2], d[0], d[1], d[2], 0.0, s.walker)
@@ -155,14 +168,14 @@ def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length
                         for i in range(through.size):
                             through[i] *= s.value[i]
                         factor = 1.0 / (math.pi * radius * radius * density)
-                        add_scattered(media, phase, points, p, through, factor, d, order, s, sums, by_order)
+                        add_scattered(media, phase, points, p, through, factor, d, order, s, sums, by_order, polar)
                         s.found[1] += 1
         t = leave
         cell, leave = next_cell(s.walker)
 
 
 @kernel
-def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_order):
+def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_order, polar):
     """A photon that arrives on a surface, where its walk is: light for all points on it within the disk around them."""
     x, d, normal, light = s.walk.position, s.walk.direction, s.hit, s.light
     cell = cell_at(grid, x[0], x[1], x[2])
@@ -186,5 +199,7 @@ def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_ord
         bsdf_value(scene.materials, material, q, s.towards, s.arriving, here, beyond, False, light)
         for i in range(light.size):
             light[i] *= s.walk.value[i] / cosine
-        add_to_ray(points, p, 1.0 / (math.pi * radius * radius * points.area[p]), light, order, sums, by_order)
+        factor = 1.0 / (math.pi * radius * radius * points.area[p])
+        send_plain(polar, points, p, factor, light)
+        add_to_ray(points, p, factor, light, order, sums, by_order)
         s.found[2] += 1

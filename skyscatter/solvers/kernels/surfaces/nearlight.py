@@ -12,10 +12,11 @@ import numpy as np
 from skyscatter.solvers.kernels.jit import entry, merged
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
-from skyscatter.solvers.kernels.surfaces.gather import add_to_ray, look_up
+from skyscatter.solvers.kernels.surfaces.gather import add_to_ray, look_towards
 from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, lobe_value, pick, share_out
 from skyscatter.solvers.kernels.surfaces.media import MediaWork, current_medium, make_media_work, transmit
 from skyscatter.solvers.kernels.surfaces.points import DIRECT
+from skyscatter.solvers.kernels.surfaces.polarised import add_rest, begin_plain, send_plain
 from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.solvers.kernels.surfaces.shapes import item_body
@@ -124,7 +125,7 @@ def face_camera(points, p, s):
 
 
 @entry
-def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, by_order):
+def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, by_order, polar):
     """Add the light that comes straight from lamps and is scattered at points; arguments as for `trace_photons`."""
     media = table.media
     start_stream(s.state, seed, stream, bunch)
@@ -146,7 +147,11 @@ def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, 
             )  # fmt: skip
         else:
             d = s.towards
-            look_up(media, media.phase, points, p, -d[0], -d[1], -d[2], s.light)
+            begin_plain(polar, d)
+            look_towards(media, media.phase, points, p, -d[0], -d[1], -d[2], s.light, polar)
+            add_rest(polar, points, p, s.flux, 1.0)
         for i in range(s.flux.size):
             s.light[i] *= s.flux[i]
+        if on_surface:
+            send_plain(polar, points, p, 1.0, s.light)
         add_to_ray(points, p, 1.0, s.light, np.int64(0), sums, by_order)

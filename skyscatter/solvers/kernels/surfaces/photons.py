@@ -33,6 +33,12 @@ from skyscatter.solvers.kernels.surfaces.media import (
     scatter_walk,
 )
 from skyscatter.solvers.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.polarised import (
+    begin_plain,
+    bounce_polarised,
+    remember_direction,
+    scatter_polarised,
+)
 from skyscatter.solvers.kernels.surfaces.rays import nearest
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
@@ -108,7 +114,7 @@ def media_behind(scene, s, body):
 
 
 @kernel
-def bounce(scene, body, m, beyond, hero, adjoint, s):
+def bounce(scene, body, m, beyond, hero, adjoint, s, polar):
     """A walk that has met a surface is reflected, refracted or absorbed; the event, see `sample_bsdf`."""
     walk, media = s.walk, scene.media
     d, normal = walk.direction, s.hit[1:]
@@ -124,6 +130,10 @@ def bounce(scene, body, m, beyond, hero, adjoint, s):
     for i in range(walk.value.size):
         walk.value[i] *= s.factor[i]
         walk.chance[i] *= s.density[i]
+    bounce_polarised(
+        polar, scene.materials, scene.shapes.material[body], event, adjoint, normal, s.towards, walk, media.index[m],
+        media.index[beyond],
+    )  # fmt: skip
     if not rebalance(walk):
         return ABSORBED
     if event & TRANSMITTED:
@@ -170,7 +180,7 @@ def roulette(s):
 
 
 @merged
-def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, most, s, sums, by_order, fates):
+def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, most, s, sums, by_order, fates, polar):
     """One photon from its lamp to its end."""
     walk, shapes, media = s.walk, scene.shapes, scene.media
     x, d, hit = walk.position, walk.direction, s.hit
@@ -192,7 +202,7 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
             u = uniform(walk.state)
             if how & PATHS:
                 gather_segment(
-                    scene, phase, points, grid, how, m, kind, order, most, flown, s, sums, by_order
+                    scene, phase, points, grid, how, m, kind, order, most, flown, s, sums, by_order, polar
                 )  # fmt: skip
         if not event and item < 0:
             for i in range(walk.value.size):
@@ -202,9 +212,9 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
             x[n] += flown * d[n]
         if event:
             if how & POINTS:
-                gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order)
+                gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums, by_order, polar)
             order += 1
-            if order >= most or not scatter_photon(media, m, hero, s, fates):
+            if order >= most or not scatter_photon(media, m, hero, s, fates, polar):
                 return
             kind, near, last, skip = SCATTERED, 0.0, NO_MORE, np.int64(-1)
         else:
@@ -216,11 +226,11 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
                 near, last, skip = hit[0], item, np.int64(-1)
                 continue
             if not is_delta(scene.materials, material):
-                gather_arrival(scene, surfaces, floor, body, kind, order, most, s, sums, by_order)
+                gather_arrival(scene, surfaces, floor, body, kind, order, most, s, sums, by_order, polar)
             order += 1
             if order >= most:
                 return
-            met = meet_surface(scene, body, m, beyond, hero, s, fates)
+            met = meet_surface(scene, body, m, beyond, hero, s, fates, polar)
             if met == ABSORBED:
                 return
             kind = max(kind, FOCUSED) if met & DELTA else SCATTERED
@@ -232,7 +242,7 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
 
 
 @merged
-def scatter_photon(media, m, hero, s, fates):
+def scatter_photon(media, m, hero, s, fates, polar):
     """What becomes of a photon at an event: False where it ends."""
     walk = s.walk
     mix_scattering(media, m, s)
@@ -240,16 +250,19 @@ def scatter_photon(media, m, hero, s, fates):
         fates[ABSORBED_BY_MEDIA, i] += walk.value[i] * (s.work.total[i] - s.light[i])
     if not survive(hero, s):
         return False
-    return scatter_walk(media, m, hero, uniform(walk.state), uniform(walk.state), s.work, walk)
+    remember_direction(polar, walk.direction)
+    if not scatter_walk(media, m, hero, uniform(walk.state), uniform(walk.state), s.work, walk):
+        return False
+    return scatter_polarised(polar, media, m, hero, s.work.density, walk)
 
 
 @merged
-def meet_surface(scene, body, m, beyond, hero, s, fates):
+def meet_surface(scene, body, m, beyond, hero, s, fates, polar):
     """What becomes of a photon at a surface: the event, ABSORBED where it ends."""
     walk = s.walk
     for i in range(walk.value.size):
         fates[ABSORBED_BY_SURFACES, i] += walk.value[i]
-    met = bounce(scene, body, m, beyond, hero, np.bool_(True), s)
+    met = bounce(scene, body, m, beyond, hero, np.bool_(True), s, polar)
     if met == ABSORBED:
         return met
     for i in range(walk.value.size):
@@ -260,7 +273,7 @@ def meet_surface(scene, body, m, beyond, hero, s, fates):
 @entry
 def trace_photons(
     scene, peaks, points, surfaces, grid, floor, how, seed, stream, first, last, count, most, s, sums, by_order,
-    fates,
+    fates, polar,
 ):  # fmt: skip
     """Trace photons `first` to `last` of `count` and gather their light.
 
@@ -286,6 +299,8 @@ def trace_photons(
         The same by orders of scattering.
     fates : (4, wavelength)
         Power of the photons that escaped, were absorbed by media, by surfaces, or given up is added here.
+    polar : PhotonPolar or None
+        Q, U and V of the rays are added to its sums.
     """
     walk = s.walk
     start_stream(walk.state, seed, stream, -1)
@@ -297,11 +312,12 @@ def trace_photons(
         lamp, skip = emit_photon(scene, walk.even, count, s)
         if lamp < 0:
             return
+        begin_plain(polar, walk.direction)
         s.power[0] = 0.0
         for i in range(walk.value.size):
             s.power[0] += walk.value[i]
         hero = min(int(walk.even[1] * walk.value.size), walk.value.size - 1)
         follow(
             scene, peaks, points, surfaces, grid, floor, how, lamp, np.int64(skip), hero, most, s, sums, by_order,
-            fates,
+            fates, polar,
         )  # fmt: skip

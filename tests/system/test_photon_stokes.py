@@ -1,0 +1,328 @@
+"""Polarised photons: against fields added up in three dimensions, published tables, symmetries; honest errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from coulson_tables import cds
+from numpy.typing import NDArray
+from significance import largest_t
+
+import skyscatter
+from skyscatter.errors import DomainError
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.media.everywhere import Everywhere
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein, Rayleigh
+from skyscatter.surfaces.lamps import ParallelLamp, PointLamp
+from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
+from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
+from skyscatter.surfaces.shapes import Box, Plane
+
+pytestmark = pytest.mark.slow
+Array = NDArray[Any]
+WAVELENGTHS = np.array([450.0, 650.0])
+POWER, THIN = 2.0, 1e-5
+LAMP = np.array([0.5, 1.0, 0.8])
+EYE = np.array([-2.0, 0.3, 1.5])
+#: Where the gas is.
+ROOM = Box(position=(0, 0, 2), size=(6, 6, 3.9))
+#: What lies below z = 0, with the indices above and below; complex ones of metal.
+FLOORS: dict[str, tuple[Any, float, complex]] = {
+    "metal": (Conductor(n=0.6, k=2.1), 1.0, 0.6 + 2.1j),
+    "mirror": (Mirror(reflectance=0.8), 1.0, 0j),
+    "glass": (Dielectric(), 1.0, 1.5 + 0j),
+    "total": (Dielectric(), 1.5, 1.0 + 0j),
+}
+
+
+def gas(extinction: float, phase: Any = None) -> skyscatter.Component:
+    optics = Particles(extinction=extinction, single_scattering_albedo=1.0, phase=phase or Rayleigh())
+    return skyscatter.Component(name="gas", density=Everywhere(), optics=optics)
+
+
+def over_floor(floor: str | None, extinction: float = THIN, phase: Any = None) -> SurfaceScene:
+    """A lamp in thin gas, above a smooth plane or nothing at all."""
+    # No endless line: of what lies far away too few photons are found for errors that are normal.
+    bodies: tuple[Body, ...] = (Body(name="room", shape=ROOM, material=Interface(), inside="gas"),)
+    above, below = 1.0, 1.0
+    if floor is not None:
+        material, above, index = FLOORS[floor]
+        inside = {"inside": "below"} if floor in ("glass", "total") else {}
+        below = index.real if inside else 1.0
+        bodies += (Body(name="floor", shape=Plane(), material=material, **inside),)
+    return SurfaceScene(
+        media=(
+            SurfaceMedium(name="around", index=above),
+            SurfaceMedium(name="gas", components=(gas(extinction, phase),), index=above),
+            SurfaceMedium(name="below", index=below),
+        ),
+        bodies=bodies,
+        lamps=(PointLamp(name="lamp", position=tuple(LAMP), power=POWER),),
+        viewpoint=Viewpoint(position=tuple(EYE), target=(0, 0, 0)),
+    )
+
+
+def sights(*pairs: tuple[float, float]) -> tuple[Array, Array]:
+    """Origins and directions (ray, 3) from azimuths and elevations."""
+    d = direction_from_azimuth_elevation(*np.array(pairs).T)
+    return np.broadcast_to(EYE, d.shape), d
+
+
+def photons(scene: SurfaceScene, o: Array, d: Array, **options: Any) -> Any:
+    given = {"samples": 32, "photons": 1 << 14, "seed": 1, "stokes": True} | options
+    return skyscatter.radiance(scene, o, d, WAVELENGTHS, "photons", **given)
+
+
+# --- truth: electric fields as vectors in three dimensions --------------------------------------------------------
+
+
+def coefficients(floor: str, cosine: Array) -> tuple[Array, Array]:
+    """Amplitude coefficients r_p, r_s from above, fields exp(-i omega t)."""
+    if floor == "mirror":
+        return np.full(cosine.shape, 0.8**0.5 + 0j), np.full(cosine.shape, -(0.8**0.5) + 0j)
+    _, above, index = FLOORS[floor]
+    beyond = np.sqrt(1 - (above / index) ** 2 * (1 - cosine**2) + 0j)
+    # The wave beyond fades away downwards.
+    beyond = np.where((index * beyond).imag < 0, -beyond, beyond)
+    along = (index * cosine - above * beyond) / (index * cosine + above * beyond)
+    across = (above * cosine - index * beyond) / (above * cosine + index * beyond)
+    return along, across
+
+
+def reflected_field(floor: str, field: Array, k: Array) -> tuple[Array, Array]:
+    """Fields (n, 3) of light along k (n, 3) that falls on the plane z = 0, and its new direction."""
+    after = k * np.array([1.0, 1.0, -1.0])
+    s = np.cross(k, after)
+    s /= np.linalg.norm(s, axis=-1, keepdims=True)
+    along, across = coefficients(floor, -k[:, 2])
+    p, p_after = np.cross(s, k), np.cross(s, after)
+    dot = [np.sum(field * axis, axis=-1) for axis in (p, s)]
+    return (along * dot[0])[:, None] * p_after + (across * dot[1])[:, None] * s, after
+
+
+def stokes_of(field: Array, d: Array) -> Array:
+    """Stokes vectors (n, 4) of fields that travel along -d (3,), as in docs/conventions.md."""
+    v = np.array([0.0, 0.0, 1.0]) - d[2] * d
+    v /= np.linalg.norm(v)
+    a, b = field @ v, field @ np.cross(v, d)
+    return np.stack([
+        abs(a) ** 2 + abs(b) ** 2, abs(a) ** 2 - abs(b) ** 2, 2 * (a * b.conj()).real, 2 * (a.conj() * b).imag,
+    ], axis=-1)  # fmt: skip
+
+
+def leg(floor: str | None, origin: Array, d: Array, ends: tuple[float, float], seen_by: Array | None) -> Array:
+    """Stokes vector of what a leg sends to the camera; `seen_by` is the camera's own direction before a mirror."""
+    x, w = np.polynomial.legendre.leggauss(256)
+    # Distances evenly by angle from the point nearest to the lamp.
+    sides = (np.array(ROOM.position) + np.outer([-0.5, 0.5], ROOM.size) - origin) / d
+    ends = max(ends[0], sides.min(axis=0).max()), min(ends[1], sides.max(axis=0).min())
+    near = (LAMP - origin) @ d
+    apart = np.linalg.norm(LAMP - origin - near * d)
+    low, high = (np.arctan((t - near) / apart) for t in ends)
+    angle = 0.5 * (high + low) + 0.5 * (high - low) * x
+    weight = 0.5 * (high - low) * w * apart / np.cos(angle) ** 2
+    y = origin + (near + apart * np.tan(angle))[:, None] * d
+    total = np.zeros(4)
+    for image in (False, True) if floor else (False,):
+        lamp = LAMP * ([1, 1, -1] if image else [1, 1, 1])
+        way = y - lamp
+        r = np.linalg.norm(way, axis=-1, keepdims=True)
+        k = way / r
+        start = k * ([1, 1, -1] if image else [1, 1, 1])
+        one = np.cross(start, [0.3, 0.5, 0.8])
+        one /= np.linalg.norm(one, axis=-1, keepdims=True)
+        for field in (one, np.cross(start, one)):  # two halves of unpolarised light
+            amplitude, flies = field * np.sqrt(0.5), start
+            if image and floor:
+                amplitude, flies = reflected_field(floor, amplitude, start)
+            # A dipole sends out what of its field lies across the line of sight; 3 / 8 pi of the power into it.
+            light = np.sqrt(3 / (8 * np.pi)) * (amplitude - (amplitude @ d)[:, None] * d)
+            if seen_by is not None and floor:
+                light, _ = reflected_field(floor, light, np.broadcast_to(-d, light.shape))
+            sent = stokes_of(light, d if seen_by is None else seen_by)
+            total += np.sum((weight * THIN * POWER / (4 * np.pi * r[:, 0] ** 2))[:, None] * sent, axis=0)
+            assert np.allclose(flies, k)
+    return total
+
+
+def truth(floor: str | None, o: Array, d: Array) -> Array:
+    """Stokes vectors (ray, 4) of light scattered once, before and after reflections."""
+    out = []
+    for origin, sight in zip(o, d, strict=True):
+        down = -origin[2] / sight[2] if floor and sight[2] < 0 else np.inf
+        vector = leg(floor, origin, sight, (0.0, down), None)
+        if down < np.inf:
+            vector = vector + leg(floor, origin + down * sight, sight * [1, 1, -1], (0.0, np.inf), sight)
+        out.append(vector)
+    return np.array(out)
+
+
+#: Angles of incidence of 60, 50 and 30 degrees, and one look up.
+LOOKS = ((80.0, -30.0), (60.0, -40.0), (95.0, -60.0), (70.0, 20.0))
+
+
+# --- first order --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_single_scattering_of_a_lamp(direct: bool) -> None:
+    """I, Q, U by fields added up; I is that of scalar light to the last bit; E across the plane of scattering."""
+    o, d = sights(*LOOKS)
+    options: dict[str, Any] = {"max_order": 1, "radius": 0.03, "direct": direct}
+    answer = photons(over_floor(None), o, d, **options)
+    scalar = photons(over_floor(None), o, d, **options, stokes=False)
+    assert np.array_equal(answer.radiance, scalar.radiance)
+    expected = np.repeat(truth(None, o, d)[:, None], 2, axis=1)
+    # Squared radius over squared distance from the lamp, for photons that are gathered: 1e-3; extinction 1e-5 x metres.
+    slack = 1e-3 * expected[..., :1]
+    allowed = largest_t(24, 31) * answer.stokes_error[..., :3] + slack
+    assert np.all(np.abs(answer.stokes - expected)[..., :3] < allowed)
+    assert np.all(answer.stokes_error[..., 0] < 0.1 * answer.radiance)
+    # All of a line's points have one plane of scattering: the axis is exact, point by point.
+    if direct:
+        n = np.cross(d, LAMP - o)
+        chi = 0.5 * np.arctan2(answer.layers["U"], answer.layers["Q"])[:, 0]
+        v = np.array([0.0, 0.0, 1.0]) - d[:, 2:] * d
+        v /= np.linalg.norm(v, axis=1, keepdims=True)
+        field = np.cos(chi)[:, None] * v + np.sin(chi)[:, None] * np.cross(v, d)
+        across = np.abs(np.sum(field * n, axis=1)) / np.linalg.norm(n, axis=1)
+        np.testing.assert_allclose(across, 1.0, atol=1e-9)
+        assert not answer.layers["V"].any()
+
+
+def test_degree_of_light_scattered_through_one_angle() -> None:
+    """A lamp so far away that all along a short line the angle is one: Q / I = -sin^2 / (1 + cos^2)."""
+    elevation = 35.0
+    box = Box(position=(0, 0, 0), size=(1, 1, 1))
+    for away in (0.0, 40.0, 90.0, 140.0):
+        scene = SurfaceScene(
+            media=(SurfaceMedium(name="vacuum"), SurfaceMedium(name="gas", components=(gas(1e-6),))),
+            bodies=(Body(name="box", shape=box, material=Interface(), inside="gas"),),
+            lamps=(ParallelLamp(name="sun", azimuth_deg=0.0, elevation_deg=elevation, irradiance=1.0),),
+            viewpoint=Viewpoint(position=(0, 0, 0), target=(0, 1, 0)),
+        )
+        # In the meridian of the light, so that the plane of scattering is that of reference.
+        d = direction_from_azimuth_elevation(np.array([0.0, 0.0]), np.array([elevation - away, elevation - away / 2]))
+        answer = photons(scene, np.zeros((2, 3)), d, samples=4, photons=64, max_order=1)
+        mu = np.cos(np.radians([away, away / 2]))
+        ratio = answer.layers["Q"] / answer.radiance
+        # Chords of the table of 1024 cells.
+        np.testing.assert_allclose(ratio, np.repeat((-(1 - mu**2) / (1 + mu**2))[:, None], 2, axis=1), atol=1e-5)
+        assert np.abs(answer.layers["U"]).max() < 1e-9 * answer.radiance.max()
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_light_scattered_once_before_and_after_reflection(floor: str) -> None:
+    """Both ends at a smooth plane: photons that were reflected first, walks that are reflected on their way."""
+    o, d = sights(*LOOKS)
+    # Of walks that meet glass few are reflected: many of them are needed for errors that are normal.
+    effort = (
+        {"samples": 2048, "photons": 1 << 10} if floor in ("glass", "total") else {"samples": 64, "photons": 1 << 14}
+    )
+    answer = photons(over_floor(floor), o, d, max_order=3, radius=0.06, estimator="paths", **effort)
+    expected = np.repeat(truth(floor, o, d)[:, None], 2, axis=1)
+    # The disk of 0.06 m blurs light of an image more than 0.85 m away by R^2 / 8 x 6 / r^2 = 0.4 %, half of all at most.
+    allowed = largest_t(32, 63) * answer.stokes_error + 2e-3 * expected[..., :1]
+    assert np.all(np.abs(answer.stokes - expected) < allowed)
+    assert np.all(answer.stokes_error[..., 0] < 0.06 * answer.radiance)
+    circular = np.abs(expected[..., 3]) / expected[..., 0]
+    assert (circular.max() > 0.05) == (floor in ("metal", "total"))
+
+
+def test_brewster_angle() -> None:
+    """What glass reflects of a white wall at atan(n) is wholly polarised, across the plane of incidence."""
+    angle = np.degrees(np.arctan(1.5))
+    scene = SurfaceScene(
+        media=(SurfaceMedium(name="vacuum"), SurfaceMedium(name="glass", index=1.5)),
+        bodies=(
+            Body(name="floor", shape=Plane(), material=Dielectric(), inside="glass"),
+            Body(name="wall", shape=Plane(position=(0, 5, 0), normal=(0, -1, 0)), material=Lambert(albedo=0.8)),
+        ),
+        lamps=(PointLamp(name="lamp", position=(0, 3, 2), power=1.0),),
+        viewpoint=Viewpoint(position=(0, 0, 1), target=(0, 5, 1)),
+    )
+    d = direction_from_azimuth_elevation(np.zeros(2), np.array([angle - 90, angle - 75]))
+    answer = photons(scene, np.broadcast_to([0.0, 0.0, 1.0], d.shape), d, samples=64, max_order=2)
+    lit = answer.radiance[0] > 0
+    assert lit.all()
+    ratio = answer.layers["Q"] / answer.radiance
+    np.testing.assert_allclose(ratio[0], -1.0, atol=1e-10)
+    assert np.all(ratio[1] > -0.95)
+    assert np.abs(answer.layers["U"]).max() < 1e-12 * answer.radiance.max()
+
+
+# --- all orders ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("upwards", [True, False])
+def test_rayleigh_slab_against_corrected_coulson_tables(upwards: bool, reference: Path) -> None:
+    """Optical depth 1, the Sun 53 degrees from the zenith; a box twelve times as wide as it is thick."""
+    tau, sun, chosen_mu, chosen_phi = "1", 3, [8, 11], [0, 2, 3, 5]
+    mu0, mu, _ = cds(reference, "I", upwards, tau)
+    signs = {"I": 1.0, "Q": -1.0, "U": -1.0}
+    table = [sign * cds(reference, name, upwards, tau)[2][0, sun] for name, sign in signs.items()]
+    expected = np.stack(table, axis=-1)[chosen_mu][:, chosen_phi].reshape(-1, 3)
+    scene = SurfaceScene(
+        media=(SurfaceMedium(name="vacuum"), SurfaceMedium(name="gas", components=(gas(1.0),))),
+        bodies=(Body(name="slab", shape=Box(size=(12, 12, 1)), material=Interface(), inside="gas"),),
+        lamps=(ParallelLamp(name="sun", direction=(0, (1 - mu0[sun] ** 2) ** 0.5, mu0[sun]), irradiance=np.pi),),
+        viewpoint=Viewpoint(position=(0, 0, -0.6), target=(0, 1, 0)),
+    )
+    side = 1.0 if upwards else -1.0
+    m, phi = np.meshgrid(mu[chosen_mu], np.radians(30.0 * np.array(chosen_phi)), indexing="ij")
+    # Half of the rays are the mirror images of the others: U changes its sign.
+    m, phi = (np.concatenate([a.ravel(), s * a.ravel()]) for a, s in ((m, 1), (phi, -1)))
+    expected = np.concatenate([expected, expected * [1, 1, -1]])
+    assert m.min() > 0.5
+    sine = np.sqrt(1 - m**2)
+    d = np.stack([sine * np.sin(phi), sine * np.cos(phi), -side * m], axis=-1)
+    # The middle of each ray's way through the slab lies above the middle of the box.
+    o = -d * (0.51 / m)[:, None]
+    options = {"radius": 0.12, "photons": 1 << 16, "samples": 64, "threads": 2}
+    polarised = photons(scene, o, d, **options)
+    found, error = polarised.stokes[:, 0, :3], polarised.stokes_error[:, 0, :3]
+    # Sides six mean free paths away, and R^2 / 8 of the second derivative of what was scattered before: 1e-3 of I each.
+    allowed = largest_t(found.size, 63) * error + 2e-3 * expected[:, :1]
+    assert np.all(np.abs(found - expected) < allowed)
+    assert np.median(error[:, 0] / expected[:, 0]) < 0.01
+    # Scalar light is wrong by more than that.
+    scalar = photons(scene, o, d, **options, stokes=False).radiance[:, 0]
+    assert np.abs(scalar / expected[:, 0] - 1).max() > 0.03
+
+
+# --- errors and refusals ------------------------------------------------------------------------------------------
+
+
+def test_errors_are_the_spread_over_seeds() -> None:
+    """Variance over seeds in the mean over rays and parameters against the stated one: chi-squared."""
+    o, d = sights(*LOOKS)
+    seeds = 24
+    options = {"max_order": 3, "radius": 0.1, "samples": 8, "photons": 1 << 11}
+    answers = [photons(over_floor("metal"), o, d, seed=100 + s, **options) for s in range(seeds)]
+    found = np.array([a.stokes for a in answers])[..., 0, :]
+    stated = np.mean([a.stokes_error[:, 0] ** 2 for a in answers], axis=0)
+    some = stated > 0  # V is nought where no mirror is seen
+    ratio = found.var(axis=0, ddof=1)[some] / stated[some]
+    # Four rays share their photons: no more than four independent values are counted of the sixteen.
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / (4 * (seeds - 1))))
+
+
+def test_light_that_loses_its_polarisation_is_scalar() -> None:
+    """Components without a matrix depolarise: the same photons, the same radiance, no Q, U, V."""
+    o, d = sights(*LOOKS)
+    options: dict[str, Any] = {"radius": 0.1, "samples": 4, "photons": 1 << 11, "max_order": 1}
+    scene = over_floor(None, 0.3, HenyeyGreenstein(g=0.2))
+    polarised, scalar = photons(scene, o, d, **options), photons(scene, o, d, **options, stokes=False)
+    np.testing.assert_allclose(polarised.radiance, scalar.radiance, rtol=1e-14)
+    assert not polarised.stokes[..., 1:].any()
+
+
+def test_rough_glass_is_refused() -> None:
+    floor = Body(name="floor", shape=Plane(), material=Dielectric(roughness=0.2), inside="below")
+    scene = over_floor("glass").model_copy(update={"bodies": (floor,)})
+    with pytest.raises(DomainError, match="roughness"):
+        photons(scene, *sights(*LOOKS))
