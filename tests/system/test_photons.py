@@ -247,7 +247,8 @@ def test_fog_room_agrees_with_backward_walks(way: str) -> None:
     o, d = looking_around(6)
     reference = skyscatter.radiance(fog_room(), o, d, WAVELENGTHS, "path", samples=1 << 14, seed=2)
     radii = [0.16, 0.08, 0.04]
-    answers = [gathered(fog_room(), o, d, r, estimator=way, seed=k, samples=64) for k, r in enumerate(radii)]
+    samples = 128 if way == "points" else 64  # few photons are scattered within a sphere of the fog
+    answers = [gathered(fog_room(), o, d, r, estimator=way, seed=k, samples=samples) for k, r in enumerate(radii)]
     mean, error = extrapolated(answers, radii, 1)
     z = (mean - reference.radiance) / np.hypot(error, reference.standard_error)
     assert np.abs(z).max() < SURE
