@@ -14,7 +14,7 @@ from skyscatter.units import metres
 
 DEFAULT_WAVELENGTHS = "380:780:10"
 #: Options that some solvers have no use for.
-MEANINGLESS: dict[str, tuple[str, ...]] = {"path": ("photons", "radius", "estimator"), "photons": ()}
+MEANINGLESS: dict[str, tuple[str, ...]] = {"path": ("photons", "radius", "estimator"), "photons": (), "auto": ()}
 REMEDY = dict.fromkeys(MEANINGLESS["path"], "photons")
 
 
@@ -53,8 +53,12 @@ def render(
     ] = None,
     wavelengths: common.Wavelengths = DEFAULT_WAVELENGTHS,
     solver: Annotated[
-        str, typer.Option(metavar="NAME", help="path (walks from the camera) or photons (from the lamps, gathered).")
-    ] = "path",
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="path (walks from the camera), photons (from the lamps, gathered), or auto, the better one.",
+        ),
+    ] = "auto",
     samples: Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path), passes (photons).")] = None,
     noise: Annotated[
         str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1%.")
@@ -152,6 +156,17 @@ def build_camera(request: Request, model: Any) -> Any:
     return type(camera)(**{**camera.model_dump(), **changes})
 
 
+def choose(request: Request, scene: Any) -> str:
+    """The solver: that which was asked for, the one that knows the options given, or the better one."""
+    if request.solver != "auto":
+        return request.solver
+    if any(getattr(request, name) is not None for name in MEANINGLESS["path"]):
+        return "photons"
+    from skyscatter.solvers.choice import preferred_solver
+
+    return preferred_solver(scene, request.wavelengths)
+
+
 def run(request: Request, arguments: list[str]) -> int:
     """Render, write, report; returns the exit status."""
     import skyscatter
@@ -160,7 +175,7 @@ def run(request: Request, arguments: list[str]) -> int:
     model = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "render")
     scene, camera = model.scene(**request.seen), build_camera(request, model)
-    request = replace(request, size=(camera.width, camera.height))
+    request = replace(request, size=(camera.width, camera.height), solver=choose(request, scene))
     image, finished = common.render_request(request, scene, camera, model.name, arguments, **request.more)
     exposure = image.auto_exposure() if request.png["exposure"] == "auto" else float(request.png["exposure"])
     png = {**request.png, "exposure": exposure, "bits": request.bits}

@@ -110,6 +110,19 @@ def prepare(
 
 def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
     """The same from tables."""
+    check_table(table)
+    walks = guided(table)
+    context = Context(walks, Pointed(walks), split_peaks(table.media), options.radius or 0.0)
+    return context if options.radius else context._replace(first_radius=scout_radius(context, rays, options))
+
+
+def check_table(table: SurfaceTable) -> None:
+    """Refuse what photons cannot do.
+
+    Raises
+    ------
+    DomainError
+    """
     if np.any(table.media.emission):
         rule = "media that shine by themselves cannot send out photons; choose the solver path"
         raise DomainError("solver", "photons", rule)
@@ -117,9 +130,6 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options) -> Context:
     if outside.any() and np.any(table.shapes.kind == PLANE):
         rule = "photons from outside cannot cover an endless plane; give a large rectangle, or choose the solver path"
         raise DomainError("bodies", "plane", rule)
-    walks = guided(table)
-    context = Context(walks, Pointed(walks), split_peaks(table.media), options.radius or 0.0)
-    return context if options.radius else context._replace(first_radius=scout_radius(context, rays, options))
 
 
 def split_peaks(media: MediaTable) -> PeakTable:

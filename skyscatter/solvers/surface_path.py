@@ -7,6 +7,7 @@ worse than the better one.  The surroundings are met in any case; a lamp without
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,9 @@ from skyscatter.solvers.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, W
 from skyscatter.solvers.kernels.surfaces.lamps import LampGuide
 from skyscatter.solvers.kernels.surfaces.rays import sample_items
 from skyscatter.solvers.kernels.surfaces.tables import (
+    CONDUCTOR,
+    DIELECTRIC,
+    MIRROR,
     PARALLEL_LAMP,
     POINT_LAMP,
     STACK,
@@ -79,7 +83,20 @@ def prepare(
     if options.sampling == "angular" and np.any(np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP))):
         rule = "finds no lamp without extent, and there is one; leave it out, or make it a body that shines"
         raise DomainError("sampling", options.sampling, rule)
+    if out_of_reach(table):
+        warnings.warn(
+            "path does not find the light of lamps without extent that comes through smooth glass or off mirrors; make "
+            "the lamps bodies that shine, or choose the solver photons",
+            stacklevel=2,
+        )
     return Pointed(guided(table))
+
+
+def out_of_reach(table: SurfaceTable) -> bool:
+    """Whether there are lamps without extent, and surfaces behind which no ray can be aimed at them."""
+    materials = table.materials
+    smooth = np.isin(materials.kind, (MIRROR, DIELECTRIC, CONDUCTOR)) & (materials.roughness == 0)
+    return bool(smooth.any() and np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP)).any())
 
 
 def solve(pointed: Pointed, rays: Rays, options: Options) -> Answer:

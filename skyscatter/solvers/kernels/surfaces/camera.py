@@ -29,7 +29,7 @@ from skyscatter.solvers.kernels.surfaces.media import (
 )
 from skyscatter.solvers.kernels.surfaces.peaks import chances_of_peak, scatter_by_peak
 from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, meet
-from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
 from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
@@ -237,7 +237,9 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
-    accepts = (FOCUSED | SCATTERED) if direct else (DIRECT | FOCUSED | SCATTERED)
+    accepts = FOCUSED | SCATTERED | AMBIENT
+    if not direct:
+        accepts |= DIRECT
     hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
     near, last, skip, order, slant, straight = 0.0, NO_MORE, np.int64(-1), np.int64(0), math.inf, True
     for n in range(3):
@@ -264,8 +266,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
                     s.origin[n] = x[n]
                 continue
         if item < 0:
-            if straight:
-                see_surroundings(scene.lamps, ray, order, s, sums, by_order)
+            see_surroundings(scene.lamps, ray, order, s, sums, by_order)
             return
         for n in range(3):
             x[n] += far * d[n]

@@ -9,9 +9,10 @@ by it, as if it were a boundary met by chance, and goes on:
 
 The first integral is that of the visibility points.  Of the other two terms the walk takes one: with the probability
 q_h = 1 - exp(-f_h times the leg's optical depth), f_h the share of light that the peak scatters, it is scattered on
-the leg, at a place drawn by free path.  Light that has not yet been scattered (from lamps, through mirrors and glass)
-is gathered with the whole phase function, for walks do not find lamps that are points; therefore a walk that was
-scattered by a peak no longer counts the lamps it meets.
+the leg, at a place drawn by free path.  Light of lamps that has not yet been scattered
+(straight, or through mirrors and glass) is gathered with the whole phase function, for walks do not find lamps that are
+points; therefore a walk that was scattered by a peak no longer counts the lamps it meets.  Light from all around is
+treated like scattered light.
 """
 
 from __future__ import annotations

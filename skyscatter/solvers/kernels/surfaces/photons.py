@@ -32,7 +32,7 @@ from skyscatter.solvers.kernels.surfaces.media import (
     make_media_work,
     scatter_walk,
 )
-from skyscatter.solvers.kernels.surfaces.points import DIRECT, FOCUSED, SCATTERED
+from skyscatter.solvers.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.rays import nearest
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
@@ -174,7 +174,7 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
     """One photon from its lamp to its end."""
     walk, shapes, media = s.walk, scene.shapes, scene.media
     x, d, hit = walk.position, walk.direction, s.hit
-    kind = FOCUSED if scene.lamps.kind[lamp] == SURROUNDINGS else DIRECT
+    kind = AMBIENT if scene.lamps.kind[lamp] == SURROUNDINGS else DIRECT
     order, near, last = np.int64(0), 0.0, NO_MORE
     u = walk.even[7]
     for n in range(3):
@@ -184,7 +184,7 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
         item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         flown, event = far, False
-        phase = peaks.broad if kind == SCATTERED else media.phase
+        phase = peaks.broad if kind >= SCATTERED else media.phase
         if media.first[m + 1] > media.first[m]:
             for i in range(walk.value.size):
                 s.value[i], s.chance[i] = walk.value[i], walk.chance[i]

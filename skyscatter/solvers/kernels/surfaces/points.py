@@ -9,8 +9,8 @@ import numpy as np
 from skyscatter.solvers.kernels.surfaces.tables import STACK
 
 #: What may have happened to a photon before it is gathered, one bit each: nothing at all since it left a lamp that rays
-#: to lamps find too; only reflections and refractions without any spread, or it is light from all around; more.
-DIRECT, FOCUSED, SCATTERED = 1, 2, 4
+#: to lamps find too; only reflections and refractions without any spread; more; none of that to light from all around.
+DIRECT, FOCUSED, SCATTERED, AMBIENT = 1, 2, 4, 8
 
 
 class Points(NamedTuple):

@@ -1,0 +1,53 @@
+"""Which solver a scene of surfaces is rendered with when nobody says.
+
+Measured (docs/validation-surfaces.md): walks from the camera are the better ones without fog and in thin fog, photons
+where the camera or a lamp is in a medium with an optical depth of some 0.4 across, and wherever glass or mirrors hide
+lamps from walks.  A small body of a dense medium, seen and lit from outside, is met by few photons: that is for walks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.base import Array
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.kernels.surfaces.tables import MediaTable
+
+#: Scattering optical depth across the scene from which on photons are better.
+DEEP = 0.4
+
+
+def _current(media: MediaTable, stack: NDArray[np.int64]) -> int:
+    """The medium of highest priority in a stack, of several the one entered last; 0 in an empty one."""
+    entered = [int(m) for m in stack if m >= 0]
+    return max(reversed(entered), key=lambda m: media.priority[m], default=0)
+
+
+def preferred_solver(scene: Any, wavelengths: Array) -> str:
+    """``path`` or ``photons`` for a scene at wavelengths [nm]."""
+    from skyscatter.solvers.photons import check_table
+    from skyscatter.solvers.surface_path import out_of_reach
+    from skyscatter.solvers.surfaces import compile_surfaces
+    from skyscatter.surfaces.packing import starting_stack
+
+    middle = np.atleast_1d(wavelengths)[len(np.atleast_1d(wavelengths)) // 2]
+    table = compile_surfaces(scene, [float(middle)])
+    try:
+        check_table(table)
+    except DomainError:  # what photons cannot do
+        return "path"
+    media = table.media
+    size = np.full(len(media.priority), 2 * table.lamps.radius)
+    for body, inside in zip(scene.bodies, table.shapes.inside, strict=True):
+        if inside >= 0:
+            low, high = body.shape.bounds
+            size[inside] = min(size[inside], float(np.linalg.norm(high - low)))
+    stacks = [*table.lamps.stack, starting_stack(table.shapes, scene.viewpoint.position)]
+    within = {_current(media, stack) for stack in stacks}
+    deep = any(media.scattering[m, 0] * size[m] > DEEP for m in within)
+    return "photons" if deep or out_of_reach(table) else "path"
