@@ -47,7 +47,7 @@ def test_floor_under_a_lamp_by_photons_alone() -> None:
     lamp = PointLamp(position=(0, 0, 1), power=spectrum(1.0, 2.0, 3.0))
     scene = SurfaceScene(bodies=(floor,), lamps=(lamp,))
     x = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    o = x + [0.3, 0.1, 0.5]
+    o = x + np.array([0.3, 0.1, 0.5])
     d = np.tile([-0.3, -0.1, -0.5] / np.linalg.norm([0.3, 0.1, 0.5]), (3, 1))
     radius = 0.05
     answer = gathered(scene, o, d, radius=radius, direct=False, samples=32, photons=20_000)

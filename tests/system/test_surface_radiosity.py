@@ -88,7 +88,7 @@ def test_photons_agree_with_radiosity() -> None:
     def means(radius: float, first: int) -> Any:
         return np.array([
             skyscatter.radiance(
-                scene, origins, directions, WAVELENGTHS, "photons", samples=16, photons=20_000, radius=radius, seed=seed
+                scene, origins, directions, WAVELENGTHS, "photons", samples=64, photons=20_000, radius=radius, seed=seed
             ).radiance.mean(axis=0) / expected
             for seed in range(first, first + 12)
         ])  # fmt: skip
