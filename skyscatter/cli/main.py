@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 from pydantic import ValidationError
@@ -53,6 +54,7 @@ def _root(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status (the console script hands it to the shell)."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    warnings.showwarning = _warn
     try:
         result = app(args=arguments, prog_name="skyscatter", standalone_mode=False, obj=arguments)
     except (KeyboardInterrupt, typer.Abort):
@@ -97,6 +99,19 @@ def describe_validation(error: ValidationError) -> str:
         shown = f"{field} = {value!r}" if isinstance(value, (str, int, float, bool)) else field
         problems.append(f"{shown}: {message}")
     return "; ".join(problems).replace("\n", " ")
+
+
+def _warn(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """What skyscatter warns of as one line; of other libraries nothing that a user of a command could act on."""
+    if issubclass(category, UserWarning):
+        print(f"skyscatter: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _say(text: str, status: int) -> int:

@@ -225,7 +225,7 @@ def test_light_scattered_once_before_and_after_reflection(floor: str) -> None:
     )
     answer = photons(over_floor(floor), o, d, max_order=3, radius=0.06, estimator="paths", **effort)
     expected = np.repeat(truth(floor, o, d)[:, None], 2, axis=1)
-    # The disk of 0.06 m blurs light of an image more than 0.85 m away by R^2 / 8 x 6 / r^2 = 0.4 %, half of all at most.
+    # The disk of 0.06 m blurs light of an image over 0.85 m away by R^2 / 8 x 6 / r^2 = 0.4 %, half of all at most.
     allowed = largest_t(32, 63) * answer.stokes_error + 2e-3 * expected[..., :1]
     assert np.all(np.abs(answer.stokes - expected) < allowed)
     assert np.all(answer.stokes_error[..., 0] < 0.06 * answer.radiance)

@@ -19,9 +19,11 @@ from skyscatter.media.shapes import GaussianSphere
 from skyscatter.media.structures import Box as BoxField
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings
 from skyscatter.surfaces.materials import Dielectric, Interface, Lambert, Mirror
-from skyscatter.surfaces.scene import Body
+from skyscatter.surfaces.scene import Body, SurfaceMedium, Viewpoint
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 
+#: Scenes with mirrors and point lamps, judged where `path` finds all there is.
+pytestmark = pytest.mark.filterwarnings("ignore:path does not find")
 ALBEDO = np.array([0.2, 0.4, 0.6])
 INSIDE = (0.2, 0.1, -0.3)
 #: Phase functions are tabulated and made to integrate to 1 as such: straight lines over 0.2 degrees.
@@ -449,3 +451,12 @@ def test_black_scenes_are_black() -> None:
     shut = SurfaceScene(bodies=tuple(room(1.0, 0.5)), lamps=(PointLamp(position=(5.0, 0.0, 0.0), power=1.0),))
     np.testing.assert_array_equal(look(shut, INSIDE, directions(2), samples=64).radiance, 0.0)
     assert WAVELENGTHS.size == 3
+
+
+def test_light_that_walks_do_not_find_is_announced() -> None:
+    glass = Body(name="ball", shape=Sphere(position=(0, 0, 2), radius=0.5), material=Dielectric(), inside="glass")
+    media = (SurfaceMedium(name="room"), SurfaceMedium(name="glass", index=1.5))
+    lamp = PointLamp(position=(0, 0, 5), power=1.0)
+    scene = SurfaceScene(media=media, bodies=(glass,), lamps=(lamp,), viewpoint=Viewpoint(target=(1, 0, 0)))
+    with pytest.warns(UserWarning, match="through smooth glass"):
+        skyscatter.radiance(scene, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), [550.0], "path", samples=2)

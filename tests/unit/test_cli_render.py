@@ -43,9 +43,9 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Any]:
         (["--field-of-view", "60"], ["field_of_view", "unit"]),
         (["--field-of-view", "190deg"], ["fov_deg", "190"]),
         (["--solver", "orders"], ["solver", "path, photons"]),
-        (["--photons", "1000"], ["photons", "--solver photons"]),
-        (["--radius", "1cm"], ["radius", "--solver photons"]),
-        (["--estimator", "paths"], ["estimator", "--solver photons"]),
+        (["--solver", "path", "--photons", "1000"], ["photons", "--solver photons"]),
+        (["--solver", "path", "--radius", "1cm"], ["radius", "--solver photons"]),
+        (["--solver", "path", "--estimator", "paths"], ["estimator", "--solver photons"]),
         (["--solver", "photons", "--photons", "0"], ["photons", "1 or more"]),
         (["--solver", "photons", "--radius", "wide"], ["radius", "'wide'"]),
         (["--subpixels", "0"], ["subpixels", "1 or more"]),
@@ -96,7 +96,7 @@ def test_the_model_says_where_and_how_to_look(asked: dict[str, Any], capsys: pyt
     model = skyscatter.load_model("fog-room")
     assert asked["scene"] == model.scene()
     assert asked["camera"] == model.camera
-    assert asked["solver"] == "path"
+    assert asked["solver"] == "photons"  # there is fog
     assert not {"subpixels", "photons", "radius", "estimator", "orders"} & set(asked)
     assert summary["size"] == [model.camera.width, model.camera.height]
     assert summary["seed"] == 0
@@ -134,7 +134,7 @@ def test_models_are_listed_shown_and_checked_by_sort(capsys: pytest.CaptureFixtu
     for words in (
         "milk: index 1.334",
         "311 um",
-        "glass of water: box, dielectric, glass inside",
+        "glass of water: turned, dielectric, glass inside",
         "10550 lumens, sun",
     ):
         assert words in shown
