@@ -139,7 +139,7 @@ def test_models_are_listed_shown_and_checked_by_sort(capsys: pytest.CaptureFixtu
     ):
         assert words in shown
     assert main(["models", "check", "light-guide"]) == 0
-    assert "good (2 media, 3 bodies, 4 lamps, 4 sources)" in capsys.readouterr().out
+    assert "good (2 media, 6 bodies, 4 lamps, 4 sources)" in capsys.readouterr().out
     assert main(["models", "show", "fog-room", "--plot", "a.png"]) == 2
     assert "make a picture: skyscatter render" in capsys.readouterr().err
 

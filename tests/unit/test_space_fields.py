@@ -644,6 +644,6 @@ def test_numbers_of_shapes_and_operations_are_those_of_the_kernels() -> None:
 
     assert operations.WARP_MODES == shapes.WARP_MODES
     names = [name for name in vars(programs) if name.isupper() and not name.startswith("_")]
-    assert len(names) == 26
+    assert len(names) == 27
     for name in names:
         assert getattr(programs, name) == getattr(space, name), name
