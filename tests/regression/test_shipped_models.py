@@ -13,8 +13,12 @@ NAMES = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan
 NEBULAE = ("dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "turbulent-pillar")
 
 
+#: Scenes with lamps, and a nebula that is there for its lamp; tests/unit/test_surface_scene.py reads them all.
+LAMPS = ("city-skyglow", "fog-room", "light-guide", "milk-and-water", "searchlight", "star-in-dust")
+
+
 def test_the_shipped_models_are_these() -> None:
-    assert tuple(skyscatter.model_names()) == tuple(sorted(NAMES + NEBULAE))
+    assert tuple(skyscatter.model_names()) == tuple(sorted((*NAMES, *NEBULAE, *LAMPS)))
 
 
 @pytest.mark.parametrize("name", NAMES)
