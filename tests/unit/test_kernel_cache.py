@@ -1,27 +1,40 @@
-"""The disk cache of compiled kernels notices an edit to any kernel source."""
+"""The disk cache of compiled kernels notices an edit to any source that a kernel is made of, and to no other."""
 
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 
-import skyscatter.solvers.kernels as package
+import skyscatter
 from skyscatter.solvers.kernels import columns, jit
+
+PACKAGE = Path(skyscatter.__file__).parent
+#: Every folder of kernels, with a constant that its own kernels read across files.
+CONSTANTS = {
+    "solvers/kernels": ("flight", "ROULETTE_BELOW = 0.1"),
+    "solvers/kernels/surfaces": ("flights", None),
+    "dehaze/kernels": ("simulate", "HEAVY = 0.2"),
+    "inversion/kernels": ("march", "ON_FACE = 1e-8"),
+}
 
 
 def dispatchers() -> dict[str, Dispatcher]:
+    """Every compiled function of the package, whichever folder it stands in."""
     found = {}
-    start = f"{package.__name__}."
-    for info in pkgutil.walk_packages(package.__path__, start):
+    for info in pkgutil.walk_packages([str(PACKAGE)], "skyscatter."):
         module = importlib.import_module(info.name)
         for name, value in vars(module).items():
             if isinstance(value, Dispatcher) and value.py_func.__module__ == module.__name__:
-                found[f"{info.name.removeprefix(start)}.{name}"] = value
+                found[f"{info.name}.{name}"] = value
     return found
 
 
@@ -29,36 +42,131 @@ DISPATCHERS = dispatchers()
 
 
 def test_kernels_are_found() -> None:
-    assert {"columns.exact_columns", "single.single_rays", "path.path_rays", "fastexp.fast_exp"} <= DISPATCHERS.keys()
+    solvers = {"columns.exact_columns", "single.single_rays", "path.path_rays", "fastexp.fast_exp"}
+    others = {"dehaze.kernels.correct.correct", "inversion.kernels.march.image_rays"}
+    assert {f"skyscatter.solvers.kernels.{name}" for name in solvers} <= DISPATCHERS.keys()
+    assert {f"skyscatter.{name}" for name in others} <= DISPATCHERS.keys()
+
+
+def test_every_folder_of_kernels_is_tried() -> None:
+    folders = {Path(*name.split(".")[1:-2]).as_posix() for name in DISPATCHERS}
+    assert folders == set(CONSTANTS)
 
 
 @pytest.mark.parametrize("name", DISPATCHERS)
-def test_cache_carries_the_stamp_of_all_sources(name: str) -> None:
+def test_cache_carries_the_stamp_of_all_its_sources(name: str) -> None:
     cache = DISPATCHERS[name]._cache
     if isinstance(cache, NullCache):
         # Not cached at all: allowed only for what is inlined into its callers.
         assert DISPATCHERS[name].targetoptions.get("inline") == "always", name
     else:
-        assert cache._cache_file._source_stamp == jit.source_stamp(), name
+        module = DISPATCHERS[name].py_func.__module__
+        assert cache._cache_file._source_stamp == jit.source_stamp(module), name
 
 
-def test_stamp_depends_on_every_kernel_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = Path(jit.__file__).parent
-    names = sorted(path.relative_to(folder) for path in folder.rglob("*.py"))
-    assert {Path("columns.py"), Path("surfaces/tables.py")} <= set(names)
-    for name in names:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes((folder / name).read_bytes())
-    monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
-    plain = jit.source_stamp.__wrapped__
-    before = plain()
-    assert before == jit.source_stamp()
-    for name in names:
-        original = (tmp_path / name).read_bytes()
-        (tmp_path / name).write_bytes(original + b"\n# edited\n")
-        assert plain() != before, name
-        (tmp_path / name).write_bytes(original)
-    assert plain() == before
+def loaded(module: str) -> set[Path]:
+    """Files of the package that a module holds something of, as Python sees it after the import, directly or not."""
+    seen: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name in seen or not name.startswith("skyscatter."):
+            continue
+        seen.add(name)
+        for value in vars(sys.modules[name]).values():
+            function = value.py_func if isinstance(value, Dispatcher) else value
+            source = function.__name__ if type(value) is type(sys) else getattr(function, "__module__", None)
+            if isinstance(source, str) and source in sys.modules:
+                waiting.append(source)
+    return {Path(str(sys.modules[name].__file__)) for name in seen}
+
+
+@pytest.mark.parametrize("module", sorted({d.py_func.__module__ for d in DISPATCHERS.values()}))
+def test_the_closure_holds_all_that_a_module_uses(module: str) -> None:
+    """Found by reading the imports; held against where the module's names come from at run time."""
+    assert loaded(module) <= set(jit.closure(module))
+
+
+def copy_of_the_kernels(root: Path) -> None:
+    """The folders of kernels alone, as a package in which nothing else is to be found."""
+    for folder in CONSTANTS:
+        if "/surfaces" in folder:
+            continue  # copied with the folder above
+        shutil.copytree(PACKAGE / folder, root / "skyscatter" / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for package in ("", "solvers", "dehaze", "inversion"):
+        (root / "skyscatter" / package / "__init__.py").write_text("")
+
+
+PROBE = """
+from {source} import {name}
+from skyscatter.solvers.kernels.jit import entry, kernel
+
+@kernel
+def held(x):
+    return x + {name}
+
+@entry
+def probe(x):
+    return held(x)
+"""
+
+
+def test_no_edit_runs_old_code(tmp_path: Path) -> None:
+    """In a copy of each folder: a kernel that reads a constant of another file, before and after an edit there."""
+    copy_of_the_kernels(tmp_path)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def ask() -> list[str]:
+        say = "print(m.probe(1.0), sum(m.probe.stats.cache_hits.values()))"
+        names = [f"skyscatter.{folder.replace('/', '.')}.probe_cache" for folder in CONSTANTS]
+        calls = "; ".join(f"import {name} as m; {say}" for name in names)
+        run = subprocess.run(
+            [sys.executable, "-c", calls], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+        )
+        return run.stdout.splitlines()
+
+    for folder, (module, line) in CONSTANTS.items():
+        place = tmp_path / "skyscatter" / folder
+        if line is None:  # the folder reads no number across files: it is given one
+            line = "CHECKED = 0.5"
+            (place / f"{module}.py").write_text((place / f"{module}.py").read_text() + f"\n{line}\n")
+        source = f"skyscatter/{folder}/{module}".replace("/", ".")
+        (place / "probe_cache.py").write_text(PROBE.format(source=source, name=line.split()[0]))
+    first = ask()
+    assert [row.split()[0] for row in first] == ["1.1", "1.5", "1.2", "1.00000001"]
+    assert [row.split()[1] for row in ask()] == ["1"] * 4  # from the cache, where nothing changed
+    for folder, (module, line) in CONSTANTS.items():
+        file = tmp_path / "skyscatter" / folder / f"{module}.py"
+        line = line or "CHECKED = 0.5"
+        text = file.read_text()
+        assert text.count(f"{line}\n") == 1
+        file.write_text(text.replace(f"{line}\n", f"{line.split()[0]} = 4.0\n"))
+    assert [row.split() for row in ask()] == [["5.0", "0"]] * 4
+
+
+def test_an_edit_elsewhere_compiles_nothing_anew(tmp_path: Path) -> None:
+    copy_of_the_kernels(tmp_path)
+    stamp = jit.source_stamp.__wrapped__
+    names = ("skyscatter.solvers.kernels.columns", "skyscatter.solvers.kernels.surfaces.walks")
+    plain, rooms = (stamp(name, tmp_path) for name in names)
+    file = tmp_path / "skyscatter/solvers/kernels/surfaces/bsdf.py"
+    file.write_text(file.read_text() + "\n")
+    assert stamp(names[0], tmp_path) == plain
+    assert stamp(names[1], tmp_path) != rooms
+
+
+def test_imports_in_every_form_are_followed(tmp_path: Path) -> None:
+    package = tmp_path / "skyscatter" / "a"
+    package.mkdir(parents=True)
+    for name in ("b", "c", "d", "e", "f"):
+        (package / f"{name}.py").write_text("")
+    (package / "__init__.py").write_text("")
+    (package / "c.py").write_text("from .e import x\n")
+    (package / "first.py").write_text(
+        "import skyscatter.a.b\nfrom skyscatter.a import c\n\ndef late():\n    from . import d\n"
+    )
+    found = {path.name for path in jit.closure("skyscatter.a.first", tmp_path)}
+    assert found == {"first.py", "__init__.py", "b.py", "c.py", "d.py", "e.py"}
 
 
 def test_a_stale_index_is_not_used(tmp_path: Path) -> None:

@@ -9,14 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from skyscatter.solvers.kernels.jit import allocating
 
 
-def _kernel(function):
-    return njit(cache=True, nogil=True, error_model="numpy")(function)
-
-
-@_kernel
+@allocating
 def correct(values, row0, col0, size, gain, offset, bend, out, clipped):
     """Surface reflectance of a window; what would be negative is set to 0 and marked.
 
@@ -68,7 +65,7 @@ def correct(values, row0, col0, size, gain, offset, bend, out, clipped):
                 out[b, y, x] = rho
 
 
-@_kernel
+@allocating
 def spread(values, row0, col0, size, gain, offset, bend, haze, model, floor, relative, out):
     """Standard deviation of what `correct` gives.
 

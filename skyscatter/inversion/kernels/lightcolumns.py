@@ -1,8 +1,7 @@
 """Columns from the nodes of a grid to the stars, and the transpose of that linear map.
 
 A column to a star is kept as the mean density along the way: it has a limit at the star, where the column itself has a
-corner that interpolation between nodes would miss.  Numba's disk cache does not notice edits in other files, so the
-interpolation is written out here once more.
+corner that interpolation between nodes would miss.
 """
 
 from __future__ import annotations
@@ -10,10 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from skyscatter.solvers.kernels.jit import entry, inlined
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@inlined
 def way_to_light(x, y, z, low, inverse, shape, place, distant, step):
     """Begin and length of a step in cells (6 numbers), its length [m] over that of the way, and their number."""
     a, b, c = place[0], place[1], place[2]
@@ -45,7 +45,7 @@ def way_to_light(x, y, z, low, inverse, shape, place, distant, step):
     return u, v, w, h * a * inverse[0], h * b * inverse[1], h * c * inverse[2], share, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@entry
 def columns_to_lights(density, shape, fine, low, inverse, place, distant, step, first, last, out):
     """Mean densities towards stars, columns [m] to distant ones, at the column nodes first to last: (node, s, c)."""
     n1, n2 = shape[1], shape[2]
@@ -75,7 +75,7 @@ def columns_to_lights(density, shape, fine, low, inverse, place, distant, step, 
                     out[node, s, c] += share * ((1 - f) * near + f * far)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@entry
 def columns_back(slope, shape, fine, low, inverse, place, distant, step, first, last, out):
     """Transpose of `columns_to_lights`: add the slopes (column node, s, c) up at the nodes of the densities."""
     n1, n2 = shape[1], shape[2]

@@ -11,12 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-#: Without reference counts, which would be taken, across threads, for every array of the tables at every call: kernels
-#: make no arrays.
-KERNEL = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-INLINED = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+from skyscatter.solvers.kernels.jit import entry, inlined
 
 #: Distance within which a place is on the face of a cell [cell].
 ON_FACE = 1e-8
@@ -79,13 +75,13 @@ class Slopes(NamedTuple):
     background: np.ndarray  #: (w,)
 
 
-@INLINED
+@inlined
 def nearest(u, count):
     """Node of the cell around a place; rounding may lead a ray's ends out of the cells proper by a hair."""
     return min(max(int(u + 0.5), 1), count - 2)
 
 
-@INLINED
+@inlined
 def corner(u, v, w, n0, n1, n2, constant):
     """Number of the lowest node around a place in cells, and the place within the cell.
 
@@ -98,7 +94,7 @@ def corner(u, v, w, n0, n1, n2, constant):
     return (i * n1 + j) * n2 + k, u - i, v - j, w - k
 
 
-@INLINED
+@inlined
 def gather(values, first, f, g, h, n1, n2, out):
     """Trilinear interpolation of values (node, c) in the cell whose lowest node is `first`."""
     x, y = n1 * n2, n2
@@ -110,7 +106,7 @@ def gather(values, first, f, g, h, n1, n2, out):
         out[c] = (1 - f) * ((1 - g) * a + g * b) + f * ((1 - g) * d + g * e)
 
 
-@INLINED
+@inlined
 def scatter(values, first, f, g, h, n1, n2, amount):
     """Transpose of `gather`: add an amount (c,) to the eight nodes."""
     x, y = n1 * n2, n2
@@ -127,7 +123,7 @@ def scatter(values, first, f, g, h, n1, n2, amount):
         values[first + x + y + 1, c] += h * e
 
 
-@KERNEL
+@entry
 def clip(m, o, d):
     """Where a ray enters and leaves the box of the padded nodes, or that of the cells proper."""
     start, end, edge = 0.0, np.inf, 0.5 if m.constant else 0.0
@@ -143,7 +139,7 @@ def clip(m, o, d):
     return start, end
 
 
-@INLINED
+@inlined
 def depth_within(x):
     """Optical depth into a step of depth x at which its light is seen on average, -log((1 - exp(-x)) / x)."""
     if x < 0.5:
@@ -152,7 +148,7 @@ def depth_within(x):
     return -math.log(-math.expm1(-x) / x)
 
 
-@INLINED
+@inlined
 def slope_within(x):
     """Derivative of `depth_within`."""
     if x < 0.5:
@@ -161,7 +157,7 @@ def slope_within(x):
     return 1.0 / x - 1.0 / math.expm1(x)
 
 
-@INLINED
+@inlined
 def visit(m, o, d, t, h, n, s, light):
     """One node in the middle of the step from t to t + h: read the densities, add its light."""
     middle = t + 0.5 * h
@@ -210,7 +206,7 @@ def visit(m, o, d, t, h, n, s, light):
             light[i] += m.power[k, i] * s.lit[n, k, i] * source
 
 
-@INLINED
+@inlined
 def illuminate(m, o, d, t, h, n, k, s):
     """Distance and scattering angle at a node, and the integral of 1 / distance^2 over its step (h, when distant)."""
     if m.distant[k]:
@@ -234,7 +230,7 @@ def illuminate(m, o, d, t, h, n, k, s):
     return geometry
 
 
-@INLINED
+@inlined
 def fill(m, d, h, n, k, s):
     """As `illuminate`, where the light is that of the cell's middle but for its 1 / distance^2, the mean over it."""
     i, j = nearest(s.at[n, 0], m.shape[0]), nearest(s.at[n, 1], m.shape[1])
@@ -252,7 +248,7 @@ def fill(m, d, h, n, k, s):
     return h * m.spread[(i * m.shape[1] + j) * m.shape[2] + last, k]
 
 
-@INLINED
+@inlined
 def next_face(m, o, d, t, end):
     """Where a ray leaves the cell that it is in at t, at `end` at the latest."""
     after = end
@@ -265,14 +261,14 @@ def next_face(m, o, d, t, end):
     return after
 
 
-@INLINED
+@inlined
 def phase_cell(angle, nodes):
     """Cell of the phase table and the place in it, linear in the cosine."""
     last = min(int(angle), nodes - 2)
     return last, (angle * angle - last * last) / (2.0 * last + 1.0)
 
 
-@KERNEL
+@entry
 def trace(m, o, d, s, light):
     """Walk a ray; its light (w,), and how many nodes it has."""
     start, end = clip(m, o, d)
@@ -310,7 +306,7 @@ def trace(m, o, d, s, light):
     return n
 
 
-@KERNEL
+@entry
 def turn_back(m, n, s, g, slope, optics, out):
     """Add the derivatives of sum(g light) of the ray just walked; `slope` is that of the phase tables."""
     later, own, part = s.by_w[0], s.by_w[1], s.by_w[2]
@@ -387,7 +383,7 @@ def turn_back(m, n, s, g, slope, optics, out):
                 scatter(out.toward[:, k], first, a, b, e, n1, n2, s.by_sc[k])
 
 
-@KERNEL
+@entry
 def go_on(m, n, s, density, toward, out):
     """Change of the light of the ray just walked when the tables change by `density` and `toward`."""
     components, count = s.column.size, out.size
@@ -430,14 +426,14 @@ def go_on(m, n, s, density, toward, out):
             out[i] -= m.background[i] * s.through[i] * s.column[c] * m.sigma_t[c, i]
 
 
-@KERNEL
+@entry
 def image_rays(m, origins, directions, s, light):
     """Light (ray, w) along rays."""
     for r in range(origins.shape[0]):
         trace(m, origins[r], directions[r], s, light[r])
 
 
-@KERNEL
+@entry
 def adjoint_rays(m, origins, directions, s, light, data, weight, fused, slope, optics, out):
     """Light along rays, and the derivatives of sum(weight light), or (`fused`) of sum(weight (light - data)^2) / 2."""
     g = s.by_w[3]
@@ -448,7 +444,7 @@ def adjoint_rays(m, origins, directions, s, light, data, weight, fused, slope, o
         turn_back(m, n, s, g, slope, optics, out)
 
 
-@KERNEL
+@entry
 def tangent_rays(m, origins, directions, s, density, toward, light, change):
     """Light along rays and its change with that of the tables."""
     for r in range(origins.shape[0]):

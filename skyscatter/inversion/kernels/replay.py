@@ -14,8 +14,7 @@ integrand; Vicini, Speierer & Jakob 2021, ACM Trans. Graph. 40, 108, section 4).
 through once more from its end.
 
 One wavelength, the hero, draws the flights; the balance heuristic makes the walk count for all (Wilkie et al. 2014,
-Computer Graphics Forum 33, 123).  Numba's disk cache does not notice edits in other files, so that the interpolation is
-written out here once more.
+Computer Graphics Forum 33, 123).
 """
 
 from __future__ import annotations
@@ -24,10 +23,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-KERNEL = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-INLINED = njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+from skyscatter.solvers.kernels.jit import entry, inlined
 
 #: Russian roulette begins after so many collisions, below this share of the throughput after the first.
 FIRST_ROULETTE, ROULETTE_LEVEL = 3, 0.3
@@ -67,7 +64,7 @@ class Walk(NamedTuple):
     state: np.ndarray  #: (1,) uint64
 
 
-@INLINED
+@inlined
 def uniform(state):
     """Next number in [0, 1): splitmix64 (Steele, Lea & Flood 2014, OOPSLA)."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -78,7 +75,7 @@ def uniform(state):
     return float(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@INLINED
+@inlined
 def start_stream(state, seed, ray, walk):
     """A stream for every walk, whatever the threads."""
     state[0] = np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(ray)
@@ -87,14 +84,14 @@ def start_stream(state, seed, ray, walk):
     uniform(state)
 
 
-@INLINED
+@inlined
 def corner(u, v, w, n0, n1, n2):
     """Number of the lowest node around a place in cells, and the place within the cell."""
     i, j, k = min(max(int(u), 0), n0 - 2), min(max(int(v), 0), n1 - 2), min(max(int(w), 0), n2 - 2)
     return (i * n1 + j) * n2 + k, u - i, v - j, w - k
 
 
-@INLINED
+@inlined
 def node_weight(q, f, g, h):
     """Weight of corner number q of a cell (its bits: x, y, z) in trilinear interpolation."""
     a = f if q & 4 else 1.0 - f
@@ -102,7 +99,7 @@ def node_weight(q, f, g, h):
     return a * b * (h if q & 1 else 1.0 - h)
 
 
-@INLINED
+@inlined
 def read(values, first, f, g, h, n1, n2, out):
     """Trilinear interpolation of values (node, c), into `out` (c,)."""
     for c in range(out.size):
@@ -114,7 +111,7 @@ def read(values, first, f, g, h, n1, n2, out):
             out[c] += weight * values[node, c]
 
 
-@INLINED
+@inlined
 def add(values, first, f, g, h, n1, n2, amount):
     """Transpose of `read`."""
     for q in range(8):
@@ -124,7 +121,7 @@ def add(values, first, f, g, h, n1, n2, amount):
             values[node, c] += weight * amount[c]
 
 
-@INLINED
+@inlined
 def cells(m, o, d, t):
     """Place in cells of the padded nodes at distance t along a line."""
     return (
@@ -134,7 +131,7 @@ def cells(m, o, d, t):
     )
 
 
-@KERNEL
+@entry
 def clip(m, o, d):
     """Where a line enters and leaves the box of the padded nodes, from its start on."""
     start, end = 0.0, np.inf
@@ -150,7 +147,7 @@ def clip(m, o, d):
     return start, end
 
 
-@KERNEL
+@entry
 def prepare_leg(m, o, d, k, walk):
     """Begin and step of leg k, and the optical depths of all of it; returns the number of steps, 0 outside the grid."""
     start, end = clip(m, o, d)
@@ -176,7 +173,7 @@ def prepare_leg(m, o, d, k, walk):
     return count
 
 
-@KERNEL
+@entry
 def fly(m, o, d, k, count, hero, walk):
     """The collision of leg k: drawn by the hero within the grid, or anywhere alike."""
     h, depth = walk.step[k], 0.0
@@ -208,7 +205,7 @@ def fly(m, o, d, k, count, hero, walk):
             walk.column[c] += h * rho[c]
 
 
-@KERNEL
+@entry
 def collide(m, k, count, walk):
     """Throughput and chances after the flight to collision k; `base` of it.  False if the walk counts for nothing."""
     mean, wavelengths, length = 0.0, walk.value.size, count * walk.step[k]
@@ -235,7 +232,7 @@ def collide(m, k, count, walk):
     return True
 
 
-@KERNEL
+@entry
 def is_empty(k, walk):
     """Whether there is nothing at collision k."""
     most = 0.0
@@ -244,7 +241,7 @@ def is_empty(k, walk):
     return most <= 0.0
 
 
-@INLINED
+@inlined
 def phase_place(mu, nodes):
     """Cell of the phase table at a cosine and the place in it, linear in the cosine."""
     angle = (nodes - 1) * math.sqrt(max(0.5 * (1.0 - mu), 0.0))
@@ -252,7 +249,7 @@ def phase_place(mu, nodes):
     return last, (angle * angle - last * last) / (2.0 * last + 1.0)
 
 
-@KERNEL
+@entry
 def face_star(m, k, s, walk):
     """What a star does at collision k: (geometry, cell of the phase table, place in it, distance); `toward` filled."""
     x, y, z = walk.place[k, 0], walk.place[k, 1], walk.place[k, 2]
@@ -270,7 +267,7 @@ def face_star(m, k, s, walk):
     return fall, last, share, far
 
 
-@INLINED
+@inlined
 def column_cell(m, x, y, z):
     """Lowest node of the grid of columns around a point, the place in the cell, and the nodes along y and z."""
     u, v, w = (x - m.low[0]) * m.inverse[0], (y - m.low[1]) * m.inverse[1], (z - m.low[2]) * m.inverse[2]
@@ -279,7 +276,7 @@ def column_cell(m, x, y, z):
     return first, e, f, g, n1, n2
 
 
-@KERNEL
+@entry
 def add_light(m, k, walk, light):
     """Add the stars' light at collision k to `light` (w,)."""
     for s in range(m.place.shape[0]):
@@ -293,7 +290,7 @@ def add_light(m, k, walk, light):
             light[i] += walk.base[k, i] * m.power[s, i] * fall * math.exp(-tau) * source
 
 
-@KERNEL
+@entry
 def turn(d, cosine, azimuth):
     """Turn a unit vector by an angle, to a side given by an azimuth."""
     x, y, z = d[0], d[1], d[2]
@@ -310,7 +307,7 @@ def turn(d, cosine, azimuth):
     d[0], d[1], d[2] = d[0] / norm, d[1] / norm, d[2] / norm
 
 
-@KERNEL
+@entry
 def draw_cosine(draws, c, u):
     """Cosine drawn by a tabulated phase function, which is linear in it between the nodes."""
     cdf, phase = draws.cdf[c], draws.phase[c]
@@ -329,7 +326,7 @@ def draw_cosine(draws, c, u):
     return mu_low + min(max(x, 0.0), 1.0) * (mu_high - mu_low)
 
 
-@KERNEL
+@entry
 def scatter(m, draws, k, d, walk):
     """New direction at collision k, into `d`; the throughput takes the phase functions over the density of the draw."""
     scattering = 0.0
@@ -365,7 +362,7 @@ def scatter(m, draws, k, d, walk):
     return True
 
 
-@KERNEL
+@entry
 def wander(m, draws, origin, direction, derive, walk, light):
     """One walk: the light of the second and higher orders that it finds (w,); returns the number of its collisions.
 
@@ -418,7 +415,7 @@ def wander(m, draws, origin, direction, derive, walk, light):
     return most
 
 
-@KERNEL
+@entry
 def replay(m, n, walk, weight, density, toward):
     """Go back along a walk of n collisions: add the derivatives of sum(weight light) to those of the tables.
 
@@ -460,7 +457,7 @@ def replay(m, n, walk, weight, density, toward):
             spread(m, k, (j + 0.5) * walk.step[k], walk.by_c, walk, density)
 
 
-@INLINED
+@inlined
 def spread(m, k, flown, amount, walk, density):
     """Add an amount (c,) to the nodes around a place on leg k."""
     u, v, w = cells(m, walk.start[k], walk.direction[k], walk.begin[k] + flown)
@@ -468,7 +465,7 @@ def spread(m, k, flown, amount, walk, density):
     add(density, first, e, f, g, m.shape[1], m.shape[2], amount)
 
 
-@KERNEL
+@entry
 def onward_slope(m, k, walk, later):
     """Add to ``walk.by_c`` what the scattering at collision k changes of the light of later ones."""
     a, b = walk.direction[k], walk.direction[k + 1]
@@ -484,7 +481,7 @@ def onward_slope(m, k, walk, later):
             walk.by_c[c] += per * m.sigma_s[c, i] * p
 
 
-@KERNEL
+@entry
 def light_slope(m, k, walk, weight, own, toward, no_light):
     """The stars' light at collision k, weighted, into `own` (w,); its derivatives to ``walk.by_c`` and `toward`.
 
@@ -511,7 +508,7 @@ def light_slope(m, k, walk, weight, own, toward, no_light):
             add(toward[:, s], first, e, f, g, n1, n2, walk.column)
 
 
-@KERNEL
+@entry
 def walk_rays(m, draws, origins, directions, first_ray, seed, batch, walks, weight, derive, walk,
               light, density, toward):  # fmt: skip
     """Mean light (ray, w) of walks along rays, and with `derive` the derivatives of sum(weight light)."""

@@ -1,12 +1,14 @@
 """How kernels are compiled: serial, without the GIL, and cached on disk.
 
-Numba's disk cache looks only at the source file of the function itself.  After an edit to a function that it calls in
-another file, the old machine code would still be used.  So every kernel here carries one stamp made of all kernel
-sources: a change in any of them (an edit, an upgrade of the package) compiles all of them anew.
+Numba's disk cache looks only at the source file of the function itself.  After an edit to a constant or a function that
+it takes from another file, the old machine code would still be used.  So every kernel carries a stamp made of all
+sources that its own module imports, directly or not: a change in any of them (an edit, an upgrade of the package)
+compiles it anew, and nothing else.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 from collections.abc import Callable
 from functools import cache
@@ -15,12 +17,58 @@ from typing import Any
 
 from numba import njit
 
+#: The package whose sources count, and the folder that holds it.
+PACKAGE = "skyscatter"
+ROOT = Path(__file__).parents[3]
+
+
+def _source(name: str, root: Path) -> Path | None:
+    """File of a module or package; None where the name is neither."""
+    path = root.joinpath(*name.split("."))
+    for file in (path.with_suffix(".py"), path / "__init__.py"):
+        if file.is_file():
+            return file
+    return None
+
+
+def _imported(source: bytes, package: str, root: Path) -> set[Path]:
+    """Files of this package that a source imports, also inside functions; relative ones start at `package`."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            parts = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            base = ".".join([*parts, *([node.module] if node.module else [])])
+            # A name may be a module of the package or something in it; its own file counts in either case.
+            names = [base, *(f"{base}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        found |= {_source(name, root) for name in names if name.split(".")[0] == PACKAGE and name != PACKAGE}
+    return {path for path in found if path is not None}
+
+
+def closure(module: str, root: Path = ROOT) -> list[Path]:
+    """Source files that a module is made of: its own and all of this package that they import."""
+    first = _source(module, root)
+    if first is None:
+        raise ValueError(f"no source of {module} beneath {root}")
+    found, waiting = {first}, [first]
+    while waiting:
+        file = waiting.pop()
+        package = ".".join(file.parent.relative_to(root).parts)
+        new = _imported(file.read_bytes(), package, root) - found
+        found |= new
+        waiting += new
+    return sorted(found)
+
 
 @cache
-def source_stamp() -> str:
-    """Hash of the sources of all kernels."""
+def source_stamp(module: str, root: Path = ROOT) -> str:
+    """Hash of all sources that the machine code of a module's kernels depends on."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
+    for path in closure(module, root):
+        digest.update(f"{path.relative_to(root)}\0".encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -28,7 +76,7 @@ def source_stamp() -> str:
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
     compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     # The index of the cache compares this stamp and starts over when it differs.
-    compiled._cache._cache_file._source_stamp = source_stamp()
+    compiled._cache._cache_file._source_stamp = source_stamp(function.__module__)
     return compiled
 
 
@@ -73,3 +121,8 @@ def merged(function: Callable[..., Any]) -> Any:
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python may call; it too must not make arrays."""
     return _compile(function, _nrt=False, no_cfunc_wrapper=True)
+
+
+def allocating(function: Callable[..., Any]) -> Any:
+    """Like `entry`, for a kernel that makes arrays of its own."""
+    return _compile(function)
