@@ -27,9 +27,10 @@ from skyscatter.inversion.parameters import Subject
 from skyscatter.inversion.radiances import CALIBRATION
 from skyscatter.inversion.stack import differences_forbid, stack
 from skyscatter.record import nearest
-from skyscatter.solvers.field import LOOSEST, Solution, solve_once, zenith_range
+from skyscatter.solvers.field import LOOSEST, solve_once, zenith_range
 from skyscatter.solvers.fluxes import fluxes as fluxes_of
 from skyscatter.solvers.run import worker_count
+from skyscatter.solvers.sweeps import Solution
 
 Array = NDArray[np.float64]
 
@@ -159,10 +160,15 @@ class Fluxes(Observation):
             tuple(scenes), tuple(wl.tolist()), low, high, tolerance, run.options.get("max_order"), run.threads
         )
 
+        @lru_cache(maxsize=4)
+        def answers(elevation: bytes) -> Any:
+            """Of all copies, which ask for the same elevations."""
+            zenith = np.radians(90.0 - np.clip(np.frombuffer(elevation), low, high))
+            return fluxes_of(solution, np.full(zenith.shape, self.altitude), zenith)
+
         def of(copy: int) -> Callable[[Array], dict[str, Array]]:
             def fluxes(elevation: Array) -> dict[str, Array]:
-                zenith = np.radians(90.0 - np.clip(elevation, low, high))
-                answer = fluxes_of(solution.problem, solution.sums, np.full(zenith.shape, self.altitude), zenith)
+                answer = answers(np.ascontiguousarray(elevation, float).tobytes())
                 part = {
                     name: stacked.channels.split(getattr(answer, name))[copy]
                     for name in ("direct", "diffuse_down", "diffuse_up")

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,13 @@ from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.estimate import ERROR_SHARE, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
-from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
-from skyscatter.solvers.sweeps import Problem, Sums, Sweeper, bundles, make_problem, sum_orders, view
+from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, sum_orders, view
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
@@ -34,32 +33,12 @@ DEFAULT_TOLERANCE = 0.005
 LOOSEST = 0.01
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
-#: Share of that difference that is reported: methods of second order on half the steps leave a third of it; the rest
-#: is caution.
-ERROR_SHARE = 0.5
-#: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
-LEAST_ERROR = 0.4
 #: Rays of a bundle on which both solutions are compared, at most.
 COMPARED = 4
 #: Rays evaluated together.
 CHUNK = 1024
 #: Version of the file layout.
 FILE_VERSION = 1
-
-
-@dataclass(frozen=True)
-class Solution:
-    """One grid with its sum of orders, ready to be looked at."""
-
-    problem: Problem
-    sums: Sums
-
-    @cached_property
-    def loaded(self) -> Field:
-        """Moments on rows and fine Sun nodes."""
-        sweeper = Sweeper(self.problem, 1)
-        with ThreadPoolExecutor(1) as pool:
-            return sweeper.load(pool, self.sums.moments, self.sums.flux)
 
 
 def solve_once(
@@ -340,7 +319,7 @@ class RadianceField:
         if h.size and (zenith.min() < self.zenith[0] - 1e-6 or zenith.max() > self.zenith[1] + 1e-6):
             have = tuple(round(90 - float(np.degrees(z)), 1) for z in self.zenith[::-1])
             raise DomainError("sun_elevation_deg", elevation, f"the field covers {have}; solve a wider range")
-        return fluxes(self.fine.problem, self.fine.sums, h, zenith)
+        return fluxes(self.fine, h, zenith, self.coarse)
 
     def irradiance(
         self,
@@ -378,7 +357,7 @@ class RadianceField:
         beam = direct_beam(
             self.at(sun).columns, self.fine.problem, np.array(altitude), np.radians(90 - sun.elevation_deg)
         )
-        # Delta-M's beam takes the light of the forward peaks along, which the diffuse radiance has as well.
+        # Not delta-M's beam, which takes the light of the forward peaks along: the diffuse radiance has that.
         return diffuse + beam.true * max(float(sun.direction @ n), 0.0)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -433,6 +412,8 @@ class RadianceField:
     def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
         """`radiance` of a few rays, in one thread and without checks."""
         scattered, multiple, ground, direct = view(self.fine.problem, self.fine.loaded, table, origins, directions)
+        # Where there is next to no light, deep in the night, the sum of its moments swings about nought.
+        multiple[:, 0] = np.maximum(multiple[:, 0], 0.0)
         stokes = scattered + multiple
         radiance = stokes[:, 0] + ground + direct
         error = self._error(table, origins, directions, stokes[:, 0] + ground)
@@ -447,19 +428,35 @@ class RadianceField:
         return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
 
     def _error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
-        """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays."""
+        """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays.
+
+        Where two solutions differ they agree somewhere in between.  So each bundle is compared in several azimuths,
+        among them some in which nobody looks if it has few rays of its own.
+        """
         order, group = bundles(origins, directions, table.columns.radius)
-        sample = [order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))] for a, b in pairwise(group)]
-        chosen = np.concatenate([*sample, np.zeros(0, np.int64)])
-        scattered, multiple, ground, _ = view(
-            self.coarse.problem, self.coarse.loaded, table, origins[chosen], directions[chosen]
-        )
-        coarse = scattered[:, 0] + multiple[:, 0] + ground
-        share = np.abs(coarse - diffuse[chosen]) / np.maximum(diffuse[chosen], 1e-300)
-        ends = np.cumsum([len(s) for s in sample])
-        worst = np.maximum.reduceat(share, np.concatenate([[0], ends[:-1]]), axis=0)
+        own, extra = [], []
+        for a, b in pairwise(group):
+            own.append(order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))])
+            first = own[-1][0]
+            extra.append(turned(origins[first], directions[first], COMPARED - len(own[-1])))
+        chosen = np.concatenate([*own, np.zeros(0, np.int64)])
+        o, d = (np.concatenate([a, *parts]) for a, *parts in zip((origins, directions), *extra, strict=True))
+        number = len(origins)
+        rows = np.concatenate([chosen, np.arange(number, len(o))])
+        fine = np.concatenate([diffuse[chosen], self._diffuse(self.fine, table, o[number:], d[number:])])
+        coarse = self._diffuse(self.coarse, table, o[rows], d[rows])
+        of_own, of_extra = (np.cumsum([0] + [len(x) for x in lot]) for lot in (own, [e[0] for e in extra]))
         error = np.empty_like(diffuse)
-        for k in range(len(sample)):
-            rays = order[group[k] : group[k + 1]]
-            error[rays] = (ERROR_SHARE * worst[k] + LEAST_ERROR * self.tolerance) * diffuse[rays]
+        for k, rays in enumerate(own):
+            mine = np.arange(of_own[k], of_own[k + 1])
+            all_of_it = np.concatenate([mine, len(chosen) + np.arange(of_extra[k], of_extra[k + 1])])
+            share = relative_error(fine[all_of_it], coarse[all_of_it], self.tolerance, mine.size)
+            members = order[group[k] : group[k + 1]]
+            error[members] = share * np.abs(diffuse[members])
+            error[rays] = np.maximum(error[rays], ERROR_SHARE * np.abs(coarse[mine] - fine[mine]))
         return error
+
+    def _diffuse(self, solution: Solution, table: SceneTable, origins: Array, directions: Array) -> Array:
+        """Radiance of all orders but the direct light; (ray, wavelength)."""
+        scattered, multiple, ground, _ = view(solution.problem, solution.loaded, table, origins, directions)
+        return np.asarray(scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,73 +10,164 @@ from numpy.typing import NDArray
 
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.direct import slant_columns
+from skyscatter.solvers.estimate import stated_error
 from skyscatter.solvers.kernels.lookup import ColumnTable
-from skyscatter.solvers.sweeps import FLOOR, Problem, Sums
+from skyscatter.solvers.sweeps import Problem, Solution, view
 
 Array = NDArray[np.float64]
 
+#: Directions over which fluxes are integrated: above the horizontal, between it and the horizon, and on the ground, at
+#: the base tolerance; and azimuths over half a turn beyond the degree to which phase functions are kept.
+DIRECTIONS, MORE_AZIMUTHS = (20, 14, 14), 8
+#: Zenith offsets that stand for the Sun's disk in the direct beam, which sets edge first.
+DISK_NODES = 8
+#: Rays looked along together.
+RAYS = 4096
+#: Relative error of the optical depth of tabulated columns, with caution (see `build_column_table`).
+COLUMN_ERROR = 1e-3
+
 
 class Fluxes(NamedTuple):
-    """Spectral fluxes [W m-2 nm-1], each (..., wavelength)."""
+    """Spectral fluxes [W m-2 nm-1], each (..., wavelength), and their estimated errors in the same units."""
 
-    direct: Array  #: sunlight that was never scattered, downward through a horizontal plane
+    direct: Array  #: sunlight never scattered, downward through a horizontal plane; negative where it passes upward
     diffuse_down: Array  #: everything else downward
-    diffuse_up: Array  #: upward
+    diffuse_up: Array  #: upward, but for the direct beam
     actinic: Array  #: radiance integrated over all directions, direct sunlight included
+    direct_error: Array
+    diffuse_down_error: Array
+    diffuse_up_error: Array
+    actinic_error: Array
 
     @property
     def net(self) -> Array:
         """Downward minus upward."""
         return self.direct + self.diffuse_down - self.diffuse_up
 
+    @property
+    def net_error(self) -> Array:
+        """Of `net`, as if the errors of its parts had one sign."""
+        return self.direct_error + self.diffuse_down_error + self.diffuse_up_error
+
 
 class Beam(NamedTuple):
-    """Irradiance normal to the Sun [W m-2 nm-1], each (..., wavelength)."""
+    """The direct beam [W m-2 nm-1], each (..., wavelength)."""
 
-    true: Array  #: of what was never scattered
+    true: Array  #: irradiance normal to the Sun of what was never scattered
     cut: Array  #: together with what delta-M's forward peaks scatter
+    true_flux: Array  #: of `true`, downward through a horizontal plane; negative where it passes upward
+    cut_flux: Array
+
+
+class Integrals(NamedTuple):
+    """Integrals of the radiance without the beam and its forward peaks, each (..., wavelength) [W m-2 nm-1]."""
+
+    down: Array
+    up: Array
+    mean: Array  #: over all directions, unweighted
 
 
 def direct_beam(columns: ColumnTable, problem: Problem, altitude: Array, zenith: Array | float) -> Beam:
-    """Direct sunlight at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape."""
+    """Direct sunlight at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape.
+
+    Over the zenith angle a uniform disk weighs as a semicircle, whose rules are Gauss-Chebyshev's of the second kind.
+    """
     diffuse, sigma_t = problem.diffuse, problem.table.optics.sigma_t
     h, angle = np.broadcast_arrays(np.asarray(altitude, float), np.asarray(zenith, float))
-    spread = float(np.arcsin(abs(diffuse.tilt[1, 1])))
-    true, cut = np.zeros((h.size, sigma_t.shape[1])), np.zeros((h.size, sigma_t.shape[1]))
+    # The rule of two nodes has them at half the radius.
+    radius = 2 * float(np.arcsin(abs(diffuse.tilt[1, 1])))
+    node = np.arange(1, DISK_NODES + 1) * np.pi / (DISK_NODES + 1)
+    offsets, weights = radius * np.cos(node), 2 / (DISK_NODES + 1) * np.sin(node) ** 2
+    out = np.zeros((4, h.size, sigma_t.shape[1]))
     for k, (height, z) in enumerate(zip(h.ravel(), angle.ravel(), strict=True)):
-        for offset in (spread, -spread):
-            column = slant_columns(columns, float(height), float(np.cos(z + offset)))
+        for offset, weight in zip(offsets, weights, strict=True) if radius > 0 else ((0.0, 1.0),):
+            mu = float(np.cos(z + offset))
+            column = slant_columns(columns, float(height), mu)
             if column is not None:
-                true[k] += 0.5 * diffuse.share[0] * np.exp(-column @ sigma_t)
-                cut[k] += 0.5 * diffuse.share[0] * np.exp(-column @ diffuse.sigma_t)
-    return Beam(true.reshape(*h.shape, -1), cut.reshape(*h.shape, -1))
+                for row, sigma in ((0, sigma_t), (1, diffuse.sigma_t)):
+                    light = weight * diffuse.share[0] * np.exp(-column @ sigma)
+                    out[row, k] += light
+                    out[row + 2, k] += light * mu
+    return Beam(*out.reshape(4, *h.shape, -1))
 
 
-def interpolate(problem: Problem, values: Array, altitude: Array, zenith: Array) -> Array:
-    """Values (node, sun, wavelength) at points (point,) by cubics that keep within their nodes."""
-    grid = problem.grid
-    number = np.arange(grid.sun_zenith.size, dtype=float)
-    place = np.interp(zenith, grid.sun_zenith, number)
-    (node, f), (sun, g) = grids.cubic_weights(grid.altitudes, altitude), grids.cubic_weights(number, place)
-    at = values[node[:, :, None], sun[:, None, :]]
-    between = np.einsum("pa,pb,pabw->pw", f, g, at)
-    return np.asarray(np.clip(between, at.min(axis=(1, 2)), at.max(axis=(1, 2))))
+def _smooth(problem: Problem) -> Problem:
+    """The problem with delta-M's forward peaks left out of the first order too, as fluxes want it.
+
+    The peaks' light travels with the beam; along rays it would need directions beside the Sun.
+    """
+    diffuse = problem.diffuse
+    optics = problem.table.optics._replace(disk_radius=0.0)
+    return replace(
+        problem,
+        table=problem.table._replace(optics=optics),
+        diffuse=diffuse._replace(peaks=np.ascontiguousarray(diffuse.peaks[:, :0])),
+        whole=problem.cut,
+    )
 
 
-def fluxes(problem: Problem, sums: Sums, altitude: Array, zenith: Array) -> Fluxes:
-    """Fluxes at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape (...)."""
+def integrals(solution: Solution, altitude: Array, zenith: Array) -> Integrals:
+    """Integrals of the field's own radiances over all directions, at points (point,) [m], [rad].
+
+    The rays are those of `view`, so that fluxes agree with radiances; nothing is interpolated between nodes.
+    """
+    problem = _smooth(solution.problem)
+    grid, diffuse = problem.grid, problem.diffuse
+    radius, sun = problem.table.columns.radius, problem.table.optics.disk_axis
+    side = np.cross(sun, [0.0, 0.0, 1.0] if abs(sun[2]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    other = np.cross(side, sun)
+    count = max(grid.azimuths.size, diffuse.greek.shape[2] - 1 + MORE_AZIMUTHS)
+    phi = np.pi * (np.arange(count) + 0.5) / count
+    heights, place = np.unique(altitude, return_inverse=True)
+    rules = grids.directions(heights, radius, diffuse.greek.shape[2] - 1, problem.tolerance, DIRECTIONS)
+    out = np.zeros((3, altitude.size, diffuse.sigma_t.shape[1]))
+    share = max(RAYS // (rules.shape[1] * count), 1)
+    points = np.argsort(place, kind="stable")
+    for chunk in (points[k : k + share] for k in range(0, points.size, share)):
+        z, rule = zenith[chunk], rules[place[chunk]]
+        up = np.cos(z)[:, None] * sun + np.sin(z)[:, None] * other
+        toward = np.sin(z)[:, None] * sun - np.cos(z)[:, None] * other
+        mu, weight = rule[..., 0], rule[..., 1]
+        sine = np.sqrt((1 - mu) * (1 + mu))
+        level = np.cos(phi)[:, None] * toward[:, None] + np.sin(phi)[:, None] * side
+        d = mu[:, :, None, None] * up[:, None, None] + sine[:, :, None, None] * level[:, None]
+        o = np.broadcast_to(((radius + altitude[chunk])[:, None] * up)[:, None, None], d.shape)
+        seen = np.broadcast_to((weight > 0)[..., None], d.shape[:-1])
+        parts = view(problem, solution.loaded, problem.table, o[seen], d[seen])
+        light = np.zeros((*d.shape[:-1], out.shape[2]))
+        light[seen] = parts[0][:, 0] + parts[1][:, 0] + parts[2] + parts[3]
+        ring = light.mean(axis=2) * (2 * np.pi * weight)[..., None]
+        for row, f in enumerate((np.maximum(mu, 0.0), np.maximum(-mu, 0.0), np.ones_like(mu))):
+            out[row, chunk] = np.einsum("pk,pkw->pw", f, ring)
+    return Integrals(*out)
+
+
+def fluxes(solution: Solution, altitude: Array, zenith: Array, other: Solution | None = None) -> Fluxes:
+    """Fluxes at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape (...).
+
+    Their errors are estimated from another, coarser solution, as those of radiances are; nan without one.
+    """
     h, z = altitude.ravel(), zenith.ravel()
-    # From day to night the mean radiance falls by decades, but never to nought as fluxes do at the edges: it is taken
-    # in its logarithm, and they as shares of it.
-    mean_at_nodes = np.maximum(sums.moments[:, :, 0], FLOOR)
-    mean = np.exp(interpolate(problem, np.log(mean_at_nodes), h, z))
-    up, down = (mean * interpolate(problem, sums.flux[:, k] / mean_at_nodes, h, z) for k in (0, 1))
+    problem = solution.problem
+    fine = integrals(solution, h, z)
     beam = direct_beam(problem.table.columns, problem, h, z)
-    mu = np.maximum(np.cos(z), 0.0)[:, None]
-    direct = beam.true * mu
-    shape = (*altitude.shape, up.shape[-1])
-    diffuse_down = down + (beam.cut - beam.true) * mu
-    return Fluxes(*(a.reshape(shape) for a in (direct, diffuse_down, up, mean + beam.cut)))
+    # Delta-M's beam takes the light of the forward peaks along, which counts as diffuse.
+    peaks = beam.cut_flux - beam.true_flux
+    values = (
+        beam.true_flux, fine.down + np.maximum(peaks, 0.0), fine.up - np.minimum(peaks, 0.0), fine.mean + beam.cut,
+    )  # fmt: skip
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.nan_to_num(-np.log(beam.true / problem.diffuse.share[0]), nan=0.0, posinf=0.0)
+    errors = [COLUMN_ERROR * depth * np.abs(beam.true_flux)]
+    if other is None:
+        errors += [np.full_like(fine.down, np.nan)] * 3
+    else:
+        coarse = fluxes(other, h, z)
+        pairs = zip(values[1:], (coarse.diffuse_down, coarse.diffuse_up, coarse.actinic), strict=True)
+        errors += [stated_error(value, rough, problem.tolerance) for value, rough in pairs]
+    shape = (*altitude.shape, fine.down.shape[-1])
+    return Fluxes(*(np.reshape(a, shape) for a in (*values, *errors)))
 
 
 def sphere_rule(sun_azimuth_deg: float, elevations: int = 64, azimuths: int = 128) -> tuple[Array, Array]:

@@ -13,20 +13,24 @@ Array = NDArray[np.float64]
 #: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
 BASE_TOLERANCE = 0.002
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
-HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
+HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.25
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
 #: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
-DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.06, 0.25, 0.5
+DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
 #: Cosine of the Sun's zenith angle below which steps in optical depth shrink with it, and how far.
 STEEP_SUN, LEAST_SLANT = 0.7, 0.3
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
 TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
+#: Directions above the horizontal, between it and the horizon, and on the ground, at the base tolerance.
+DIRECTIONS = (11, 5, 6)
 #: Fine Sun nodes for each node.
 SUN_REFINEMENT = 2
 #: Rows between two node heights.
 ROW_REFINEMENT = 2
+#: Sum of the absolute weights of a cubic beyond which it is none: even nodes have 1.6 at most.
+WILDEST = 4.0
 #: Steps in the table of Sun nodes over the Sun's cosine.
 INDEX_STEPS = 8192
 
@@ -103,7 +107,9 @@ def rows_between(nodes: Array) -> Array:
     return np.append(inside.ravel(), nodes[-1])
 
 
-def sun_nodes(low: float, high: float, sinking: float, tolerance: float) -> tuple[Array, Array, Array]:
+def sun_nodes(
+    low: float, high: float, sinking: float, tolerance: float, twilight: float = 1.0
+) -> tuple[Array, Array, Array]:
     """Zenith angles of the Sun at the nodes, the fine ones, and the table from the Sun's cosine to their numbers.
 
     Parameters
@@ -112,11 +118,14 @@ def sun_nodes(low: float, high: float, sinking: float, tolerance: float) -> tupl
         Range of zenith angles to cover [rad].
     sinking : float
         Angle at the planet's centre after which a horizontal line has risen by a scale height [rad].
+    tolerance : float
+    twilight : float
+        Share of the tolerance that twilight is given.
     """
     low, high = max(low, 0.0), min(high, np.pi)
     f = fineness(tolerance)
     angle = np.linspace(low, high, 4001)
-    dusk = f * TWILIGHT_STEP * sinking
+    dusk = fineness(twilight * tolerance) * TWILIGHT_STEP * sinking
     away = np.maximum(np.pi / 2 - 2 * sinking - angle, angle - np.pi / 2 - NIGHT * sinking)
     step = dusk + f * DAY_GROWTH * np.maximum(away, 0.0)
     step = np.minimum(step, f * np.radians(DAY_STEP))
@@ -135,7 +144,8 @@ def sun_nodes(low: float, high: float, sinking: float, tolerance: float) -> tupl
 def cubic_weights(nodes: Array, points: ArrayLike) -> tuple[NDArray[np.int64], Array]:
     """Four nodes around each point and the weights of Lagrange's cubic through them; (point, 4) each.
 
-    With fewer than four nodes the nearest is taken.
+    With fewer than four nodes the nearest is taken.  Beside a thin layer, whose nodes lie together, a cubic would go
+    on over a wide gap as it bends within a narrow one: there the two nodes around the point are joined by a line.
     """
     points = np.asarray(points, float)
     if nodes.size < 4:
@@ -151,17 +161,26 @@ def cubic_weights(nodes: Array, points: ArrayLike) -> tuple[NDArray[np.int64], A
         for b in range(4):
             if a != b:
                 weights[:, a] *= (points - x[:, b]) / (x[:, a] - x[:, b])
+    wild = np.abs(weights).sum(axis=1) > WILDEST
+    below = np.clip(np.searchsorted(nodes, points, side="right") - 1, 0, nodes.size - 2)
+    v = np.clip((points - nodes[below]) / (nodes[below + 1] - nodes[below]), 0.0, 1.0)
+    here = (below - first)[:, None]
+    line = np.where(np.arange(4) == here, 1 - v[:, None], 0.0) + np.where(np.arange(4) == here + 1, v[:, None], 0.0)
+    weights[wild] = line[wild]
     return number.astype(np.int64), weights
 
 
-def directions(altitudes: Array, radius: float, degree: int, tolerance: float) -> Array:
+def directions(
+    altitudes: Array, radius: float, degree: int, tolerance: float, counts: tuple[int, int, int] = DIRECTIONS
+) -> Array:
     """Quadrature over the zenith cosine at every height: above, between the horizontal and the horizon, on the ground.
 
     Gauss-Legendre on each; above and between, cosines go as the square of the variable, since the light of a thin
-    atmosphere changes fastest near the horizontal.
+    atmosphere changes fastest near the horizontal.  Shape (height, direction, 2): cosines and weights, the latter 0
+    where there is nothing to be seen.
     """
     f = fineness(tolerance)
-    above, between, below = (int(np.ceil(n / f)) for n in (9, 5, 6))
+    above, between, below = (int(np.ceil(n / f)) for n in counts)
     above, below = max(above, degree // 2 + 4), max(below, degree // 2 + 3)
 
     def rule(count: int) -> tuple[Array, Array]:

@@ -23,6 +23,9 @@ TILE_RAYS = 1024
 #: Tiles of a picture at least, whatever the threads: rays of a tile share work, and so their last digits depend on it.
 TILES = 16
 
+#: Zenith angle of the Sun [rad] from which a field begins in twilight.
+SUNLIT = np.radians(86.0)
+
 
 class Context(NamedTuple):
     """What is shared by all rays."""
@@ -36,6 +39,24 @@ def check(options: Options) -> None:
     options.refuse("orders", "samples", "noise", "sampling", "transmittance", "orders")
     if options.tolerance is not None and options.tolerance < 1e-4:
         raise DomainError("tolerance", options.tolerance, "at least 1e-4 for solver orders")
+
+
+def window(low: float, high: float, reach: float) -> tuple[float, float]:
+    """Zenith angles of the Sun for which a field is solved, where rays see the Sun at `low` to `high` [rad].
+
+    Light that is scattered twice and more comes from beyond what the rays see.  By day it comes from near by, and where
+    the field ends its last value goes on.  In twilight it comes from where the Sun shines, however far that is, and so
+    the field begins there; and little comes from where it is darker.
+
+    Parameters
+    ----------
+    low, high : float
+    reach : float
+        Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad].
+    """
+    twilight = float(np.clip((np.degrees(high) - 80) / 10, 0, 1))
+    first = low - reach * (0.5 + 0.5 * twilight)
+    return (min(first, SUNLIT) if high > SUNLIT else first), high + 0.25 * reach
 
 
 def prepare(
@@ -55,11 +76,7 @@ def prepare(
     low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.radius, top)
     if low != low:  # not a number: every ray passes by
         low = high = 0.0
-    # Beyond what the rays see, light that is scattered twice comes from there: by day from near by, in twilight from
-    # where the Sun shines; and little from where it is darker.
-    margin = reach(medium.radius, top)
-    twilight = float(np.clip((np.degrees(high) - 80) / 10, 0, 1))
-    zenith = (low - margin * (0.5 + 0.5 * twilight), high + 0.25 * margin)
+    zenith = window(low, high, reach(medium.radius, top))
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     field = solve_range(scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress)
     return Context(field, table)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
 
@@ -25,7 +26,7 @@ from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.course import Diffuse
-from skyscatter.solvers.kernels.lookup import outward_columns
+from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
@@ -45,13 +46,16 @@ LEAST_PEAK = 1e-4
 PEAK_DEGREES = 300
 #: Largest angle at the planet's centre that a cell spans [rad], and its largest optical depth.
 CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
+#: Altitudes at which a medium is looked at before its grid is made: even ones, and those within a cell of its table.
+EVEN_SAMPLES, CELL_SAMPLES = 2001, 4
 #: Orders after which a solution that has not converged is given up.
 MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.3
-#: Shares of the tolerance for which directions and positions of the Sun are chosen where it may be below the horizon,
-#: and where it is below for nearly all that matters.
-DUSK_SHARE, DEEP_SHARE = 0.5, 0.25
+#: Shares of the tolerance for which directions, and positions of the Sun in twilight, are chosen where the Sun may be
+#: below the horizon.  Light then comes from one side, low above the horizon: of what six-point rules miss of it one
+#: order, the next misses as much again.
+DUSK_DIRECTIONS, DUSK_SUNS = 0.25, 0.5
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
@@ -74,6 +78,7 @@ class Problem:
     cut: Array  #: phase function (and b1) times scattering, without its peak; (use, component, angle, wavelength)
     whole: Array  #: the same with its peak
     stokes: int  #: Stokes parameters: 1, 3 or 4
+    tolerance: float  #: for which the grid was made
 
 
 @dataclass(frozen=True)
@@ -180,7 +185,7 @@ def make_problem(
     )  # fmt: skip
     orders = int(moments.order.max())
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
-    return Problem(table, diffuse, grid, moments, grids.recurrence(kept, orders), cut, whole, kinds)
+    return Problem(table, diffuse, grid, moments, grids.recurrence(kept, orders), cut, whole, kinds, tolerance)
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:
@@ -234,12 +239,27 @@ def _disk(optics: Any) -> tuple[Array, Array]:
     return np.stack([np.cos(offset), np.sin(offset)], axis=-1), np.array(weight)[:, None] * total
 
 
+def sample_altitudes(columns: ColumnTable) -> Array:
+    """Altitudes that see every layer [m]: even ones, and some within every cell of the table of columns.
+
+    The table's cells end where a density jumps and close in on it, so that a sheet of metres has several.
+    """
+    foot, height = columns.cell[:, 0], 1 / columns.cell[:, 1]
+    inside = foot[:, None] + height[:, None] * np.arange(CELL_SAMPLES) / CELL_SAMPLES
+    even = columns.top * np.linspace(0, 1, EVEN_SAMPLES) ** 1.5
+    both = np.unique(np.concatenate([even, inside.ravel()]))
+    apart = np.diff(both, prepend=-1.0) > 1e-9 * columns.top
+    both = both[apart]
+    both[-1] = columns.top
+    return np.asarray(both)
+
+
 def make_grid(
     scene: Scene, table: SceneTable, sigma_t: Array, sun_zenith: tuple[float, float], degree: int, tolerance: float
 ) -> grids.Grid:
     """The grid for a medium and a range of zenith angles of the Sun."""
     columns = table.columns
-    altitude = columns.top * np.linspace(0, 1, 2001) ** 1.5
+    altitude = sample_altitudes(columns)
     vertical = np.zeros((altitude.size, len(sigma_t)))
     for k, h in enumerate(altitude):
         outward_columns(columns, h, 1.0, vertical[k])
@@ -248,10 +268,9 @@ def make_grid(
     mean = depth.mean(axis=1)
     scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
-    # In twilight light comes from one side, low above the horizon.
-    dusk, deep = sun_zenith[1] > np.pi / 2 + sinking, sun_zenith[0] > np.pi / 2 - 2.5 * sinking
-    finer = tolerance * (DEEP_SHARE if deep else DUSK_SHARE if dusk else 1.0)
-    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, finer)
+    dusk = sun_zenith[1] > np.pi / 2 + sinking
+    finer = tolerance * (DUSK_DIRECTIONS if dusk else 1.0)
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, DUSK_SUNS if dusk else 1.0)
     count = max(int(np.ceil(7 / grids.fineness(finer))), degree + 3)
     azimuths = np.pi * (np.arange(count) + 0.5) / count
     quadrature = grids.directions(nodes, columns.radius, degree, finer)
@@ -421,6 +440,21 @@ def sum_orders(
         if max_order == 1:  # view rays bring the first order themselves
             total[:], total_flux[:] = 0.0, 0.0
         return Sums(total, total_flux, order)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One grid with its sum of orders, ready to be looked at."""
+
+    problem: Problem
+    sums: Sums
+
+    @cached_property
+    def loaded(self) -> Field:
+        """Moments on rows and fine Sun nodes."""
+        sweeper = Sweeper(self.problem, 1)
+        with ThreadPoolExecutor(1) as pool:
+            return sweeper.load(pool, self.sums.moments, self.sums.flux)
 
 
 def view(

@@ -22,10 +22,10 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import slant_columns
-from skyscatter.solvers.field import DEFAULT_TOLERANCE, LOOSEST, Solution, check_coverage, solve_once, zenith_range
+from skyscatter.solvers.field import DEFAULT_TOLERANCE, LOOSEST, check_coverage, solve_once, zenith_range
 from skyscatter.solvers.fluxes import fluxes
 from skyscatter.solvers.run import check_wavelengths, worker_count
-from skyscatter.solvers.sweeps import view
+from skyscatter.solvers.sweeps import Solution, view
 
 #: Share of the tolerance for the solution in which the ground shines.
 SHINING_SHARE = 0.4
@@ -175,7 +175,7 @@ class CorrectionTerms:
             table = compile_scene(self.scene.model_copy(update={"sun": sun}), self.wavelengths)
             scattered, multiple, _, _ = view(problem, self.black.loaded, table, o, d)
             path[here] = np.pi * (scattered[:, 0] + multiple[:, 0]) / irradiance
-            flux = fluxes(problem, self.black.sums, np.array([0.0]), np.array([np.radians(90 - height)]))
+            flux = fluxes(self.black, np.array([0.0]), np.array([np.radians(90 - height)]))
             down[here] = (flux.direct[0] + flux.diffuse_down[0]) / irradiance
         return path, down
 
