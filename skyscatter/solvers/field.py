@@ -19,6 +19,7 @@ from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.effort import check_effort
 from skyscatter.solvers.estimate import ERROR_SHARE, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
@@ -61,6 +62,7 @@ def solve_once(
     tolerance of its own where one is given, and a grid may be given as for `make_problem`.
     """
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid)
+    check_effort(problem, wavelengths, orders_tolerance or tolerance, max_order)
     sweeper = Sweeper(problem, threads)
     return Solution(problem, sum_orders(sweeper, orders_tolerance or tolerance, max_order, progress))
 
@@ -179,8 +181,8 @@ def solve_range(
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
     tolerance = min(tolerance, LOOSEST)
-    coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
+    coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
 
 

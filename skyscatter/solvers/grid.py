@@ -92,7 +92,7 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
     count = int(np.clip(np.ceil(number[-1]), 6, 160))
     nodes = np.interp(np.linspace(0, number[-1], count + 1), number, altitude)
-    inner = breaks[(breaks > 1e-3 * top) & (breaks < (1 - 1e-3) * top)]
+    inner = breaks[(breaks > 1e-6 * top) & (breaks < (1 - 1e-6) * top)]
     if inner.size <= 12:
         # A break takes the place of the node next to it.
         for b in inner:

@@ -42,8 +42,9 @@ PEAK_SHARE = 1.5
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
 LEAST_PEAK = 1e-4
-#: Degrees to which cut forward peaks are followed.
-PEAK_DEGREES = 300
+#: Degrees to which cut forward peaks are followed: the first of these at which they have ended; and what may be left
+#: of a peak at the last one, beyond which it is refused.
+PEAK_DEGREES, PEAK_LEFT = (300, 700, 1500), 2e-3
 #: Largest angle at the planet's centre that a cell spans [rad], and its largest optical depth.
 CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Altitudes at which a medium is looked at before its grid is made: even ones, and those within a cell of its table.
@@ -53,9 +54,12 @@ MOST_ORDERS = 5000
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.3
 #: Shares of the tolerance for which directions, and positions of the Sun in twilight, are chosen where the Sun may be
-#: below the horizon.  Light then comes from one side, low above the horizon: of what six-point rules miss of it one
-#: order, the next misses as much again.
+#: below the horizon, and where it may be far below.  Light then comes from one side, low above the horizon: of what
+#: rules of few points miss of it one order, the next misses as much again.
 DUSK_DIRECTIONS, DUSK_SUNS = 0.25, 0.5
+DEEP_DIRECTIONS, DEEP_SUNS = 0.125, 0.25
+#: What is far, in units of the angle under which a scale height sinks below the horizon.
+DEEP = 4.5
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up.
@@ -195,9 +199,20 @@ def _peaks(phase: Array, peak: Array, kept: int) -> Array:
     """
     if not (peak > 0).any():
         return np.zeros((len(phase), 0, phase.shape[3]))
-    beyond = expand(phase, PEAK_DEGREES)[:, 0]
+    cut = peak > 0
+    for degrees in PEAK_DEGREES:
+        beyond = expand(phase, degrees)[:, 0]
+        left = np.where(cut, beyond[:, -1], 0.0)
+        if np.all(left < LEAST_PEAK):
+            break
+    if np.any(left > PEAK_LEFT):
+        component = int(np.argmax(left.max(axis=1)))
+        raise DomainError(
+            f"components[{component}].optics", f"a forward peak narrower than {180 / PEAK_DEGREES[-1]:.2g} degrees",
+            "one that the solver orders can follow; use solver path",
+        )  # fmt: skip
     beyond[:, : kept + 1] = peak[:, None]
-    beyond = np.where(peak[:, None] > 0, np.maximum(beyond, 0.0), 0.0)
+    beyond = np.where(cut[:, None], np.maximum(beyond, 0.0), 0.0)
     last = int(np.flatnonzero((beyond > LEAST_PEAK).any(axis=(0, 2))).max())
     return beyond[:, : last + 1] * ((2 * np.arange(last + 1) + 1) / (4 * np.pi))[:, None]
 
@@ -268,9 +283,15 @@ def make_grid(
     mean = depth.mean(axis=1)
     scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
-    dusk = sun_zenith[1] > np.pi / 2 + sinking
-    finer = tolerance * (DUSK_DIRECTIONS if dusk else 1.0)
-    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, DUSK_SUNS if dusk else 1.0)
+    below = (sun_zenith[1] - np.pi / 2) / sinking
+    if below > DEEP:
+        for_directions, for_suns = DEEP_DIRECTIONS, DEEP_SUNS
+    elif below > 1:
+        for_directions, for_suns = DUSK_DIRECTIONS, DUSK_SUNS
+    else:
+        for_directions, for_suns = 1.0, 1.0
+    finer = tolerance * for_directions
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, for_suns)
     count = max(int(np.ceil(7 / grids.fineness(finer))), degree + 3)
     azimuths = np.pi * (np.arange(count) + 0.5) / count
     quadrature = grids.directions(nodes, columns.radius, degree, finer)

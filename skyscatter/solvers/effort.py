@@ -1,0 +1,76 @@
+"""How long a solution by orders of scattering will take, known before it is begun."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyscatter.errors import DomainError
+from skyscatter.solvers.base import Array
+from skyscatter.solvers.kernels.lookup import outward_columns
+from skyscatter.solvers.sweeps import ORDERS_SHARE, Problem
+
+#: Orders and minutes of one processor beyond which a solution is refused.
+MOST_ORDERS, MOST_MINUTES = 1000, 60
+#: Seconds for a moment or a Fourier part of one Sun, wavelength and point of a line; measured, with caution.
+SECONDS = 3e-9
+#: Points of a line for each row of the field.
+POINTS = 1.5
+
+
+def expected_orders(problem: Problem, tolerance: float) -> Array:
+    """Orders of scattering until the rest is a geometric series, (wavelength,); good to a factor of two.
+
+    Inside a layer of optical depth t, transport depth t* and albedo w the k-th mode of diffusion lives on by
+
+        q_k = w / (1 + D k^2),   D = pi^2 / (3 t (t* + 1.42)),
+
+    from order to order, 1.42 being the two extrapolation lengths (Davison 1957, Neutron Transport Theory, section 8);
+    over a ground of albedo A the layer counts as 1 + A times as thick.  The first mode is the series that is summed;
+    the second has to have gone.
+    """
+    diffuse = problem.diffuse
+    column = np.zeros(len(diffuse.sigma_t))
+    outward_columns(problem.table.columns, 0.0, 1.0, column)
+    scattering = 4 * np.pi * diffuse.greek[0, :, 0]
+    forward = 4 * np.pi / 3 * diffuse.greek[0, :, 1] if diffuse.greek.shape[2] > 1 else 0 * scattering
+    total = np.maximum(column @ diffuse.sigma_t, 1e-12)
+    transport = np.maximum(total - column @ forward, 0.0)
+    decay = np.pi**2 / (3 * total * (transport + 1.42) * (1 + diffuse.light[2]) ** 2)
+    second = column @ scattering / total / (1 + 4 * decay)
+    goal = np.log(ORDERS_SHARE * tolerance)
+    return np.asarray(np.maximum(goal / np.log(np.clip(second, 1e-12, 1 - 1e-12)), 1.0))
+
+
+def expected_minutes(problem: Problem, orders: float) -> float:
+    """Minutes of one processor for so many orders; good to a factor of three."""
+    grid, moments = problem.grid, problem.moments
+    lines = grid.altitudes.size * grid.directions.shape[1] * POINTS * grid.rows.size
+    fourier = int(moments.order.max()) + 1
+    gathered = 4 * grid.sun_zenith.size * grid.azimuths.size * fourier
+    at_a_point = grid.fine_sun_zenith.size * moments.degree.size + gathered
+    return float(SECONDS / 60 * orders * lines * at_a_point * problem.diffuse.sigma_t.shape[1] * problem.stokes)
+
+
+def check_effort(problem: Problem, wavelengths: Array, tolerance: float, max_order: int | None) -> None:
+    """Refuse a medium in which light is scattered too often, or which takes too long.
+
+    Raises
+    ------
+    DomainError
+        That says how deep the medium is, at which wavelength, and what to use instead.
+    """
+    expected = expected_orders(problem, tolerance)
+    if max_order is not None:
+        expected = np.minimum(expected, max_order)
+    k = int(np.argmax(expected))
+    minutes = expected_minutes(problem, float(expected[k]))
+    if expected[k] <= MOST_ORDERS and minutes <= MOST_MINUTES:
+        return
+    optics, column = problem.table.optics, np.zeros(len(problem.diffuse.sigma_t))
+    outward_columns(problem.table.columns, 0.0, 1.0, column)
+    depth = float(column @ optics.sigma_t[:, k])
+    raise DomainError(
+        "optical depth", f"{depth:.3g} at {wavelengths[k]:g} nm",
+        f"less for solver orders at a tolerance of {tolerance:g}: it would need some {expected[k]:.2g} orders of "
+        f"scattering and {minutes:.2g} minutes of a processor; use solver path, a larger tolerance or max_order",
+    )  # fmt: skip

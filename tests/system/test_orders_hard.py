@@ -1,0 +1,203 @@
+"""The solver `orders` where a grid can miss the light: deep twilight, sheets of metres, narrow peaks, great depths."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from bases import complaint
+from plane_parallel import FLATNESS, THICKNESS, WAVELENGTH, IsotropicLayers, Slab
+
+import skyscatter
+from skyscatter import Component, Ground, Medium, Scene, Star, Sun
+from skyscatter.media.fields import Exponential, Uniform
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein, Isotropic, Rayleigh
+from skyscatter.solvers.field import DEFAULT_TOLERANCE
+from skyscatter.solvers.fluxes import sphere_rule
+
+R = 6371e3
+
+
+def scene(*components: Component, sun: float = 40.0, albedo: float = 0.1, radius: float = R) -> Scene:
+    return Scene(
+        medium=Medium(planet_radius=radius, components=components),
+        ground=Ground(albedo=albedo),
+        star=Star(spectrum=1.0, radius=0.0),
+        sun=Sun(elevation_deg=sun, azimuth_deg=0.0),
+    )
+
+
+def layer(density: Any, depth: float, phase: Any, name: str = "haze", albedo: float = 1.0) -> Component:
+    optics = Particles(optical_depth=depth, single_scattering_albedo=albedo, phase=phase)
+    return Component(name=name, density=density, optics=optics)
+
+
+AIR = layer(Exponential(scale_height=8e3), 0.1, Rayleigh(), "air")
+
+
+def sights(elevation: Any, azimuth: Any) -> Any:
+    e, a = np.radians(np.asarray(elevation, float)), np.radians(np.asarray(azimuth, float))
+    return np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
+
+
+# Twilight
+
+
+TWILIGHT = sights([5, 20, 45, 90, 20, 5], [0, 0, 0, 0, 180, 180])
+
+
+def assert_one_answer(model: str, suns: tuple[float, ...], wavelengths: list[float]) -> None:
+    """`radiance` solves for the few Suns that its rays want, `solve` for all: they agree to the tolerance."""
+    described = skyscatter.load_model(model)
+    field = skyscatter.solve(described.scene(sun_elevation_deg=0.0), wavelengths)
+    for sun in suns:
+        there = described.scene(sun_elevation_deg=sun, sun_azimuth_deg=0.0)
+        here = there.observer.position
+        narrow = skyscatter.radiance(there, here, TWILIGHT, wavelengths)
+        wide = field.radiance(here, TWILIGHT, sun_elevation_deg=sun, sun_azimuth_deg=0.0)
+        assert np.all(np.abs(narrow.radiance - wide.radiance) < DEFAULT_TOLERANCE * wide.radiance), sun
+
+
+def test_twilight_is_the_same_for_one_sun_and_for_all() -> None:
+    assert_one_answer("earth-simple", (0.0, -6.0, -12.0, -14.0), [550.0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["earth", "earth-hazy", "earth-maritime", "mars", "titan"])
+def test_twilight_of_shipped_planets_is_the_same_for_one_sun_and_for_all(model: str) -> None:
+    assert_one_answer(model, (90.0, 60.0, 20.0, 5.0, 0.0, -3.0, -6.0, -8.0, -10.0, -12.0, -14.0, -16.0, -18.0), [550.0])
+
+
+# Sheets
+
+
+@pytest.mark.parametrize("thickness", [1.0, 10.0, 100.0])
+def test_a_sheet_of_fog_is_as_bright_as_the_same_slab(thickness: float) -> None:
+    """Over a flat world with nothing else the height and the thickness of a layer do not matter."""
+    depth, mu0 = 1.0, 0.6
+    sheet = layer(Uniform(base=THICKNESS, top=THICKNESS + thickness), depth, Isotropic())
+    there = Scene(
+        medium=Medium(planet_radius=FLATNESS * THICKNESS, components=(sheet,)),
+        ground=Ground(albedo=0.0),
+        star=Star(spectrum=np.pi, radius=0.0),
+        sun=Sun(elevation_deg=float(np.degrees(np.arcsin(mu0))), azimuth_deg=0.0),
+    )
+    mu = np.array([0.1, 0.3, 0.6, 0.95])
+    slab = Slab(depth, 1.0, Isotropic(), mu0)
+    answer = skyscatter.radiance(there, *slab.rays(depth, -mu, 2.0), [WAVELENGTH])
+    exact = IsotropicLayers.solve(depth, 1.0, mu0, slab.irradiance).radiance(depth, -mu)
+    assert np.all(np.abs(answer.radiance[:, 0] - exact) < answer.standard_error[:, 0])
+    assert np.all(answer.standard_error[:, 0] < 0.02 * exact)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sun", [8.0, 40.0])
+def test_a_sheet_of_fog_over_a_round_earth_against_free_walks(sun: float) -> None:
+    fog = layer(Uniform(base=1000.0, top=1010.0), 1.0, HenyeyGreenstein(g=0.8))
+    there = scene(fog, AIR, sun=sun)
+    rays = there.observer.position, sights([5, 5, 30, 30, 60], [0, 180, 0, 180, 120])
+    answer = skyscatter.radiance(there, *rays, [550.0])
+    walks = skyscatter.radiance(there, *rays, [550.0], "path", samples=200_000, sampling="free-flight")
+    # The walks are good to 0.2-0.7 %, and beyond three of their errors there is no excuse.
+    slack = answer.standard_error + 3 * walks.standard_error
+    assert np.all(np.abs(answer.radiance - walks.radiance) < slack)
+    assert np.all(walks.standard_error < 0.01 * walks.radiance)
+
+
+def test_layers_that_lie_together_do_not_shake_the_light_between_them() -> None:
+    """Nodes a metre apart beside gaps of kilometres: what is interpolated stays between what is known."""
+    sheets = [layer(Uniform(base=h, top=h + 2.0), 0.2, Isotropic(), f"sheet-{h:g}") for h in (800.0, 2500.0, 6000.0)]
+    field = skyscatter.solve(scene(AIR, *sheets), [550.0], sun_elevations_deg=(40.0, 40.0))
+    height = np.linspace(0.0, 8000.0, 81)
+    actinic = field.fluxes(height).actinic[:, 0]
+    # Between sheets the light changes by the thin air alone, evenly.
+    low, high = height[:-1], height[1:]
+    clear = np.all([(high <= h) | (low >= h + 2.0) for h in (800.0, 2500.0, 6000.0)], axis=0)
+    assert np.all(np.abs(np.diff(actinic) / actinic[1:])[clear] < 0.01)
+
+
+# Peaks and depths
+
+
+def test_a_narrow_peak_is_followed() -> None:
+    """g = 0.99: the sums of its Legendre series need some 700 degrees; cut short they were negative."""
+    there = scene(layer(Uniform(base=500.0, top=1500.0), 1.0, HenyeyGreenstein(g=0.99)), AIR)
+    rays = there.observer.position, sights([38, 30, 30, 60, 85], [0, 0, 90, 0, 180])
+    answer = skyscatter.radiance(there, *rays, [550.0], parts=True)
+    single = skyscatter.radiance(there, *rays, [550.0], "single")
+    assert np.all(answer.layers["scattered"] > 0)
+    assert np.all(answer.layers["scattered"] > 0.9 * single.radiance)
+    assert np.all((answer.standard_error > 0) & (answer.standard_error < 0.05 * answer.radiance))
+
+
+def test_what_cannot_be_solved_is_refused_before_the_work() -> None:
+    up = np.array([0.0, 0.0, R])
+    spike = scene(layer(Uniform(base=500.0, top=1500.0), 0.5, HenyeyGreenstein(g=0.999)), AIR)
+    message = complaint(lambda: skyscatter.radiance(spike, up, [0.0, 0.0, 1.0], [550.0]))
+    assert all(word in message for word in ("components[0]", "peak", "solver path"))
+    for depth in (60.0, 100.0):
+        cloud = scene(layer(Uniform(base=500.0, top=1500.0), depth, HenyeyGreenstein(g=0.86)), AIR)
+        message = complaint(lambda cloud=cloud: skyscatter.radiance(cloud, up, [0.0, 0.0, 1.0], [550.0]))
+        assert all(word in message for word in ("optical depth", "550 nm", "orders of scattering", "solver path"))
+
+
+# Fluxes
+
+
+def test_the_beam_passes_upwards_aloft_in_twilight() -> None:
+    """By the transmittance and the Sun's angle, from below the horizontal."""
+    field = skyscatter.solve(scene(AIR), [550.0], sun_elevations_deg=(-3.0, 10.0), tolerance=0.02)
+    height, sun = 30e3, -3.0
+    flux = field.fluxes(height, sun_elevation_deg=sun)
+    there = np.array([0.0, 0.0, R + height])
+    toward = sights(sun, 0.0)
+    through = skyscatter.transmittance(scene(AIR), there, there + 3e6 * toward, [550.0])
+    # Columns are tabulated: 1e-3 of the depth, with caution.
+    np.testing.assert_allclose(flux.direct, through * np.sin(np.radians(sun)), rtol=2e-3)
+    assert flux.net < flux.diffuse_down - flux.diffuse_up
+
+
+@pytest.mark.parametrize(
+    ("height", "sun"),
+    [
+        (0.0, 30.0),
+        *(pytest.param(*p, marks=pytest.mark.slow) for p in ((6e3, 3.0), (1e5, 50.0), (1e5, -4.0), (3e4, -4.0))),
+    ],
+)
+def test_fluxes_are_the_quadrature_of_the_fields_own_radiances(height: float, sun: float) -> None:
+    there = scene(AIR, layer(Exponential(scale_height=2e3), 0.2, HenyeyGreenstein(g=0.7)), albedo=0.3)
+    field = skyscatter.solve(there, [550.0], sun_elevations_deg=(min(sun, 0.0), max(sun, 0.0)))
+    flux = field.fluxes(height, sun_elevation_deg=sun)
+    directions, weights = sphere_rule(0.0)
+    answer = field.radiance(
+        np.array([0.0, 0.0, R + height]), directions, sun_elevation_deg=sun, sun_azimuth_deg=0.0, parts=True
+    )
+    diffuse = answer.radiance - answer.layers["direct"]
+    down, up = (weights * np.maximum(side * directions[:, 2], 0) @ diffuse for side in (1, -1))
+    beam = np.abs(flux.direct) / abs(np.sin(np.radians(sun)))
+    scale = DEFAULT_TOLERANCE * max(down[0], up[0])
+    assert flux.diffuse_down == pytest.approx(down, abs=scale)
+    assert flux.diffuse_up == pytest.approx(up, abs=scale)
+    np.testing.assert_allclose(flux.actinic, weights @ diffuse + beam, rtol=DEFAULT_TOLERANCE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("albedo", [0.0, 1.0], ids=["black", "white"])
+def test_power_through_every_sphere_is_what_the_ground_takes(albedo: float) -> None:
+    """Nothing is absorbed in the air: over the whole planet as much passes through each height."""
+    there = scene(layer(Exponential(scale_height=8e3), 0.5, Rayleigh(), "air"), albedo=albedo)
+    field = skyscatter.solve(there, [550.0])
+    x, w = np.polynomial.legendre.leggauss(40)
+    # Denser where the Sun sets; cosines of its zenith angle.
+    mu, weight = np.sign(x) * x * x, 2 * np.abs(x) * w
+    height = np.array([0.0, 3e3, 15e3, 60e3, 100e3])
+    flux = field.fluxes(height[:, None], sun_elevation_deg=np.degrees(np.arcsin(mu)))
+    power = (flux.net[..., 0] @ weight) * (1 + height / R) ** 2
+    error = (flux.net_error[..., 0] @ weight) * (1 + height / R) ** 2
+    # Of a beam of 1 half falls on the disk: what all of it brings.
+    brought = 0.5
+    expected = power[0] if albedo == 0 else 0.0
+    assert np.all(np.abs(power - expected) < 2 * DEFAULT_TOLERANCE * brought)
+    assert np.all(np.abs(power - expected) < error + error[0])
