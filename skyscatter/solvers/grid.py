@@ -29,8 +29,8 @@ DIRECTIONS = (11, 5, 6)
 SUN_REFINEMENT = 2
 #: Rows between two node heights.
 ROW_REFINEMENT = 2
-#: Sum of the absolute weights of a cubic beyond which it is none: even nodes have 1.6 at most.
-WILDEST = 4.0
+#: Sum of the absolute weights of a cubic beyond which it is none: 1.6 at most for even nodes, 4 beside a gap of 3 to 1.
+WILDEST = 8.0
 #: Steps in the table of Sun nodes over the Sun's cosine.
 INDEX_STEPS = 8192
 
@@ -94,9 +94,11 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float
     nodes = np.interp(np.linspace(0, number[-1], count + 1), number, altitude)
     inner = breaks[(breaks > 1e-6 * top) & (breaks < (1 - 1e-6) * top)]
     if inner.size <= 12:
-        # A break takes the place of the node next to it.
+        # A break takes the place of a node close to it.
         for b in inner:
-            nodes[1 + int(np.argmin(np.abs(nodes[1:-1] - b)))] = b
+            k = 1 + int(np.argmin(np.abs(nodes[1:-1] - b)))
+            if abs(nodes[k] - b) < 0.5 * min(nodes[k] - nodes[k - 1], nodes[k + 1] - nodes[k]):
+                nodes[k] = b
         nodes = np.unique(np.concatenate([nodes, inner]))
     return nodes
 

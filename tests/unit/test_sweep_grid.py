@@ -54,7 +54,17 @@ def test_many_breaks_are_left_out_and_those_at_the_ends_too() -> None:
     plain = grids.height_nodes(altitude, above, np.zeros(0), 0.5, 0.005)
     many = np.linspace(1e3, 9.9e4, 40)
     np.testing.assert_array_equal(grids.height_nodes(altitude, above, many, 0.5, 0.005), plain)
-    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 50.0, 1e5]), 0.5, 0.005), plain)
+    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 1e5]), 0.5, 0.005), plain)
+
+
+def test_a_break_far_from_every_node_is_one_more() -> None:
+    """A layer of fog on the ground must not take the node above it away."""
+    altitude, above = profile(0.3)
+    plain = grids.height_nodes(altitude, above, np.zeros(0), 0.5, 0.005)
+    low = grids.height_nodes(altitude, above, np.array([50.0]), 0.5, 0.005)
+    np.testing.assert_array_equal(low, np.sort(np.append(plain, 50.0)))
+    near = plain[2] + 1.0
+    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([near]), 0.5, 0.005)[2], near)
 
 
 def test_finer_tolerances_make_finer_grids() -> None:
@@ -107,6 +117,16 @@ def test_cubics_are_exact_for_cubics_and_weights_sum_to_one() -> None:
     number, weights = grids.cubic_weights(np.array([0.0, 1.0]), np.array([0.2, 0.9]))
     assert number[:, 0].tolist() == [0, 1]
     assert weights.sum(axis=1).tolist() == [1.0, 1.0]
+
+
+def test_beside_a_sheet_what_is_interpolated_keeps_between_its_nodes() -> None:
+    nodes = np.array([0.0, 800.0, 801.0, 802.0, 803.0, 2500.0])
+    values = np.array([1.0, 1.1, 1.5, 1.2, 1.4, 1.3])
+    points = np.linspace(0, 2500, 101)
+    number, weights = grids.cubic_weights(nodes, points)
+    between = (values[number] * weights).sum(axis=1)
+    outside = (points < 790) | (points > 820)
+    np.testing.assert_allclose(between[outside], np.interp(points, nodes, values)[outside], atol=0.02)
 
 
 @pytest.mark.parametrize("degree", [2, 8, 16])
