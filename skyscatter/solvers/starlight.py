@@ -70,7 +70,7 @@ def _add_field(picture: Array, scene: SpaceScene, camera: Any, wl: Array) -> Non
 
 
 def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:
-    """Divide fluxes (n, wavelength) at fractional pixels between the four around each."""
+    """Divide fluxes (n, wavelength) at fractional pixels between the four around each; none goes beyond the border."""
     seen = np.isfinite(x) & np.isfinite(y)
     x, y, flux = x[seen], y[seen], flux[seen]
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -78,9 +78,8 @@ def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:
     for across in (0, 1):
         for down in (0, 1):
             share = (x - i if across else 1 - x + i) * (y - j if down else 1 - y + j)
-            inside = (i + across >= 0) & (i + across < width) & (j + down >= 0) & (j + down < height)
-            at = (j[inside] + down, i[inside] + across)
-            np.add.at(picture, at, share[inside, None] * flux[inside])
+            at = (np.clip(j + down, 0, height - 1), np.clip(i + across, 0, width - 1))
+            np.add.at(picture, at, share[:, None] * flux)
 
 
 def beside_stars(scene: SpaceScene, camera: Any, grid: Array) -> Array:

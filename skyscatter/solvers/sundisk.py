@@ -23,16 +23,18 @@ FIRST_ACROSS, FIRST_DOWN = 72, 36
 #: Cells are larger than the distance from their middles to the corners says, by curvature: at most by this factor.
 MARGIN = 1.1
 #: Largest half diagonal of a cell as a share of the disk's radius: within the disk; on an edge, for edges are straight
-#: within a cell, which misses a^2 / 6 of the light; and between them, as a share of the distance from the disk's edge,
-#: from which the light rises as a root.
-WITHIN, ON_EDGE, RISE = 1 / 32, 1 / 200, 1 / 8
+#: within a cell, which misses a^2 / 6 of the light; and between them, as a share of the distance from the edge, from
+#: which the light rises as a root.
+WITHIN, ON_EDGE, RISE = 1 / 12, 1 / 120, 1 / 4
+#: A pixel smaller than its limit by this factor is as bright as along its middle.
+EVEN = 1 / 3
 #: Cells at most.  Only a picture of the whole sky whose rim, one point of the sky, meets the Sun asks for more.
 MOST_CELLS = 100_000
 #: Side of a cell on an edge [pixel] at most, so that edges look smooth.
 EDGE_SIDE = 0.25
 
-#: Gauss-Legendre rule of 3 points on [0, 1], over the height of a cell.
-GAUSS = tuple(0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(3), (1.0, 0.0), strict=True))
+#: Gauss-Legendre rule of 2 points on [0, 1], over the height of a cell on an edge.
+GAUSS = tuple(0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(2), (1.0, 0.0), strict=True))
 
 
 class Cells(NamedTuple):
@@ -88,9 +90,9 @@ def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple
     pixels, cells = pixels[kept], _chosen(cells, kept)
     if not pixels.size:
         return None
-    touched, place = np.unique(pixels, return_inverse=True)
-    light = np.zeros((touched.size, table.optics.albedo.size))
-    np.add.at(light, place, _light(sight, cells, table, position))
+    order = np.argsort(pixels, kind="stable")
+    touched, first = np.unique(pixels[order], return_index=True)
+    light = np.add.reduceat(_light(sight, _chosen(cells, order), table, position), first, axis=0)
     light /= camera.pixel_solid_angle(scene.observer).ravel()[touched, None]
     return touched, light - disk_light(table, position, grid.reshape(-1, 3)[touched])
 
@@ -112,7 +114,7 @@ def cut_cells(sight: Sight) -> Cells:
     return Cells(*(np.concatenate(values) for values in zip(*done, strict=True)))
 
 
-def _chosen(cells: Cells, which: NDArray[np.bool_]) -> Cells:
+def _chosen(cells: Cells, which: NDArray[Any]) -> Cells:
     return Cells(*(values[which] for values in cells))
 
 
@@ -138,12 +140,17 @@ def _on_edge(sight: Sight, cells: Cells) -> NDArray[np.bool_]:
     return (cells.distance + cells.half > sight.radius) | (cells.height - cells.half < sight.horizon)
 
 
+def _limit(sight: Sight, cells: Cells) -> Array:
+    """Largest half diagonal that a cell may have for what it shows [rad]."""
+    from_edge = np.minimum(sight.radius - cells.distance, cells.height - sight.horizon) / sight.radius
+    share = np.where(_on_edge(sight, cells), ON_EDGE, np.clip(RISE * from_edge, ON_EDGE, WITHIN))
+    return np.asarray(sight.radius * share)
+
+
 def _unfinished(sight: Sight, cells: Cells) -> NDArray[np.bool_]:
     """Whether a cell has to be halved: it is wider than a pixel, or coarse for what it shows."""
-    edge = _on_edge(sight, cells)
-    from_edge = RISE * np.abs(1 - cells.distance / sight.radius)
-    coarse = cells.half > sight.radius * np.clip(np.where(edge, 0.0, from_edge), ON_EDGE, WITHIN)
-    return coarse | (cells.side > np.where(edge, EDGE_SIDE, 1.0)[:, None]).any(axis=1)
+    widest = np.where(_on_edge(sight, cells), EDGE_SIDE, 1.0)[:, None]
+    return (cells.half > _limit(sight, cells)) | (cells.side > widest).any(axis=1)
 
 
 def _halves(sight: Sight, cells: Cells) -> tuple[Array, Array]:
@@ -162,8 +169,9 @@ def _halves(sight: Sight, cells: Cells) -> tuple[Array, Array]:
 
 
 def _whole(sight: Sight, cells: Cells) -> NDArray[np.bool_]:
-    """Whether a cell is a whole pixel within the disk, fine enough for what it shows."""
-    return (cells.side == 1.0).all(axis=1) & ~_on_edge(sight, cells)
+    """Whether a cell is a whole pixel within the disk in which the light is even."""
+    even = (cells.half < EVEN * _limit(sight, cells)) & ~_on_edge(sight, cells)
+    return even & (cells.side == 1.0).all(axis=1)
 
 
 def _pixels(sight: Sight, cells: Cells, inside: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -190,15 +198,33 @@ def _pixels(sight: Sight, cells: Cells, inside: NDArray[np.bool_]) -> tuple[NDAr
 def _light(sight: Sight, cells: Cells, table: Any, position: Array) -> Array:
     """Irradiance [W m-2 nm-1] from what a cell shows of the disk, shape (cell, wavelength)."""
     up = position / np.linalg.norm(position)
+    edge = _on_edge(sight, cells)
+    light = np.empty((len(edge), table.optics.albedo.size))
+    for which, points in ((edge, _points_on_edge), (~edge, _points_within)):
+        weight, distance, height = points(sight, _chosen(cells, which), up)
+        square = np.sin(distance) ** 2 / math.sin(sight.radius) ** 2
+        shown = shine(table, position, square.ravel(), np.sin(height).ravel())
+        light[which] = np.einsum("pc,pcw->cw", weight, shown.reshape(*weight.shape, -1))
+    return light
+
+
+def _points_within(sight: Sight, cells: Cells, up: Array) -> tuple[Array, Array, Array]:
+    """Two by two Gauss points of cells: weight [sr], distance from the disk's middle and height, (point, cell) each."""
+    offsets = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]]) / math.sqrt(12)
+    points = cells.middle + np.einsum("pk,ckj->pcj", offsets, cells.across)
+    points /= np.linalg.norm(points, axis=-1, keepdims=True)
+    sine = np.linalg.norm(np.cross(points, sight.sun), axis=-1)
+    return np.tile(cells.solid_angle / 4, (4, 1)), np.arcsin(np.minimum(sine, 1.0)), np.arcsin(points @ up)
+
+
+def _points_on_edge(sight: Sight, cells: Cells, up: Array) -> tuple[Array, Array, Array]:
+    """As `_points_within` for the part of cells that is seen: in its middle by distance, at Gauss points by height."""
     upwards = up - cells.middle * (cells.middle @ up)[:, None]
     share, low, high = _below(cells.distance, sight.radius, _width(cells, cells.middle - sight.sun))
-    square = np.sin((low + high) / 2) ** 2 / math.sin(sight.radius) ** 2
+    distance = (low + high) / 2
     above, low, high = _below(-cells.height, -sight.horizon, _width(cells, upwards))
-    # Above the horizon the air dims by more and more within a cell.
-    heights = -(low + np.outer(GAUSS[0], high - low))
-    rows = shine(table, position, np.tile(square, len(heights)), np.sin(heights).ravel())
-    light = np.tensordot(GAUSS[1], rows.reshape(*heights.shape, -1), 1)
-    return np.asarray(light * (cells.solid_angle * share * above)[:, None])
+    weight = np.outer(GAUSS[1], cells.solid_angle * share * above)
+    return weight, np.broadcast_to(distance, weight.shape), -(low + np.outer(GAUSS[0], high - low))
 
 
 def _width(cells: Cells, towards: Array) -> Array:
