@@ -1,6 +1,6 @@
 """How often the error bars of walks in skies cover the truth, where walks that matter are rare.
 
-    python benchmarks/sky_coverage.py [--seeds 200] [--walks 1024] [--only mars]
+    python benchmarks/coverage_sky.py [--seeds 200] [--walks 1024] [--only mars]
 
 Each scene is looked at along six lines of sight at two wavelengths.  Every ray has random numbers of its own, so that
 copies of a ray are runs with other seeds.  The truth is the mean of 64 times as many walks, by marching whatever the
@@ -10,16 +10,11 @@ study's own sampling.  One line a scene, pooled over rays and wavelengths.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 import warnings
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from coverage import HEADER, Coverage, coverage, pooled, table_row
+from error_bars import HEADER, Coverage, coverage, pooled, table_row
 
 import skyscatter
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
