@@ -52,9 +52,11 @@ def render(
     """Render a picture.
 
     Each pixel is the radiance along the ray through its middle; the direct light of the solar disk, which is often
-    smaller than a pixel, is averaged over the pixel instead.  In a nebula so is the light scattered once in the pixels
+    smaller than a pixel, is averaged over the pixel instead: the radiance of all pixels times their solid angles sums
+    to the irradiance of the disk to 0.1 %.  In a nebula so is the light scattered once in the pixels
     around a star, and every star adds its own light, dimmed by the dust before it.  Among surfaces, which have edges,
-    a pixel may be the mean over several rays.
+    a pixel may be the mean over several rays; lamps are seen along these rays only, so that one that is smaller than
+    the distance between them is missed in most pixels and too bright in others.
 
     Parameters
     ----------
