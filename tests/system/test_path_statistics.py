@@ -183,6 +183,8 @@ def test_a_word_before_walks_that_cannot_know_their_error() -> None:
 
     with pytest.warns(UserWarning, match=r"sampling = 'free-flight' with sun_elevation_deg = -4.*leave sampling out"):
         prepared(model(False).scene(sun_elevation_deg=-4.0), sampling="free-flight")
+    with pytest.warns(UserWarning, match=r"sampling = 'free-flight' with sun_elevation_deg = 3"):
+        prepared(skyscatter.load_model("mars").scene(sun_elevation_deg=3.0), sampling="free-flight")
     earth = model(True)
     thick = earth.model_copy(
         update={"components": tuple(c.model_copy(update={"weight": 20 * c.weight}) for c in earth.components)}
@@ -192,3 +194,4 @@ def test_a_word_before_walks_that_cannot_know_their_error() -> None:
     # Neither where walks are many, nor in a clear sky.
     prepared(thick, samples=1024)
     prepared(model(False).scene(sun_elevation_deg=-4.0), samples=16)
+    prepared(model(True).scene(sun_elevation_deg=30.0), sampling="free-flight")
