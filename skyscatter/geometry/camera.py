@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
@@ -50,9 +50,9 @@ class Panorama(CameraBase):
         low, high = self.elevation_min_deg, self.elevation_max_deg
         return np.clip((low + high) / 2 + (high - low) * np.asarray(b) / self.height, low, high)
 
-    def directions(self, observer: ObserverLike | None = None) -> Array:
-        """Unit vectors (east, north, up), shape (height, width, 3)."""
-        a, b = self._offsets()
+    def through(self, x: ArrayLike, y: ArrayLike, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up) through points of the picture's plane, shape (..., 3)."""
+        a, b = self._offsets(x, y)
         return direction_from_azimuth_elevation(self.centre_azimuth_deg + 360.0 * a / self.width, self._elevation(b))
 
     def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
@@ -90,22 +90,30 @@ class Fisheye(CameraBase):
     def _radius_and_half_field(self) -> tuple[float, float]:
         return min(self.width, self.height) / 2, np.radians(self.fov_deg) / 2
 
-    def _angle(self) -> tuple[Array, Array, Array]:
-        """Angle from the axis [rad] (NaN outside), and the unit offsets (right, up) in the picture."""
-        a, b = self._offsets()
+    def _angle(self, length: Array) -> Array:
+        """Angle from the axis [rad] at a distance from the picture's middle [pixel]; it ends at pi."""
         radius, half = self._radius_and_half_field()
+        rho = length / radius
+        if self.projection == "equidistant":
+            return np.minimum(rho * half, np.pi)
+        return np.asarray(2 * np.arcsin(np.minimum(rho * np.sin(half / 2), 1.0)))
+
+    def _outside(self) -> NDArray[np.bool_]:
+        """Pixels whose centres lie outside the circle, shape (height, width)."""
+        return np.asarray(np.hypot(*self._offsets()) > self._radius_and_half_field()[0])
+
+    def through(self, x: ArrayLike, y: ArrayLike, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up) through points of the picture's plane, shape (..., 3)."""
+        a, b = self._offsets(x, y)
         length = np.hypot(a, b)
-        rho = np.where(length <= radius, length / radius, np.nan)
-        theta = rho * half if self.projection == "equidistant" else 2 * np.arcsin(rho * np.sin(half / 2))
-        safe = np.where(length > 0, length, 1.0)
-        return theta, a / safe, b / safe
+        theta, safe = self._angle(length), np.where(length > 0, length, 1.0)
+        forward, right, up = camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
+        across = ((a if self.east_left else -a) / safe)[..., None] * right + (b / safe)[..., None] * up
+        return np.cos(theta)[..., None] * forward + np.sin(theta)[..., None] * across
 
     def directions(self, observer: ObserverLike | None = None) -> Array:
         """Unit vectors (east, north, up), shape (height, width, 3); NaN outside the circle."""
-        theta, a, b = self._angle()
-        forward, right, up = camera_frame(self.azimuth_deg, self.elevation_deg, self.roll_deg)
-        across = (a if self.east_left else -a)[..., None] * right + b[..., None] * up
-        return np.cos(theta)[..., None] * forward + np.sin(theta)[..., None] * across
+        return np.where(self._outside()[..., None], np.nan, super().directions(observer))
 
     def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
         """Fractional pixel coordinates (x, y); NaN outside the circle."""
@@ -122,13 +130,13 @@ class Fisheye(CameraBase):
 
     def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
         """Solid angle [sr] by the mapping's Jacobian at the pixel centre; 0 where that is outside the circle."""
-        theta, _, _ = self._angle()
+        theta = self._angle(np.hypot(*self._offsets()))
         radius, half = self._radius_and_half_field()
         if self.projection == "equidistant":
             omega = (half / radius) ** 2 * np.sinc(theta / np.pi)
         else:
             omega = (2 * np.sin(half / 2) / radius) ** 2 * np.ones_like(theta)
-        return np.where(np.isnan(theta), 0.0, omega)
+        return np.where(self._outside(), 0.0, omega)
 
 
 class Perspective(Pinhole):

@@ -36,9 +36,16 @@ class CameraBase(Record):
     width: Pixels
     height: Pixels
 
+    def through(self, x: ArrayLike, y: ArrayLike, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up) through points (x, y) of the picture's plane [pixel], shape (..., 3).
+
+        The mapping goes on beyond the field as far as it can, and stays at its last direction there.
+        """
+        raise NotImplementedError
+
     def directions(self, observer: ObserverLike | None = None) -> Array:
         """Unit vectors (east, north, up) through the pixel centres, shape (height, width, 3); NaN outside the field."""
-        raise NotImplementedError
+        return self.through(np.arange(self.width), np.arange(self.height)[:, None], observer)
 
     def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
         """Fractional pixel coordinates (x, y) of directions of shape (..., 3); NaN where the camera does not see."""
@@ -48,10 +55,12 @@ class CameraBase(Record):
         """Solid angle of each pixel [sr], shape (height, width); 0 outside the field."""
         raise NotImplementedError
 
-    def _offsets(self) -> tuple[Array, Array]:
-        a = np.arange(self.width) - (self.width - 1) / 2
-        b = (self.height - 1) / 2 - np.arange(self.height)
-        return np.broadcast_to(a, (self.height, self.width)), np.broadcast_to(b[:, None], (self.height, self.width))
+    def _offsets(self, x: ArrayLike | None = None, y: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Offsets (a, b) from the middle [pixel] of points of the picture; of all pixel centres when not given."""
+        x = np.arange(self.width) if x is None else np.asarray(x)
+        y = np.arange(self.height)[:, None] if y is None else np.asarray(y)
+        a, b = np.broadcast_arrays(x - (self.width - 1) / 2, (self.height - 1) / 2 - y)
+        return a, b
 
     def _inside(self, a: Array, b: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
         x, y = (self.width - 1) / 2 + a, (self.height - 1) / 2 - b
@@ -67,12 +76,12 @@ class Pinhole(CameraBase):
         """Focal length [pixel], forward, right, up."""
         raise NotImplementedError
 
-    def directions(self, observer: ObserverLike | None = None) -> Array:
-        """Unit vectors (east, north, up), shape (height, width, 3)."""
+    def through(self, x: ArrayLike, y: ArrayLike, observer: ObserverLike | None = None) -> Array:
+        """Unit vectors (east, north, up) through points of the picture's plane, shape (..., 3)."""
         focal, forward, right, up = self._view(observer)
-        a, b = self._offsets()
+        a, b = self._offsets(x, y)
         d = focal * forward + a[..., None] * right + b[..., None] * up
-        return d / np.linalg.norm(d, axis=-1, keepdims=True)
+        return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
     def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
         """Fractional pixel coordinates (x, y); NaN behind the camera and outside the frame."""

@@ -12,7 +12,8 @@ Channels (all float32, ZIP):
   in which the light travels are right-handed, and V > 0 is right-handed by the IAU's definition.  The layout fixes no
   reference plane; ours is in words in ``skyscatterStokesFrame``.  Files without that attribute keep S1 to S3 as layers
   of these names: they do not say to what plane they refer.
-- ``standard_error.550,000000nm`` and ``layer.NAME.550,000000nm``: our own, which readers of that layout pass over.
+- ``standard_error.550,000000nm`` (``estimated_error`` of the solver ``orders``) and ``layer.NAME.550,000000nm``: our
+  own, which readers of that layout pass over.
 
 ``skyscatterWavelengths`` keeps the wavelengths to the last digit (names have six decimals), ``skyscatterRecipe`` the
 recipe, ``skyscatterSky`` (JSON) where a picture with celestial coordinates stands in the sky.
@@ -45,7 +46,7 @@ _PREFIX = {
 _STOKES_GROUPS = {name: f"S{number}" for number, name in enumerate(STOKES, start=1)}
 _HANDEDNESS = "right"
 _BAND = re.compile(
-    r"(?P<group>S[0-3]|standard_error|layer\.[A-Za-z0-9_-]+)\."
+    r"(?P<group>S[0-3]|(?:standard|estimated)_error|layer\.[A-Za-z0-9_-]+)\."
     r"(?P<number>\d+(?:,\d*)?(?:[eE][+-]?\d+)?)(?P<prefix>Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(?P<unit>m|Hz)"
 )
 
@@ -69,8 +70,8 @@ def parse_channel(name: str) -> tuple[str, float] | None:
 
 def _groups(image: SpectralImage) -> dict[str, NDArray[Any]]:
     groups = {"S0": image.radiance}
-    if image.standard_error is not None:
-        groups["standard_error"] = image.standard_error
+    if image.error is not None:
+        groups["estimated_error" if image.error_kind == "estimated" else "standard_error"] = image.error
     for name, values in image.layers.items():
         # Readers of the layout expect all of S1 to S3 or none.
         stokes = image.polarised and name in _STOKES_GROUPS
@@ -187,6 +188,7 @@ def read(path: Path) -> SpectralImage:
             raise DomainError("image file", str(path), f"its channels {group} have other wavelengths than S0")
         cubes[group] = np.stack([pixels for _, pixels in planes], axis=-1).astype(np.float32)
     error = cubes.pop("standard_error", None)
+    error = cubes.pop("estimated_error", error)
     radiance = cubes.pop("S0")
     return SpectralImage(
         radiance,

@@ -1,9 +1,10 @@
-"""FITS files: one cube for the radiance, one for its standard error, one for each layer, with a spectral axis.
+"""FITS files: one cube for the radiance, one for its error, one for each layer, with a spectral axis.
 
 - Axes in astropy's order are (wavelength, y, x).  FITS counts rows from the bottom and our first row is the top: rows
   are turned over on writing and on reading.
 - Stokes parameters of a polarised image stand in extensions ``Q``, ``U``, ``V``, their standard errors in ``Q_STDERR``
   and so on, with the frame in ``STOKES``, ``POLCCONV``, ``POLFRAME`` and in words; other layers in ``LAYER1``, ...
+- The error stands in ``STDERR`` where it is a standard error, in ``ESTERR`` where it is an estimated one (``orders``).
 - The third world axis is ``WAVE`` (vacuum) in nm: linear where the grid is uniform, else a look-up table, ``WAVE-TAB``
   (Greisen et al. 2006, A&A 446, 747, section 6), which `astropy.wcs` reads when it is given the file.
 - Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
@@ -127,9 +128,10 @@ def _hdus(image: SpectralImage) -> fits.HDUList:
     _fill(primary, image, "Spectral radiance.")
     stamp(primary)
     hdus = fits.HDUList([primary])
-    if image.standard_error is not None:
-        hdus.append(fits.ImageHDU(flipped(image.standard_error), name="STDERR"))
-        _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
+    if image.error is not None:
+        name, sort = ("ESTERR", "Estimated") if image.error_kind == "estimated" else ("STDERR", "Standard")
+        hdus.append(fits.ImageHDU(flipped(image.error), name=name))
+        _fill(hdus[-1], image, f"{sort} error of the radiance in the primary array.")
     for number, (name, cube) in enumerate(image.layers.items(), start=1):
         stokes = image.polarised and name in (*STOKES, *STOKES_ERRORS)
         hdus.append(fits.ImageHDU(flipped(cube), name=_stokes_extension(name) if stokes else f"LAYER{number}"))
@@ -183,7 +185,7 @@ def _image(hdus: fits.HDUList, path: Path) -> SpectralImage:
     return SpectralImage(
         cube_of(hdus[0]),
         _wavelengths(hdus, path),
-        cube_of(hdus["STDERR"]) if "STDERR" in hdus else None,
+        next((cube_of(hdus[name]) for name in ("ESTERR", "STDERR") if name in hdus), None),
         recipe=read_recipe(hdus),
         layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
         sky=read_celestial(hdus[0].header),

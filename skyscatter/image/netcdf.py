@@ -34,10 +34,11 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
 
     radiance = {"units": UNITS, "long_name": "spectral radiance per wavelength"}
     variables: dict[str, Any] = {"radiance": (_DIMS, image.radiance, radiance)}
-    if image.standard_error is not None:
-        attributes = {"units": UNITS, "long_name": "standard error of the spectral radiance"}
-        variables["radiance_standard_error"] = (_DIMS, image.standard_error, attributes)
-        radiance["ancillary_variables"] = "radiance_standard_error"
+    if image.error is not None:
+        sort = "estimated" if image.error_kind == "estimated" else "standard"
+        attributes = {"units": UNITS, "long_name": f"{sort} error of the spectral radiance"}
+        variables[f"radiance_{sort}_error"] = (_DIMS, image.error, attributes)
+        radiance["ancillary_variables"] = f"radiance_{sort}_error"
     if image.polarised:
         variables.update(_polarisation(image))
     for name, values in image.layers.items():
@@ -118,7 +119,7 @@ def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
     return SpectralImage(
         cubes["radiance"],
         dataset["wavelength"].values,
-        cubes.get("radiance_standard_error"),
+        cubes.get("radiance_estimated_error", cubes.get("radiance_standard_error")),
         recipe=recipe,
         layers={
             **{layer: cubes[variable] for layer, variable in _STOKES_VARIABLES.items() if variable in cubes},

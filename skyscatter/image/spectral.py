@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.errorkind import ErrorKind, kind_of
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import colour
 from skyscatter.image import polarisation as polar
@@ -54,7 +55,7 @@ class SpectralImage:
     wavelengths : array_like, shape (wavelength,)
         Ascending vacuum wavelengths [nm].
     standard_error : array_like, shape (y, x, wavelength), optional
-        Standard error of `radiance`, in the same unit.
+        Error of `radiance`, in the same unit; `error_kind` says of which sort.
     recipe : mapping, optional
         How to make the image again (model, solver, seed, version, ...); whatever JSON can hold.
     layers : mapping of str to array_like, shape (y, x, wavelength), optional
@@ -116,8 +117,23 @@ class SpectralImage:
 
     @property
     def standard_error(self) -> NDArray[Any] | None:
-        """Standard error of `radiance`, same shape and unit; None if unknown."""
+        """The same as `error`, by the name that images of all solvers share."""
         return self._error
+
+    @property
+    def error(self) -> NDArray[Any] | None:
+        """Error of `radiance`, of the sort `error_kind`, same shape and unit; None if unknown."""
+        return self._error
+
+    @property
+    def error_kind(self) -> ErrorKind:
+        """Sort of error that the solver of the recipe states: "standard", "estimated" (``orders``) or "none"."""
+        return kind_of(self._recipe.get("solver"))
+
+    @property
+    def estimated_error(self) -> NDArray[Any] | None:
+        """The error where it is an estimated one; None where it is a standard error, or none is stated."""
+        return self._error if self.error_kind == "estimated" else None
 
     @property
     def recipe(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.errorkind import ErrorKind
 from skyscatter.errors import DomainError
 
 if TYPE_CHECKING:
@@ -72,17 +73,31 @@ class Answer:
     radiance : ndarray, shape (..., wavelength)
         [W m-2 sr-1 nm-1].
     standard_error : ndarray, shape (..., wavelength)
-        Of the radiance; 0 where the solver is deterministic.
+        Of the radiance, by the name that all solvers share; see `error_kind` for what it is.
     layers : dict of str to ndarray, shape (..., wavelength)
         Parts of the radiance, where they were asked for; with ``stokes`` also Q, U, V and Q_error, U_error, V_error.
     samples : ndarray of int, shape (...)
         Walks used; 0 where the solver is deterministic.
+    error_kind : {"standard", "estimated", "none"}
+        Whether `error` is a standard error (``path``, ``photons``), an error estimated from a coarser solution, to
+        which no probability belongs (``orders``), or 0 because the solver states none (``single``).
     """
 
     radiance: Array
     standard_error: Array
     layers: dict[str, Array] = field(default_factory=dict)
     samples: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    error_kind: ErrorKind = "standard"
+
+    @property
+    def error(self) -> Array:
+        """Error of the radiance, of the sort `error_kind`, shape (..., wavelength)."""
+        return self.standard_error
+
+    @property
+    def estimated_error(self) -> Array | None:
+        """The error where it is an estimated one; None where it is a standard error, or none is stated."""
+        return self.standard_error if self.error_kind == "estimated" else None
 
     @property
     def stokes(self) -> Array:
@@ -91,7 +106,7 @@ class Answer:
 
     @property
     def stokes_error(self) -> Array:
-        """Standard errors of `stokes`, of its shape."""
+        """Errors of `stokes`, of its shape and of the sort `error_kind`."""
         return np.stack([self.standard_error, *(self._polarised(f"{name}_error") for name in "QUV")], axis=-1)
 
     def _polarised(self, name: str) -> Array:

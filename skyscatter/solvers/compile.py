@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 #: Cells of the phase function tables; nodes at cos_theta = 1 - 2 (k / n)^2, 0.11 degrees apart at the Sun.
 PHASE_CELLS = 1024
 #: Rings on which the radiance of the solar disk is tabulated, over the squared fractional radius.
-DISK_RINGS = 65
+DISK_RINGS = 513
 
 
 @lru_cache(maxsize=8)

@@ -8,8 +8,9 @@ from skyscatter.solvers.base import Array
 from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 
-#: Zenith cosines over which columns are tabulated across the disk, where they change by little.
-DISK_STEPS = 65
+#: Zenith cosines over which columns are tabulated across the disk: seen through a planet's air from space, they change
+#: by a factor of 20 there.
+DISK_STEPS = 193
 
 
 def slant_columns(columns: ColumnTable, altitude: float, mu: float) -> Array | None:
@@ -55,24 +56,48 @@ def disk_light(table: SceneTable, position: Array, directions: Array) -> Array:
         return light
     sine = np.linalg.norm(np.cross(directions, optics.disk_axis), axis=1)
     square = (sine / np.sin(optics.disk_radius)) ** 2
-    inside = (square <= 1) & (directions @ optics.disk_axis > 0)
-    if not inside.any():
-        return light
     radius = float(np.linalg.norm(position))
-    mu = directions[inside] @ (position / radius)
+    mu = directions @ (position / radius)
     hidden = -np.sqrt(max(1 - (columns.radius / radius) ** 2, 0.0))
-    steps = np.linspace(max(mu.min(), hidden + 1e-9), max(mu.max(), hidden + 2e-9), DISK_STEPS)
-    through = np.zeros((DISK_STEPS, optics.albedo.size))
-    for k, cosine in enumerate(steps):
-        column = slant_columns(columns, radius - columns.radius, float(cosine))
-        if column is not None:
-            through[k] = np.exp(-column @ optics.sigma_t)
-    ring = square[inside] * (len(optics.disk_radiance) - 1)
-    k = np.minimum(ring.astype(int), len(optics.disk_radiance) - 2)
-    w = (ring - k)[:, None]
-    radiance = (1 - w) * optics.disk_radiance[k] + w * optics.disk_radiance[k + 1]
-    place = np.maximum(mu - steps[0], 0.0) / max(steps[-1] - steps[0], 1e-300) * (DISK_STEPS - 1)
-    j = np.minimum(place.astype(int), DISK_STEPS - 2)
-    v = (place - j)[:, None]
-    light[inside] = radiance * ((1 - v) * through[j] + v * through[j + 1]) * (mu >= hidden)[:, None]
+    seen = (square <= 1) & (directions @ optics.disk_axis > 0) & (mu >= hidden)
+    light[seen] = shine(table, position, square[seen], mu[seen])
     return light
+
+
+def shine(table: SceneTable, position: Array, square: Array, mu: Array) -> Array:
+    """Radiance of points of the Sun's disk, dimmed by the atmosphere, as seen from one position.
+
+    Parameters
+    ----------
+    table : SceneTable
+    position : (3,)
+        From the planet's centre [m].
+    square : (point,)
+        Squared distance from the middle of the disk, as a share of its radius.
+    mu : (point,)
+        Cosine of the zenith angle; the planet is not in the way.
+
+    Returns
+    -------
+    ndarray, shape (point, wavelength)
+        [W m-2 sr-1 nm-1].
+    """
+    rings = table.optics.disk_radiance
+    ring = np.clip(square, 0.0, 1.0) * (len(rings) - 1)
+    k = np.minimum(ring.astype(int), len(rings) - 2)
+    w = (ring - k)[:, None]
+    return np.asarray(((1 - w) * rings[k] + w * rings[k + 1]) * np.exp(-_depths(table, position, mu)))
+
+
+def _depths(table: SceneTable, position: Array, mu: Array) -> Array:
+    """Optical depths towards zenith cosines that differ little, shape (point, wavelength)."""
+    columns = table.columns
+    radius = float(np.linalg.norm(position))
+    if not mu.size:
+        return np.zeros((0, table.optics.albedo.size))
+    hidden = -np.sqrt(max(1 - (columns.radius / radius) ** 2, 0.0))
+    low = max(float(mu.min()), float(hidden) + 1e-12)
+    steps = np.linspace(low, max(float(mu.max()), low), DISK_STEPS)
+    known = np.array([slant_columns(columns, radius - columns.radius, float(cosine)) for cosine in steps])
+    along = np.stack([np.interp(mu, steps, column) for column in known.T], axis=1)
+    return np.asarray(along @ table.optics.sigma_t)

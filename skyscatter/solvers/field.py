@@ -262,7 +262,7 @@ class RadianceField:
         Returns
         -------
         Answer
-            As of `skyscatter.radiance`; ``standard_error`` holds the estimated error.
+            As of `skyscatter.radiance`; its error is an estimated one.
 
         Raises
         ------
@@ -288,6 +288,7 @@ class RadianceField:
             np.concatenate([a.standard_error for a in answers] or [empty]).reshape(*shape, self.wavelengths.size),
             {name: values.reshape(*shape, self.wavelengths.size) for name, values in joined.items()},
             np.zeros(shape, np.int64),
+            "estimated",
         )
 
     def fluxes(self, altitude: ArrayLike, *, sun_elevation_deg: ArrayLike | None = None) -> Fluxes:

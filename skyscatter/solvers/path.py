@@ -7,15 +7,24 @@ extinction of the hero wavelength: slow, independent, and there to test the rest
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
-from skyscatter.solvers.base import Answer, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
+from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.solvers.kernels.polar import make_polar
 from skyscatter.solvers.single import single_parts, single_polarisation
+
+if TYPE_CHECKING:
+    from skyscatter.scene import Scene
 
 DEFAULT_SAMPLES = 16
 #: Tolerance of the first order: its error, a tenth of this or less, is far below any noise that is worth waiting for.
@@ -26,7 +35,68 @@ MOST_SAMPLES = 1 << 20
 MOST_ORDERS = 100_000
 SAMPLINGS = ("march", "free-flight")
 
-prepare = prepare_tables
+#: Transport free paths of a vertical way through the air from which on few walks state too small an error, and how many
+#: are few: in fog of 4.5 of them (g = 0.85, depth 30) 88 % of runs of 256 walks lie within two standard errors.
+MOST_DEPTH, FEW_WALKS = 4.0, 1000
+#: Mean cosine of the air, and transmittance from the ground to the Sun, beyond which plain walks miss the bright sky
+#: around a low Sun: on Mars with the Sun at 3 degrees 72 % of runs of 1024 walks lie within two standard errors.
+FORWARD, DIM_SUN = 0.5, 0.05
+
+
+def prepare(
+    scene: Scene,
+    rays: Rays,
+    wavelengths: Array,
+    options: Options,
+    threads: int,
+    progress: Callable[[float], None] | None,
+) -> Tables:
+    """The tables of a scene, and a word where walks that matter are too rare for their error bars."""
+    tables = prepare_tables(scene, rays, wavelengths, options, threads, progress)
+    warn_of_rare_walks(scene, tables, options)
+    return tables
+
+
+def warn_of_rare_walks(scene: Scene, tables: Tables, options: Options) -> None:
+    """Warn of scenes in which a sample cannot know its own error, from the scene alone."""
+    if options.sampling == "free-flight":
+        if hidden_sun(scene, tables):
+            warnings.warn(
+                f"sampling = 'free-flight' with sun_elevation_deg = {scene.sun.elevation_deg:g}: plain walks from dark "
+                "ground hardly ever find the light of so low a Sun, and the standard error of those that have not is "
+                "too small; leave sampling out",
+                stacklevel=2,
+            )
+        return
+    depth, name = transport_depth(scene, tables)
+    walks = FEW_WALKS if options.noise is not None else walks_for(options)
+    if depth > MOST_DEPTH and walks < FEW_WALKS:
+        warnings.warn(
+            f"samples = {walks}: light comes through {depth:.3g} transport free paths of {name!r}, and the standard "
+            f"error of fewer than {FEW_WALKS} walks is too small there; raise samples, or take the solver orders",
+            stacklevel=2,
+        )
+
+
+def hidden_sun(scene: Scene, tables: Tables) -> bool:
+    """Whether the ground lies in the planet's shadow, or sees little of the Sun through air that scatters forward."""
+    table = tables.scene
+    column = slant_columns(table.columns, 0.0, float(np.sin(np.radians(scene.sun.elevation_deg))))
+    if scene.sun.elevation_deg < 0 or column is None:
+        return True
+    scattered = column @ table.optics.sigma_s
+    forward = (column * table.optics.mean_cosine) @ table.optics.sigma_s > FORWARD * scattered
+    return bool(np.any(forward & (np.exp(-column @ table.optics.sigma_t) < DIM_SUN)))
+
+
+def transport_depth(scene: Scene, tables: Tables) -> tuple[float, str]:
+    """Scatterings of a vertical way through the air, forward ones counted as none, and the component with most."""
+    table = tables.scene
+    columns = np.zeros(len(table.optics.sigma_s))
+    outward_columns(table.columns, 0.0, 1.0, columns)
+    depths = (columns * (1 - table.optics.mean_cosine))[:, None] * table.optics.sigma_s
+    worst = int(np.argmax(depths.sum(axis=0)))
+    return float(depths[:, worst].sum()), scene.medium.components[int(np.argmax(depths[:, worst]))].name
 
 
 def check(options: Options) -> None:

@@ -13,7 +13,6 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
-from skyscatter.solvers.direct import disk_light
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
 from skyscatter.solvers.state import RenderState
 
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     from skyscatter.surfaces.scene import SurfaceScene
 
     AnyScene = Scene | SpaceScene | SurfaceScene
-
-#: Sub-pixels along each side of a pixel that the edge of the Sun may cross.
-SUN_SUBPIXELS = 8
 
 
 def render(
@@ -56,9 +52,11 @@ def render(
     """Render a picture.
 
     Each pixel is the radiance along the ray through its middle; the direct light of the solar disk, which is often
-    smaller than a pixel, is averaged over the pixel instead.  In a nebula so is the light scattered once in the pixels
+    smaller than a pixel, is averaged over the pixel instead: the radiance of all pixels times their solid angles sums
+    to the irradiance of the disk to 0.1 %.  In a nebula so is the light scattered once in the pixels
     around a star, and every star adds its own light, dimmed by the dust before it.  Among surfaces, which have edges,
-    a pixel may be the mean over several rays.
+    a pixel may be the mean over several rays; lamps are seen along these rays only, so that one that is smaller than
+    the distance between them is missed in most pixels and too bright in others.
 
     Parameters
     ----------
@@ -167,11 +165,10 @@ def _picture(
     layers = {name: spread(values) for name, values in state.layers.items()}
     if is_space(scene):
         return _space_picture(scene, camera, grid, cube, layers, spread(state.standard_error), wl, state)
-    correction = _sun_correction(scene, grid, wl) if isinstance(scene, Scene) else None
+    correction = _sun_correction(scene, camera, grid, wl) if isinstance(scene, Scene) else None
     if correction is not None:
-        cube[correction[0]] += correction[1]
-        if "direct" in layers:
-            layers["direct"][correction[0]] += correction[1]
+        for values in (cube, *(layers[name] for name in ("direct",) if name in layers)):
+            values.reshape(-1, wl.size)[correction[0]] += correction[1]
     return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers)
 
 
@@ -207,35 +204,9 @@ def _space_picture(
     return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=sky)
 
 
-def _sun_correction(scene: Scene, grid: Array, wl: Array) -> tuple[NDArray[np.bool_], Array] | None:
-    """Pixels near the Sun, and what averaging its disk over them adds to the radiance along their middle."""
+def _sun_correction(scene: Scene, camera: Any, grid: Array, wl: Array) -> tuple[NDArray[np.intp], Array] | None:
+    """Pixels with the Sun, and what averaging its disk over them adds to the radiance along their middle."""
     from skyscatter.solvers.compile import compile_scene
+    from skyscatter.solvers.sundisk import disk_correction
 
-    radius = float(np.arcsin(scene.star.radius / scene.star_distance))
-    step_x, step_y = _steps(grid, axis=1), _steps(grid, axis=0)
-    size = np.linalg.norm(step_x, axis=-1) + np.linalg.norm(step_y, axis=-1)
-    distance = np.arccos(np.clip(grid @ scene.sun.direction, -1, 1))
-    with np.errstate(invalid="ignore"):
-        near = distance < radius + size
-    if radius <= 0 or not near.any():
-        return None
-    offsets = (np.arange(SUN_SUBPIXELS) + 0.5) / SUN_SUBPIXELS - 0.5
-    fine = (
-        grid[near][:, None, None]
-        + offsets[None, :, None, None] * step_y[near][:, None, None]
-        + offsets[None, None, :, None] * step_x[near][:, None, None]
-    )
-    fine /= np.linalg.norm(fine, axis=-1, keepdims=True)
-    flat = fine.reshape(-1, 3)
-    table = compile_scene(scene, wl)
-    direct = disk_light(table, scene.observer.position, np.concatenate([flat, grid[near]]))
-    mean = direct[: len(flat)].reshape(int(near.sum()), -1, wl.size).mean(axis=1)
-    return near, mean - direct[len(flat) :]
-
-
-def _steps(grid: Array, axis: int) -> Array:
-    """Change of direction from one pixel to the next; 0 at edges of the field, where there is no neighbour."""
-    if grid.shape[axis] < 2:
-        return np.zeros_like(grid)
-    step = np.gradient(grid, axis=axis)
-    return np.where(np.isfinite(step), step, 0.0)
+    return disk_correction(scene, compile_scene(scene, wl), camera, grid)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skyscatter.errorkind import kind_of
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
@@ -204,7 +205,7 @@ def radiance(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Answer:
-    """Spectral radiance that arrives along rays, and its standard error.
+    """Spectral radiance that arrives along rays, and its error.
 
     Parameters
     ----------
@@ -270,7 +271,8 @@ def radiance(
     Returns
     -------
     Answer
-        ``radiance`` and ``standard_error`` [W m-2 sr-1 nm-1] of shape (..., wavelength), ``layers``, ``samples``.
+        ``radiance`` and ``error`` [W m-2 sr-1 nm-1] of shape (..., wavelength), ``error_kind``, ``layers`` and
+        ``samples``.
 
     Raises
     ------
@@ -294,4 +296,5 @@ def radiance(
         state.standard_error.reshape(*shape, wl.size),
         {name: values.reshape(*shape, wl.size) for name, values in state.layers.items()},
         state.samples.reshape(shape),
+        kind_of(solver),
     )

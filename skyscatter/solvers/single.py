@@ -29,17 +29,17 @@ def check(options: Options) -> None:
 
 def single_parts(scene: SceneTable, land: GroundTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
     """Radiance scattered once, reflected once by the ground, and direct; each (ray, wavelength)."""
-    mapped = land.cells.size > 0
-    if mapped:
-        scene = scene._replace(optics=scene.optics._replace(albedo=np.ones_like(scene.optics.albedo)))
     shape = (len(rays.origins), scene.optics.albedo.size)
-    scattered, ground, direct = np.empty(shape), np.empty(shape), np.empty(shape)
-    single_rays(scene, rays.origins, rays.directions, tolerance, make_scratch(scene), scattered, ground, direct)
-    return scattered, ground * met_albedo(scene, land, rays) if mapped else ground, direct
+    scattered, white, direct = np.empty(shape), np.empty(shape), np.empty(shape)
+    single_rays(scene, rays.origins, rays.directions, tolerance, make_scratch(scene), scattered, white, direct)
+    # Plain or mapped, the albedo is the last factor: the order of a product decides its last bit.
+    return scattered, white * met_albedo(scene, land, rays), direct
 
 
 def met_albedo(scene: SceneTable, land: GroundTable, rays: Rays) -> Array:
-    """Albedo of mapped ground where rays meet it, shape (ray, wavelength); any number where they do not."""
+    """Albedo of the ground where rays meet it, shape (ray or 1, wavelength); any number where they do not."""
+    if land.cells.size == 0:
+        return land.albedo[:1]
     radius = scene.columns.radius
     along = np.sum(rays.origins * rays.directions, axis=1)
     nearest = rays.origins - along[:, None] * rays.directions

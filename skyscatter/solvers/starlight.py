@@ -70,7 +70,7 @@ def _add_field(picture: Array, scene: SpaceScene, camera: Any, wl: Array) -> Non
 
 
 def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:
-    """Divide fluxes (n, wavelength) at fractional pixels between the four around each."""
+    """Divide fluxes (n, wavelength) at fractional pixels between the four around each; none goes beyond the border."""
     seen = np.isfinite(x) & np.isfinite(y)
     x, y, flux = x[seen], y[seen], flux[seen]
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -78,9 +78,8 @@ def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:
     for across in (0, 1):
         for down in (0, 1):
             share = (x - i if across else 1 - x + i) * (y - j if down else 1 - y + j)
-            inside = (i + across >= 0) & (i + across < width) & (j + down >= 0) & (j + down < height)
-            at = (j[inside] + down, i[inside] + across)
-            np.add.at(picture, at, share[inside, None] * flux[inside])
+            at = (np.clip(j + down, 0, height - 1), np.clip(i + across, 0, width - 1))
+            np.add.at(picture, at, share[:, None] * flux)
 
 
 def beside_stars(scene: SpaceScene, camera: Any, grid: Array) -> Array:
@@ -91,7 +90,7 @@ def beside_stars(scene: SpaceScene, camera: Any, grid: Array) -> Array:
     moved = grid.copy()
     for x, y, row, column, _ in _star_pixels(scene, camera):
         if 0 <= row < camera.height and 0 <= column < camera.width and np.hypot(x - column, y - row) < LEAST_OFFSET:
-            moved[row, column] = _towards(camera, scene, np.array(y), np.array(x + LEAST_OFFSET))
+            moved[row, column] = camera.through(x + LEAST_OFFSET, y, scene.view)
     return moved
 
 
@@ -138,7 +137,7 @@ def close_correction(
     inner = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     down, across = np.broadcast_arrays(j[:, None, None] + inner[:, None], i[:, None, None] + inner)
     across = _off_stars(across, down, places)
-    directions = np.concatenate([_towards(camera, scene, down, across).reshape(-1, 3), grid[near]])
+    directions = np.concatenate([camera.through(across, down, scene.view).reshape(-1, 3), grid[near]])
     origins = np.tile(scene.view.position, (len(directions), 1))
     table = compile_volume(scene, tuple(float(w) for w in wl))
     # Only light that is scattered next to the star rises towards it; around one in a cavity it is smooth.
@@ -171,13 +170,3 @@ def _singular_mean(x: Array, y: Array, places: list[Place], lit: NDArray[np.bool
 
     whole = sum(su * sv * corner(a + su * half, b + sv * half) for su in (-1, 1) for sv in (-1, 1))
     return np.where(lit[[place[4] for place in places]][nearest], np.hypot(a, b) * whole / (2 * half) ** 2, 1.0)
-
-
-def _towards(camera: Any, scene: SpaceScene, rows: Any, columns: Any) -> Array:
-    """Directions through some pixels, without those of all the others."""
-    view, step = scene.view, np.radians(camera.pixel_scale_deg)
-    rows, columns = np.broadcast_arrays(rows, columns)
-    a = (columns - (camera.width - 1) / 2) * step
-    b = ((camera.height - 1) / 2 - rows) * step
-    d = view.forward + a[..., None] * view.right + b[..., None] * view.up
-    return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.geometry.telescope import Telescope
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 
 #: Rays along each side of a pixel at most.
@@ -39,13 +38,12 @@ def fine_directions(camera: Any, observer: Any, grid: Array, subpixels: int) -> 
 
     Parts outside of a round field are replaced by the middle of their pixel (`grid`).
     """
-    finer: dict[str, Any] = {"width": camera.width * subpixels, "height": camera.height * subpixels}
-    if isinstance(camera, Telescope):
-        finer["pixel_scale_deg"] = camera.pixel_scale_deg / subpixels
-    fine = camera.model_copy(update=finer).directions(observer)
-    parts = fine.reshape(camera.height, subpixels, camera.width, subpixels, 3).swapaxes(1, 2)
-    parts = parts.reshape(camera.height, camera.width, subpixels**2, 3)
-    return np.where(np.isfinite(parts), parts, grid[:, :, None])
+    inner = (np.arange(subpixels) + 0.5) / subpixels - 0.5
+    x = np.arange(camera.width)[:, None] + np.tile(inner, subpixels)
+    y = np.arange(camera.height)[:, None, None] + np.repeat(inner, subpixels)
+    parts = camera.through(x, y, observer)
+    seen = np.isfinite(camera.pixel(parts, observer)[0])
+    return np.where(seen[..., None], parts, grid[:, :, None])
 
 
 @dataclass(frozen=True)

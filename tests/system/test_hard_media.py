@@ -41,6 +41,7 @@ def mean(scene, samples, **options):
     return answer.radiance.mean(axis=0), np.sqrt(np.mean(answer.standard_error**2, axis=0) / 8)
 
 
+@pytest.mark.filterwarnings("ignore:sampling = 'free-flight'")  # enough walks for the light to be found: 16 384
 @pytest.mark.parametrize(
     ("density", "optical_depth", "phase", "albedo", "walks"),
     [

@@ -44,6 +44,16 @@ def test_a_star_keeps_its_flux_and_its_place(width: int, place: tuple[float, flo
     assert np.sum(weight * rows) / weight.sum() == pytest.approx(y[0], abs=1e-6)
 
 
+@pytest.mark.parametrize("across", [-7.95, -7.6, 7.5, 7.99])
+def test_a_star_at_the_border_keeps_its_flux(across: float) -> None:
+    """It is seen as far as the edge of the last pixel, 8 from the middle; what lies beyond is not in the picture."""
+    camera = Telescope.from_length(16, 16, 16.0, 1e5)
+    star = PointStar(spectrum=flat(1.0), position=(across, 0.0, 2.0))
+    scene = dusty_sphere(1.0, stars=(star,), view=View(distance=1e5))
+    seen = flux(star_images(scene, camera, WL), camera, scene.view) * 4 * np.pi * 1e10
+    assert seen == pytest.approx([1.0, 1.0], rel=1e-4)  # 2 m nearer than the middle, and pixels seen obliquely: 4e-5
+
+
 def test_a_star_in_front_is_not_dimmed_and_one_behind_is() -> None:
     camera = Telescope.from_length(16, 16, 3.0, 100.0)
     found = []

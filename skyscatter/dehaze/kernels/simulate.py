@@ -158,7 +158,7 @@ def wander(
 ):  # fmt: skip
     """Follow a walk from the camera to its end; as in `path.wander`, with the light counted for every pixel."""
     air, ground, met = parts[0], parts[1], cells[2:]
-    reference, bounces = 0.0, 0
+    bounces = 0
     heavy = uniform(walk.state) < HEAVY
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
     for i in range(walk.value.size):
@@ -186,11 +186,8 @@ def wander(
         if not rebalance(walk):
             return
         if order == 1:
-            for i in range(walk.value.size):
-                reference = max(reference, walk.value[i])
-            if reference <= 0.0:
-                return
-        elif order >= FIRST_ROULETTE and not survives(walk, reference):
+            walk.worth[0] = 1.0
+        elif order >= FIRST_ROULETTE and not survives(walk):
             return
         line = trace_line(scene.columns, x[0], x[1], x[2], d[0], d[1], d[2])
         prepare_leg(scene, plain, line, walk, leg, work)

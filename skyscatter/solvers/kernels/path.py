@@ -67,6 +67,8 @@ GUIDE_FLOOR = 0.15
 GUIDE_LOG = math.log((1.0 + GUIDE_FLOOR) / GUIDE_FLOOR)
 #: Share of the directions drawn by an isotropic phase function; the guide draws the rest.
 LEAST_PHASE_SHARE = 0.1
+#: Share of the directions drawn around the Sun by a phase function that only goes forward.
+SUN_SHARE = 0.15
 #: Cosine of the Sun's zenith angle below which no direction is drawn around it.
 LOWEST_SUN = -0.05
 #: Share of the vertices that are drawn from the march on those legs.
@@ -76,7 +78,7 @@ MARCHED_SHARE = 0.5
 GUIDED_LEGS = 2
 #: Russian roulette begins at this vertex.
 FIRST_ROULETTE = 3
-#: Throughput, relative to that after the first vertex, below which it begins.
+#: Share of plain walks that come as far from the first vertex below which it begins.
 ROULETTE_LEVEL = 0.3
 
 
@@ -103,6 +105,7 @@ class Walk(NamedTuple):
     escape: np.ndarray  #: (wavelength,) light that enters the leg unscattered: emission, light from outside
     even: np.ndarray  #: (EVEN_DIMENSIONS,) evenly spread numbers of this walk
     state: np.ndarray  #: (1,) uint64 random stream
+    worth: np.ndarray  #: (1,) share of plain walks that would have come as far from the first vertex
 
 
 def make_leg(strata: int, wavelengths: int) -> Leg:
@@ -118,6 +121,7 @@ def make_walk(wavelengths: int) -> Walk:
     return Walk(
         np.zeros(3), np.zeros(3), np.zeros(wavelengths), np.zeros(wavelengths), np.zeros(wavelengths),
         np.zeros(wavelengths), np.zeros(EVEN_DIMENSIONS), np.zeros(1, np.uint64),
+        np.zeros(1),
     )  # fmt: skip
 
 
@@ -438,16 +442,32 @@ def guide_density(walk, up, down):
     return side / (2.0 * math.pi * (abs(cosine) + GUIDE_FLOOR) * GUIDE_LOG)
 
 
+@inlined
+def sight_of_sun(scene, r, x_sun, work):
+    """Fourth root of the transmittance towards the Sun at the middle wavelength.
+
+    A walk that meets the bright sky around the Sun by chance outshines thousands of others, so its directions are drawn
+    from the first vertex to the last.  Where the Sun is dim this costs more than it helps: all other directions then
+    are drawn too rarely, and over many orders their weights grow.
+    """
+    if not columns_to_light(scene.columns, r, min(max(x_sun / r, -1.0), 1.0), work.spare, work.to_sun):
+        return 0.0
+    depth, middle = 0.0, scene.optics.albedo.size // 2
+    for c in range(work.to_sun.size):
+        depth += work.to_sun[c] * scene.optics.sigma_t[c, middle]
+    return math.exp(-0.25 * depth)
+
+
 @kernel
 def scatter(scene, hero, u, v, guided, work, walk, polar):
     """New direction of the walk after scattering where it is, drawn in one of three ways.
 
     - by the phase function around the old direction;
-    - by the phase function around the Sun, for that is where the light scattered once more comes from;
+    - by the phase function around the Sun, for that is where the light scattered once more comes from (on all legs);
     - by a guide that knows that a sky is brightest near the horizon.
 
     Forward-peaked mixtures (by the mean cosine at the middle wavelength) rely on the first two, air on the third; a
-    walk that is no longer `guided` on the first alone, so that its weight does not spread with every leg.
+    walk that is no longer `guided` leaves the third out, so that its weight does not spread with every leg.
     The value takes the phase function of the mixture (it already holds the scattering coefficient), the chance of each
     hero the sum of the three densities: the choice of the way is integrated out.
     """
@@ -458,17 +478,20 @@ def scatter(scene, hero, u, v, guided, work, walk, polar):
     mix_components(work.density, optics.sigma_s, work.scattering)
     up, down = guide_weights(scene, h, work)
     g = mixture_cosine(optics, work)
-    by_phase = LEAST_PHASE_SHARE + 0.8 * g if guided else 1.0
-    by_sun = 0.15 * g if guided and x[0] * s[0] + x[1] * s[1] + x[2] * s[2] > LOWEST_SUN * r else 0.0
+    x_sun = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
+    by_sun = SUN_SHARE * g if x_sun > LOWEST_SUN * r else 0.0
+    if by_sun > 0.0 and not guided:
+        by_sun *= sight_of_sun(scene, r, x_sun, work)
+    by_phase = LEAST_PHASE_SHARE + 0.8 * g if guided else 1.0 - by_sun
     old_x, old_y, old_z = d[0], d[1], d[2]
-    if u < by_phase or not guided:
+    if u < by_phase:
         turn_by_phase(optics, hero, u / by_phase, v, work, d)
-    elif u < by_phase + by_sun:
+    elif u < by_phase + by_sun or not guided:
         d[0], d[1], d[2] = s[0], s[1], s[2]
-        turn_by_phase(optics, hero, (u - by_phase) / by_sun, v, work, d)
+        turn_by_phase(optics, hero, min((u - by_phase) / by_sun, 1.0), v, work, d)
     else:
         sample_guide(walk, up, (u - by_phase - by_sun) / (1.0 - by_phase - by_sun), v)
-    guide = (1.0 - by_phase - by_sun) * guide_density(walk, up, down)
+    guide = (1.0 - by_phase - by_sun) * guide_density(walk, up, down) if guided else 0.0
     mean_phase(optics, old_x * d[0] + old_y * d[1] + old_z * d[2], work, work.towards)
     if by_sun > 0.0:
         mean_phase(optics, s[0] * d[0] + s[1] * d[1] + s[2] * d[2], work, work.source)
@@ -538,6 +561,10 @@ def choose(scene, line, leg, hero, u, guided, work, walk):
             flown = 1.0 - MARCHED_SHARE if guided and leg.total[i] > 0.0 else 1.0
             walk.value[i] *= leg.through[i] * leg.albedo[i]
             walk.chance[i] *= from_march + flown * leg.ground[i]
+        worth = 0.0
+        for i in range(walk.value.size):
+            worth = max(worth, leg.lost[i] + leg.through[i] * leg.albedo[i])
+        walk.worth[0] *= worth
         move(walk, line.leave - line.start)
         return GROUND
 
@@ -549,6 +576,7 @@ def choose(scene, line, leg, hero, u, guided, work, walk):
     k = 0
     while k < last - 1 and leg.edge[k + 1] <= t:
         k += 1
+    worth = 0.0
     per_width = 1.0 / max(leg.edge[k + 1] - leg.edge[k], 1e-300)
     for i in range(walk.value.size):
         from_march = MARCHED_SHARE * leg.chance[k, i] * per_width if guided and leg.total[i] > 0.0 else 0.0
@@ -556,21 +584,24 @@ def choose(scene, line, leg, hero, u, guided, work, walk):
         collision = work.through[i] * work.towards[i] / max(leg.lost[i], 1e-300)
         walk.value[i] *= work.through[i] * work.scattering[i]
         walk.chance[i] *= from_march + flown * (1.0 - leg.ground[i]) * collision
+        met = leg.lost[i] + leg.through[i] * leg.albedo[i]
+        worth = max(worth, met * work.scattering[i] / max(work.towards[i], 1e-300))
+    walk.worth[0] *= worth
     move(walk, t - line.start)
     return AIR
 
 
 @merged
-def survives(walk, reference):
-    """Russian roulette against the throughput after the first vertex; survivors carry the weight of the fallen."""
-    largest = 0.0
-    for i in range(walk.value.size):
-        largest = max(largest, walk.value[i])
-    if largest <= 0.0:
-        return False
-    q = min(1.0, largest / (ROULETTE_LEVEL * reference))
+def survives(walk):
+    """Russian roulette by how many plain walks would have come so far; survivors carry the weight of the fallen.
+
+    Not by the throughput: that is small where directions are drawn more often than they occur, towards the Sun, and
+    those walks are the ones that matter.
+    """
+    q = min(1.0, walk.worth[0] / ROULETTE_LEVEL)
     if uniform(walk.state) >= q:
         return False
+    walk.worth[0] /= q
     for i in range(walk.value.size):
         walk.value[i] /= q
     return True
@@ -601,7 +632,6 @@ def draw(walk, order, k):
 @merged
 def wander(scene, ground, line, camera, max_order, leg, work, camera_work, walk, polar, total, by_order):
     """Follow a walk from the camera to its end and add up its light."""
-    reference = 0.0
     last = max_order if scene.optics.glows else max_order - 1
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
     for i in range(walk.value.size):
@@ -622,11 +652,8 @@ def wander(scene, ground, line, camera, max_order, leg, work, camera_work, walk,
         if not rebalance(walk):
             return
         if order == 1:
-            for i in range(walk.value.size):
-                reference = max(reference, walk.value[i])
-            if reference <= 0.0:
-                return
-        elif order >= FIRST_ROULETTE and not survives(walk, reference):
+            walk.worth[0] = 1.0
+        elif order >= FIRST_ROULETTE and not survives(walk):
             return
 
         # March to the next.

@@ -211,7 +211,7 @@ def _judge_first(pieces, first, limit, cuts, stack, out):
 
 @kernel
 def ground_light(scene, x_sun, work, out):
-    """Radiance [W m-2 sr-1 nm-1] that the sunlit ground reflects, into `out`; `x_sun` as for `sunlight`."""
+    """Radiance [W m-2 sr-1 nm-1] that sunlit ground of albedo 1 reflects, into `out`; `x_sun` as for `sunlight`."""
     radius = scene.columns.radius
     optics = scene.optics
     out[:] = 0.0
@@ -222,7 +222,7 @@ def ground_light(scene, x_sun, work, out):
         columns_to_light(scene.columns, radius, mu_s, work.spare, work.to_sun)
         transmittance(work.to_sun, optics.sigma_t, work.sun)
         for i in range(out.size):
-            out[i] += work.sun[i] * mu_s * optics.sun_irradiance[m, i] * optics.albedo[i] / math.pi
+            out[i] += work.sun[i] * mu_s * optics.sun_irradiance[m, i] / math.pi
 
 
 @entry
@@ -239,8 +239,8 @@ def single_rays(scene, origins, directions, tolerance, scratch, scattered, groun
     scratch : tuple
         Made by `make_scratch` for this scene.
     scattered, ground, direct : (ray, wavelength), output
-        Radiance scattered once by (and emitted from) the medium; reflected once by the ground; straight from the Sun
-        or the background [W m-2 sr-1 nm-1].
+        Radiance scattered once by (and emitted from) the medium; reflected once by ground of albedo 1; straight
+        from the Sun or the background [W m-2 sr-1 nm-1].
     """
     optics = scene.optics
     work, origin_sun, along_sun, x_sun, first, limit, cuts, stack = scratch
