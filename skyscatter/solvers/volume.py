@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers.compile import medium_optics, phase_cosines
+from skyscatter.solvers.diffusion import guess_correction
 from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 GUIDE_NODES = 33
 #: Angles from a star at which the light around it is tabulated.
 ANGLES = 129
+#: Exponent of the light in the depths below which it is followed over many orders.
+SLOW = 0.4
 
 
 @lru_cache(maxsize=4)
@@ -75,10 +78,12 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         floor=np.zeros(wl.size),
         rate=_rates(sigma_t, emission, space.bound_step * space.cells),
         tracking=0,
+        correction=np.zeros((0, 0, 0, wl.size)),
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
     )
     table = table._replace(guide=_guide(table))
-    return table._replace(floor=_floor(table))
+    table = table._replace(floor=_floor(table))
+    return table._replace(correction=guess_correction(table)) if table.decay[wl.size // 2] < SLOW else table
 
 
 def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:

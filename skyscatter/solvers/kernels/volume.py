@@ -55,6 +55,8 @@ class VolumeTable(NamedTuple):
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
     tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`
+    #: (x, y, z, wavelength) logarithm of what the guess of all light is to be multiplied by; empty where it is good
+    correction: np.ndarray
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
 
 
@@ -186,6 +188,38 @@ def guess_light(v, x, y, z, work, direct, diffuse):
             light = v.power[k, i] * fall
             direct[i] += light * fast_exp(-tau)
             diffuse[i] += light * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
+
+
+@inlined
+def cell_place(space, axis, x, cells):
+    """The cell whose centre lies before a coordinate on one axis, the next, and how far on between them it is."""
+    u = (x - space.bound_low[axis]) / (space.bound_step[axis] * space.cells[axis])
+    wraps = space.bound_wrap[axis] != 0
+    if wraps:
+        u = (u - math.floor(u)) * cells - 0.5
+        i = int(math.floor(u))
+        return (i + cells) % cells, (i + 1) % cells, u - i
+    u = min(max(u * cells - 0.5, 0.0), cells - 1.0)
+    i = min(int(u), max(cells - 2, 0))
+    return i, min(i + 1, cells - 1), u - i
+
+
+@inlined
+def correct_guess(v, x, y, z, diffuse):
+    """Multiply a guess of all light (wavelength,) by its correction."""
+    table = v.correction
+    if table.shape[0] == 0:
+        return
+    i0, i1, u = cell_place(v.space, 0, x, table.shape[0])
+    j0, j1, s = cell_place(v.space, 1, y, table.shape[1])
+    k0, k1, t = cell_place(v.space, 2, z, table.shape[2])
+    for n in range(diffuse.size):
+        low = (1.0 - s) * table[i0, j0, k0, n] + s * table[i0, j1, k0, n]
+        high = (1.0 - s) * table[i0, j0, k1, n] + s * table[i0, j1, k1, n]
+        first = (1.0 - t) * low + t * high
+        low = (1.0 - s) * table[i1, j0, k0, n] + s * table[i1, j1, k0, n]
+        high = (1.0 - s) * table[i1, j0, k1, n] + s * table[i1, j1, k1, n]
+        diffuse[n] *= fast_exp((1.0 - u) * first + u * ((1.0 - t) * low + t * high))
 
 
 @entry

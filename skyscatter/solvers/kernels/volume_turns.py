@@ -13,7 +13,6 @@ from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import phase_at, sample_cosine
 from skyscatter.solvers.kernels.path import turn
 from skyscatter.solvers.kernels.random import uniform
-from skyscatter.solvers.kernels.space import space_densities
 from skyscatter.solvers.kernels.volume import depth_at, face_light, guide_columns
 
 #: Optical depth at which a star is deep.
@@ -139,12 +138,12 @@ def mean_phase(v, cosine, density):
 def turn_at_vertex(v, u, w, work, lights, walk):
     """New direction at a vertex; the value takes the phase functions.  False if nothing is scattered there.
 
+    ``work.density`` holds the densities at the vertex.
     The wanted density is the phase function times the guess of the light that comes from a direction.  Candidates are
     drawn from both of these alone, and one of them is kept by its weight (importance resampling: Talbot, Cline &
     Egbert 2005, Eurographics Symposium on Rendering).  The draw is the same for every hero, so chances stay.
     """
     x, d = walk.position, walk.direction
-    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
     old_x, old_y, old_z = d[0], d[1], d[2]
     depth = face_lights(v, x, work, lights)
     share = min(max(depth, 0.0) / DEEP, 1.0)
