@@ -222,6 +222,29 @@ def correct_guess(v, x, y, z, diffuse):
         diffuse[n] *= fast_exp((1.0 - u) * first + u * ((1.0 - t) * low + t * high))
 
 
+@kernel
+def middle_guess(v, x, y, z, work):
+    """The corrected guess of all light at the middle wavelength; ``work.to_light`` is overwritten."""
+    middle = v.power.shape[1] // 2
+    total = v.floor[middle]
+    for k in range(v.power.shape[0]):
+        _, _, _, d, fall = face_light(v, k, x, y, z)
+        guide_columns(v, k, x, y, z, d, work.to_light)
+        tau = depth_at(v, work.to_light, middle)
+        total += v.power[k, middle] * fall * (0.1 + tau) * fast_exp(-v.decay[middle] * tau)
+    table = v.correction
+    i0, i1, u = cell_place(v.space, 0, x, table.shape[0])
+    j0, j1, s = cell_place(v.space, 1, y, table.shape[1])
+    k0, k1, t = cell_place(v.space, 2, z, table.shape[2])
+    n = middle
+    low = (1.0 - s) * table[i0, j0, k0, n] + s * table[i0, j1, k0, n]
+    high = (1.0 - s) * table[i0, j0, k1, n] + s * table[i0, j1, k1, n]
+    first = (1.0 - t) * low + t * high
+    low = (1.0 - s) * table[i1, j0, k0, n] + s * table[i1, j1, k0, n]
+    high = (1.0 - s) * table[i1, j0, k1, n] + s * table[i1, j1, k1, n]
+    return max(total * fast_exp((1.0 - u) * first + u * ((1.0 - t) * low + t * high)), 1e-300)
+
+
 @entry
 def fill_guide(v, points, work, out):
     """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into (light, n, component)."""

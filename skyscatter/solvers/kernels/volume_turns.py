@@ -13,7 +13,7 @@ from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import phase_at, sample_cosine
 from skyscatter.solvers.kernels.path import turn
 from skyscatter.solvers.kernels.random import uniform
-from skyscatter.solvers.kernels.volume import depth_at, face_light, guide_columns
+from skyscatter.solvers.kernels.volume import depth_at, face_light, guide_columns, middle_guess
 
 #: Optical depth at which a star is deep.
 DEEP = 4.0
@@ -156,6 +156,12 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         near = OUTSIDE_NEAR_SHARES[1] + inside * (NEAR_SHARES[1] - OUTSIDE_NEAR_SHARES[1])
         far = OUTSIDE_DEEP_SHARES[1] + inside * (DEEP_SHARES[1] - OUTSIDE_DEEP_SHARES[1])
         deep = near + share * (far - near)
+    corrected = v.correction.shape[0] > 0
+    far, here = 0.0, 0.0
+    if corrected:
+        share = share if depth >= 0.0 else 1.0
+        far = 1.0 / max(depth_at(v, work.density, v.power.shape[1] // 2), 1e-300)
+        here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], work)
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
@@ -168,11 +174,16 @@ def turn_at_vertex(v, u, w, work, lights, walk):
                 return False
         phase = mean_phase(v.mean, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
         law = direction_law(v, d, lights, around, deep)
-        weight = phase * law / (0.5 * (phase + law))
+        wanted = law
+        if corrected and share > 0.0:
+            ahead = middle_guess(v, x[0] + far * d[0], x[1] + far * d[1], x[2] + far * d[2], work)
+            wanted += share * (ahead / here - law)
+        wanted *= phase
+        weight = wanted / (0.5 * (phase + law))
         total += weight
         # Reservoir of one: the number is used again, stretched, after every decision.
         if weight > 0.0 and w * total < weight:
-            chosen, kept = True, phase * law
+            chosen, kept = True, wanted
             best_x, best_y, best_z = d[0], d[1], d[2]
             w = w * total / weight
         elif total > 0.0:

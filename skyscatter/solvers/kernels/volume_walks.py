@@ -120,7 +120,7 @@ def go_to_vertex(v, hero, u, leg, work, walk):
     would multiply: there the flight is exact.
     """
     x, d = walk.position, walk.direction
-    if v.decay[v.decay.size // 2] < SLOW:
+    if v.decay[v.decay.size // 2] < SLOW and v.correction.shape[0] == 0:
         t, k = fly_forced(v, hero, u, leg, work, walk)
     else:
         t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
