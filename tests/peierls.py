@@ -1,8 +1,8 @@
 """The transport equation in a uniform sphere around a star, solved without any walk.
 
-Isotropic scattering of albedo c, optical depth tau of the radius 1.  The fluence of scattered light phi, times the radius
-and continued as an odd function s(r) = r phi(r), obeys Peierls' equation of a slab (Case & Zweifel 1967, Linear Transport
-Theory, section 2.7),
+Isotropic scattering of albedo c, optical depth tau of the radius 1.  The fluence of scattered light phi, times the
+radius and continued as an odd function s(r) = r phi(r), obeys Peierls' equation of a slab (Case & Zweifel 1967, Linear
+Transport Theory, section 2.7),
 
     s(r) = s1(r) + (c tau / 2) int_{-1}^{1} E1(tau |r - r'|) s(r') dr',
 
@@ -10,6 +10,8 @@ with s1 that of light scattered once.  s is a line between nodes, against which 
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -20,10 +22,12 @@ Array = NDArray[np.float64]
 
 
 def _nodes(tau: float, count: int) -> Array:
-    """Radii from 0 to 1, close together at both ends, where free paths matter."""
-    x = 0.5 * (1 - np.cos(np.pi * np.arange(count + 1) / count))
-    fine = np.geomspace(1e-5 / max(tau, 1.0), 0.05, count // 2)
-    return np.unique(np.concatenate([x, fine, 1 - fine]))
+    """Radii from 0 to 1: equal steps, and more of them close to the star and to the surface."""
+    plain = np.linspace(0.0, 1.0, count + 1)
+    fine = np.geomspace(1e-3 / (count * max(tau, 1.0)), 1.0 / max(tau, 4.0), count // 3)
+    nodes = np.unique(np.concatenate([plain, fine, 1 - fine]))
+    # Nodes that rounding alone holds apart make elements without a slope.
+    return nodes[np.concatenate([[True], np.diff(nodes) > 1e-9 / max(tau, 1.0)])]
 
 
 def _moments(x: Array, tau: float) -> tuple[Array, Array]:
@@ -61,7 +65,7 @@ def _scattered_once(r: Array, tau: float, albedo: float) -> Array:
         total = 0.0
         # Both ends of each piece may be singular (1 / r', ln |r - r'|): powers of the distance make them smooth.
         edges = [0.0, 0.5 * here, here, min(2 * here, 0.5 * (1 + here)), 1.0]
-        for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        for k, (low, high) in enumerate(pairwise(edges)):
             if not high > low:
                 continue
             u = (0.5 * (x + 1)) ** 4
@@ -73,11 +77,17 @@ def _scattered_once(r: Array, tau: float, albedo: float) -> Array:
     return out
 
 
-def escaping_share(tau: float, albedo: float, count: int = 400) -> float:
+def escaping_share(tau: float, albedo: float, count: int = 200) -> float:
     """Scattered light that leaves the sphere, as a share of the luminosity of the star in its centre.
 
-    Both sums have positive terms only, so that small shares are as accurate as large ones.
+    The elements are of the second order, so two solutions tell what finer ones would give.
     """
+    coarse, fine = (_escaping_share(tau, albedo, n) for n in (count, 2 * count))
+    return fine * (fine / coarse) ** (1 / 3)
+
+
+def _escaping_share(tau: float, albedo: float, count: int) -> float:
+    """The same with so many elements; all terms are positive, so that small shares are as accurate as large ones."""
     r = _nodes(tau, count)
     first = _scattered_once(r, tau, albedo)
     s = np.linalg.solve(np.eye(r.size) - 0.5 * albedo * tau * _matrix(r, tau), first)
@@ -86,7 +96,7 @@ def escaping_share(tau: float, albedo: float, count: int = 400) -> float:
     share = 0.0
     edges = np.concatenate([[0.0], np.geomspace(1e-4 / max(tau, 1.0), 0.5, 30)])
     edges = np.unique(np.concatenate([edges, 1 - edges]))
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         radius = 0.5 * (low + high) + 0.5 * (high - low) * x
         # Chance to leave unscattered; the square-root behaviour at the tangent is inside the substitution mu = cos.
         mu = np.cos(0.5 * np.pi * (y + 1))

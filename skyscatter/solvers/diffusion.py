@@ -5,9 +5,10 @@ Where light is scattered many times its mean intensity J obeys
     -div (D grad J) + sigma_a J = S,    D = 1 / (3 sigma_tr + 3 / L)
 
 with the transport extinction sigma_tr = sigma_a + (1 - g) sigma_s, the light S that is scattered for the first time or
-emitted, and no light from outside but the background (Marshak's condition; Ishimaru 1978, Wave Propagation and Scattering in
-Random Media, chapter 9).  L is the extent of the medium: what is empty conducts well, not infinitely.  Peaks of the
-phase function count as straight on, in the coefficients and in the beam alike (Joseph, Wiscombe & Weinman 1976).
+emitted, and no light from outside but the background (Marshak's condition; Ishimaru 1978, Wave Propagation and
+Scattering in Random Media, chapter 9).  L is the extent of the medium: what is empty conducts well, not infinitely.
+Peaks of the phase function count as straight on, in the coefficients and in the beam alike (Joseph, Wiscombe & Weinman
+1976).  Where much is absorbed D is such that light falls with the exponent of the slowest mode (`solvers.modes`).
 
 The solution decides how many walks there are and never what they find.
 """
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from skyscatter.solvers.compile import phase_cosines
 
 if TYPE_CHECKING:
+
     from skyscatter.solvers.kernels.volume import VolumeTable
 
 Array = NDArray[np.float64]
@@ -76,7 +78,7 @@ class Cells:
             total += out / 8
         self.density = total.reshape(*self.count, -1)
         self.wrap = [bool(space.bound_wrap[k]) for k in range(3)]
-        self.cosines = _mean_cosines(table.phase)
+        self.cosines = mean_cosines(table.phase)
         self.lights = [self._light(k) for k in range(len(table.power))]
 
     def _light(self, k: int) -> tuple[Array, Array, Array]:
@@ -158,7 +160,7 @@ class Cells:
             if self.wrap[k]:
                 along[0] += between[-1]
 
-        def apply(x: Array) -> Array:
+        def product(x: Array) -> Array:
             y = diagonal * x
             for k, between in enumerate(conductance):
                 xs, ys = np.moveaxis(x, k, 0), np.moveaxis(y, k, 0)
@@ -170,10 +172,10 @@ class Cells:
                     ys[0] -= between[-1] * xs[-1]
             return y
 
-        return _conjugate_gradients(apply, diagonal, source + rim * outside)
+        return _conjugate_gradients(product, diagonal, source + rim * outside)
 
 
-def _conjugate_gradients(apply, diagonal: Array, source: Array) -> Array:  # type: ignore[no-untyped-def]
+def _conjugate_gradients(product, diagonal: Array, source: Array) -> Array:  # type: ignore[no-untyped-def]
     """Solution of a symmetric positive system; sums without a library whose order might depend on threads."""
     x = np.zeros_like(source)
     rest = source.copy()
@@ -183,7 +185,7 @@ def _conjugate_gradients(apply, diagonal: Array, source: Array) -> Array:  # typ
     for _ in range(MOST_ITERATIONS):
         if not old > RESIDUAL**2 * start:
             break
-        there = apply(step)
+        there = product(step)
         length = old / float(np.sum(step * there))
         x += length * step
         rest -= length * there
@@ -194,7 +196,7 @@ def _conjugate_gradients(apply, diagonal: Array, source: Array) -> Array:  # typ
     return x
 
 
-def _mean_cosines(phase: Array) -> Array:
+def mean_cosines(phase: Array) -> Array:
     """Mean cosine of the scattering angle, at least 0, shape (component, wavelength)."""
     mu = phase_cosines()
     whole = -np.trapezoid(phase, mu, axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers.compile import medium_optics, phase_cosines
-from skyscatter.solvers.diffusion import guess_correction
+from skyscatter.solvers.diffusion import guess_correction, mean_cosines
 from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         floor=np.zeros(wl.size),
         rate=_rates(sigma_t, emission, space.bound_step * space.cells),
         tracking=0,
+        onward=sigma_s[:, wl.size // 2] * mean_cosines(phase)[:, wl.size // 2],
         correction=np.zeros((0, 0, 0, wl.size)),
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
     )

@@ -55,6 +55,7 @@ class VolumeTable(NamedTuple):
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
     tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`
+    onward: np.ndarray  #: (component,) scattering times mean cosine per unit density at the middle wavelength [m-1]
     #: (x, y, z, wavelength) logarithm of what the guess of all light is to be multiplied by; empty where it is good
     correction: np.ndarray
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
@@ -220,6 +221,26 @@ def correct_guess(v, x, y, z, diffuse):
         low = (1.0 - s) * table[i1, j0, k0, n] + s * table[i1, j1, k0, n]
         high = (1.0 - s) * table[i1, j0, k1, n] + s * table[i1, j1, k1, n]
         diffuse[n] *= fast_exp((1.0 - u) * first + u * ((1.0 - t) * low + t * high))
+
+
+@inlined
+def transport_length(v, density):
+    """Way on which light forgets its direction [m], at the middle wavelength; `density` (component,)."""
+    onward = 0.0
+    for c in range(density.size):
+        onward += density[c] * v.onward[c]
+    return 1.0 / max(depth_at(v, density, v.power.shape[1] // 2) - onward, 1e-300)
+
+
+@inlined
+def nearest_star(v, x):
+    """Distance to the nearest point light [m]."""
+    near = math.inf
+    for k in range(v.power.shape[0]):
+        if not v.distant[k]:
+            _, _, _, d, _ = face_light(v, k, x[0], x[1], x[2])
+            near = min(near, d)
+    return near
 
 
 @kernel

@@ -13,7 +13,14 @@ from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import phase_at, sample_cosine
 from skyscatter.solvers.kernels.path import turn
 from skyscatter.solvers.kernels.random import uniform
-from skyscatter.solvers.kernels.volume import depth_at, face_light, guide_columns, middle_guess
+from skyscatter.solvers.kernels.volume import (
+    depth_at,
+    face_light,
+    guide_columns,
+    middle_guess,
+    nearest_star,
+    transport_length,
+)
 
 #: Optical depth at which a star is deep.
 DEEP = 4.0
@@ -22,6 +29,8 @@ DEEP = 4.0
 NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
 #: The same shares for stars outside the medium, where no ray comes near them.
 OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
+#: Part of the distance to a star that one looks ahead at most.
+SHY = 0.3
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
 
@@ -159,8 +168,11 @@ def turn_at_vertex(v, u, w, work, lights, walk):
     corrected = v.correction.shape[0] > 0
     far, here = 0.0, 0.0
     if corrected:
-        share = share if depth >= 0.0 else 1.0
-        far = 1.0 / max(depth_at(v, work.density, v.power.shape[1] // 2), 1e-300)
+        free = 1.0 / max(depth_at(v, work.density, v.power.shape[1] // 2), 1e-300)
+        far = transport_length(v, work.density)
+        share = 1.0 if depth < 0.0 else min(depth * free / (far * DEEP), 1.0)
+        # Never as far as a star, where the guess knows no bounds.
+        far = min(far, SHY * nearest_star(v, x))
         here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], work)
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0

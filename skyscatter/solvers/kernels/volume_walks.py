@@ -47,8 +47,6 @@ from skyscatter.solvers.kernels.volume_windows import Waiting, make_waiting, pas
 CAMERA_STRATA, LEG_STRATA = 32, 8
 #: Points of a leg at which the light of the stars is fetched.
 LIT_POINTS = 2
-#: Exponent of the light in the depths below which flights are exact.
-SLOW = 0.4
 #: Walks of each batch before the noise is judged first, and before a ray may count as dark.
 FIRST_WALKS, SURE_WALKS = 4, 32
 
@@ -116,11 +114,11 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
 def go_to_vertex(v, hero, u, leg, work, walk):
     """Move the walk to its next vertex, where ``work.density`` then holds the densities; False if there is none.
 
-    Where light falls slowly the guess of it has little to add, and over many orders the small errors of a leg's strata
-    would multiply: there the flight is exact.
+    Without lights the guess has nothing to add, and over the many orders of a nearly white medium the small errors of
+    a leg's strata would multiply: there the flight is exact.
     """
     x, d = walk.position, walk.direction
-    if v.decay[v.decay.size // 2] < SLOW and v.correction.shape[0] == 0:
+    if v.power.shape[0] == 0 and v.correction.shape[0] > 0:
         t, k = fly_forced(v, hero, u, leg, work, walk)
     else:
         t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
@@ -204,14 +202,14 @@ def volume_wander(
     if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
         return
     reference = promise(v, work, walk, leg.draw)
-    order = 1
+    order, legs = 1, 0
     while order > 0:
         alive = order <= last and follow_leg(
             v, hero, order, max_order, leg, work, walker, lights, walk, total, by_order
         )  # fmt: skip
         if alive:
-            order += 1
-            alive = pass_window(promise(v, work, walk, leg.draw), reference, order, walk, waiting)
+            order, legs = order + 1, legs + 1
+            alive = pass_window(promise(v, work, walk, leg.draw), reference, legs, order, walk, waiting)
         if not alive:
             order = take_waiting(v, work, walk, waiting)
 

@@ -18,7 +18,8 @@ import numpy as np
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.random import uniform
 from skyscatter.solvers.kernels.space import space_densities
-from skyscatter.solvers.kernels.volume import correct_guess, guess_light
+from skyscatter.solvers.kernels.volume import correct_guess, guess_light, nearest_star, transport_length
+from skyscatter.solvers.kernels.volume_turns import SHY
 
 #: The window, in parts of what a walk promised at its first vertex.
 LOWEST, HIGHEST = 0.3, 3.0
@@ -26,6 +27,8 @@ LOWEST, HIGHEST = 0.3, 3.0
 WAITING = 64
 #: Parts into which a walk is split at once, at most.
 MOST_PARTS = 32
+#: Legs of a walk and all its parts after which it is hurried to its end: a second's work for some five walks.
+PATIENCE = 1 << 15
 #: Least chance of a walk to go on.
 LEAST_CHANCE = 0.05
 
@@ -55,9 +58,18 @@ def promise(v, work, walk, spare):
 
     ``work.density`` holds the densities at the vertex.
     """
-    x = walk.position
-    guess_light(v, x[0], x[1], x[2], work, work.through, spare)
-    correct_guess(v, x[0], x[1], x[2], spare)
+    p, d, shift = walk.position, walk.direction, 0.0
+    if v.correction.shape[0] > 0:
+        # In diffusing light what a direction is worth is what lies where it leads, as far as scattering remembers it.
+        total, onward = 0.0, 0.0
+        for c in range(work.density.size):
+            total += work.density[c] * v.sigma_s[c, v.power.shape[1] // 2]
+            onward += work.density[c] * v.onward[c]
+        shift = onward / max(total, 1e-300) * transport_length(v, work.density)
+        shift = min(shift, SHY * nearest_star(v, p))
+    x, y, z = p[0] + shift * d[0], p[1] + shift * d[1], p[2] + shift * d[2]
+    guess_light(v, x, y, z, work, work.through, spare)
+    correct_guess(v, x, y, z, spare)
     total = 0.0
     for i in range(spare.size):
         scattering = 0.0
@@ -68,16 +80,19 @@ def promise(v, work, walk, spare):
 
 
 @kernel
-def pass_window(now, reference, order, walk, waiting):
-    """Roulette or splitting of a walk that promises `now`; False if it ends."""
-    if now < LOWEST * reference:
-        chance = max(now / (LOWEST * reference), LEAST_CHANCE)
+def pass_window(now, reference, legs, order, walk, waiting):
+    """Roulette or splitting of a walk that promises `now`, after so many legs of all its parts; False if it ends."""
+    # A walk that has had its share of time is split no more, and its parts end the sooner the longer they last.
+    late = legs / PATIENCE
+    level = LOWEST * reference * (1.0 if late < 1.0 else late**4)
+    if now < level:
+        chance = max(now / level, LEAST_CHANCE)
         if uniform(walk.state) >= chance:
             return False
         for i in range(walk.value.size):
             walk.value[i] /= chance
-    elif now > HIGHEST * reference and waiting.top[0] < WAITING:
-        parts = min(int(now / reference), MOST_PARTS)
+    elif now > HIGHEST * reference and late < 1.0 and waiting.top[0] < WAITING:
+        parts = int(min(now / reference, MOST_PARTS))
         for i in range(walk.value.size):
             walk.value[i] /= parts
         leave_waiting(order, parts - 1, walk, waiting)

@@ -3,6 +3,8 @@
 A study runs a solver with many seeds and hands over the estimates, the standard errors that were stated with them, and
 a reference with an error of its own.  An error bar is right where 68.3 % of the estimates lie within one of them and
 95.4 % within two.
+
+It is not called coverage: numba would import it in the place of the package of that name.
 """
 
 from __future__ import annotations

@@ -1,0 +1,72 @@
+"""How deep the lights of a scene lie for its walks, and a word before they start where that is too deep."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.solvers.diffusion import mean_cosines
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.base import Rays
+    from skyscatter.solvers.kernels.volume import VolumeTable
+
+Array = NDArray[np.float64]
+
+#: Depth [e-foldings of diffusing light, or transport free paths in nearly white media] from which on error bars of
+#: few walks are too small (docs/validation-nebulae.md).
+MOST_WHITE, MOST_FALL = 40.0, 120.0
+#: Exponent in the depths below which light is taken to be followed to its source.
+WHITE_DECAY = 0.2
+#: Rays that are looked at, and the share of them that may be too deep.
+LOOKED_AT, ALLOWED = 4096, 0.05
+
+
+def warn_of_depths(table: VolumeTable, rays: Rays, names: tuple[str, ...]) -> None:
+    """Warn where light comes to the rays through more than walks can follow."""
+    if not len(table.power):
+        return
+    columns = _columns(table, rays)
+    straight = table.sigma_t - table.sigma_s * mean_cosines(table.phase)
+    fall = columns @ table.sigma_t * table.decay
+    # In a nearly white medium it is not absorption that stops a walk but the number of scatterings.
+    white = np.where(table.decay < WHITE_DECAY, columns @ straight, 0.0)
+    for depth, most, what in ((white, MOST_WHITE, "transport free paths"), (fall, MOST_FALL, "e-foldings")):
+        share = np.mean(depth.max(axis=1) > most)
+        if share > ALLOWED:
+            ray, wavelength = np.unravel_index(np.argmax(depth), depth.shape)
+            thickest = names[int(np.argmax(columns[ray] * table.sigma_t[:, wavelength]))]
+            warnings.warn(
+                f"light comes through {depth[ray, wavelength]:.3g} {what} of {thickest!r} (more than {most:g} for "
+                f"{share:.0%} of the rays): few walks find it, and the standard error of fewer than 1000 walks a ray "
+                "is too small; raise samples, lower the extinction, or resolve the opaque cells",
+                stacklevel=3,
+            )
+            return
+
+
+def _columns(table: VolumeTable, rays: Rays) -> Array:
+    """Least columns (ray, component) from where rays enter the medium to a light, from the table of the guide."""
+    space = table.space
+    step = max(len(rays.origins) // LOOKED_AT, 1)
+    origins, directions = rays.origins[::step], rays.directions[::step]
+    low, size = space.bound_low, space.bound_step * space.cells
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, two = (low - origins) / directions, (low + size - origins) / directions
+    near = np.nanmax(np.where(np.isfinite(one), np.minimum(one, two), -np.inf), axis=1)
+    points = origins + np.maximum(np.where(np.isfinite(near), near, 0.0), 0.0)[:, None] * directions
+    nodes = np.array(table.guide.shape[1:4])
+    place = np.clip(np.rint((points - low) / size * (nodes - 1)), 0, nodes - 1).astype(int)
+    found = []
+    for k in range(len(table.power)):
+        columns = table.guide[k][tuple(place.T)]
+        if not table.distant[k]:
+            at = low + place / (nodes - 1) * size
+            columns = columns * np.linalg.norm(at - table.place[k], axis=1)[:, None]
+        found.append(columns)
+    # The light that is easiest to reach.
+    depth = np.array([c @ table.sigma_t.mean(axis=1) for c in found])
+    return np.array(found)[np.argmin(depth, axis=0), np.arange(len(points))]
