@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 #: Depth [e-foldings of diffusing light, or transport free paths in nearly white media] from which on error bars of
 #: few walks are too small (docs/validation-nebulae.md).
-MOST_WHITE, MOST_FALL = 40.0, 120.0
+MOST_WHITE, MOST_FALL = 25.0, 120.0
 #: Exponent in the depths below which light is taken to be followed to its source.
 WHITE_DECAY = 0.2
 #: Rays that are looked at, and the share of them that may be too deep.

@@ -115,9 +115,8 @@ class Cells:
             if far[inside] < self.step.max():
                 # What a star sends into its own cell is all that does not leave it straight.
                 share = -np.expm1(-0.5 * self.step.min() * transport[inside])
-                lost = max(float(transport[inside]), 1e-300)
-                first[inside] = 4 * np.pi * table.power[k, i] * share * first[inside] / (direct[inside] * lost)
-                first[inside] /= self.step.prod()
+                kept = float((sigma_s - onward)[inside] / max(float(transport[inside]), 1e-300))
+                first[inside] = 4 * np.pi * table.power[k, i] * share * kept / self.step.prod()
             source += first
             # Light in the peak of the phase function was scattered too.
             beam += direct - light * np.exp(-depth)

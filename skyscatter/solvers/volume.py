@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Nodes of the guide along the longest side of the medium.
 GUIDE_NODES = 33
+#: Its cells along the shortest: across a wide slab light changes as much as it does anywhere.
+LEAST_CELLS = 16
 #: Angles from a star at which the light around it is tabulated.
 ANGLES = 129
 #: Exponent of the light in the depths below which it is followed over many orders.
@@ -166,7 +168,7 @@ def _guide(table: VolumeTable) -> Array:
     # Where the medium repeats, over one period.
     low, size = table.space.bound_low, table.space.bound_step * table.space.cells
     high = low + size
-    nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), 2) + 1
+    nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), LEAST_CELLS) + 1
     axes = [np.linspace(low[k], high[k], nodes[k]) for k in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     components, wavelengths = table.sigma_s.shape

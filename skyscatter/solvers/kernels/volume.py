@@ -233,6 +233,16 @@ def transport_length(v, density):
 
 
 @inlined
+def forwardness(v, density):
+    """Mean cosine of the scattering angle at densities (component,), at the middle wavelength."""
+    total, onward = 0.0, 0.0
+    for c in range(density.size):
+        total += density[c] * v.sigma_s[c, v.power.shape[1] // 2]
+        onward += density[c] * v.onward[c]
+    return onward / max(total, 1e-300)
+
+
+@inlined
 def nearest_star(v, x):
     """Distance to the nearest point light [m]."""
     near = math.inf

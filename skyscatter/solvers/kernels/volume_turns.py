@@ -16,6 +16,7 @@ from skyscatter.solvers.kernels.random import uniform
 from skyscatter.solvers.kernels.volume import (
     depth_at,
     face_light,
+    forwardness,
     guide_columns,
     middle_guess,
     nearest_star,
@@ -165,24 +166,25 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         near = OUTSIDE_NEAR_SHARES[1] + inside * (NEAR_SHARES[1] - OUTSIDE_NEAR_SHARES[1])
         far = OUTSIDE_DEEP_SHARES[1] + inside * (DEEP_SHARES[1] - OUTSIDE_DEEP_SHARES[1])
         deep = near + share * (far - near)
+    by_law = 0.5
     corrected = v.correction.shape[0] > 0
     far, here = 0.0, 0.0
     if corrected:
-        free = 1.0 / max(depth_at(v, work.density, v.power.shape[1] // 2), 1e-300)
-        far = transport_length(v, work.density)
-        share = 1.0 if depth < 0.0 else min(depth * free / (far * DEEP), 1.0)
+        share = 1.0 if depth < 0.0 else share
         # Never as far as a star, where the guess knows no bounds.
-        far = min(far, SHY * nearest_star(v, x))
+        far = min(transport_length(v, work.density), SHY * nearest_star(v, x))
+        # The more directions are kept in scattering, the less is left for the guess to choose.
+        by_law *= 1.0 - share * forwardness(v, work.density)
         here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], work)
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
         z = (n + u) / CANDIDATES
-        if z < 0.5:
-            draw_by_law(v, d, 2.0 * z, uniform(walk.state), lights, around, deep, walk.state)
+        if z < by_law:
+            draw_by_law(v, d, z / by_law, uniform(walk.state), lights, around, deep, walk.state)
         else:
             d[0], d[1], d[2] = old_x, old_y, old_z
-            if not draw_by_phase(v.mean, np.int64(0), 2.0 * z - 1.0, uniform(walk.state), work, walk):
+            if not draw_by_phase(v.mean, np.int64(0), (z - by_law) / (1.0 - by_law), uniform(walk.state), work, walk):
                 return False
         phase = mean_phase(v.mean, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
         law = direction_law(v, d, lights, around, deep)
@@ -191,7 +193,7 @@ def turn_at_vertex(v, u, w, work, lights, walk):
             ahead = middle_guess(v, x[0] + far * d[0], x[1] + far * d[1], x[2] + far * d[2], work)
             wanted += share * (ahead / here - law)
         wanted *= phase
-        weight = wanted / (0.5 * (phase + law))
+        weight = wanted / (by_law * law + (1.0 - by_law) * phase)
         total += weight
         # Reservoir of one: the number is used again, stretched, after every decision.
         if weight > 0.0 and w * total < weight:

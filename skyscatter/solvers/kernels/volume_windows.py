@@ -18,7 +18,7 @@ import numpy as np
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.random import uniform
 from skyscatter.solvers.kernels.space import space_densities
-from skyscatter.solvers.kernels.volume import correct_guess, guess_light, nearest_star, transport_length
+from skyscatter.solvers.kernels.volume import correct_guess, forwardness, guess_light, nearest_star, transport_length
 from skyscatter.solvers.kernels.volume_turns import SHY
 
 #: The window, in parts of what a walk promised at its first vertex.
@@ -61,11 +61,7 @@ def promise(v, work, walk, spare):
     p, d, shift = walk.position, walk.direction, 0.0
     if v.correction.shape[0] > 0:
         # In diffusing light what a direction is worth is what lies where it leads, as far as scattering remembers it.
-        total, onward = 0.0, 0.0
-        for c in range(work.density.size):
-            total += work.density[c] * v.sigma_s[c, v.power.shape[1] // 2]
-            onward += work.density[c] * v.onward[c]
-        shift = onward / max(total, 1e-300) * transport_length(v, work.density)
+        shift = forwardness(v, work.density) * transport_length(v, work.density)
         shift = min(shift, SHY * nearest_star(v, p))
     x, y, z = p[0] + shift * d[0], p[1] + shift * d[1], p[2] + shift * d[2]
     guess_light(v, x, y, z, work, work.through, spare)
