@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Depth [e-foldings of diffusing light, or transport free paths in nearly white media] from which on error bars of
-#: few walks are too small (docs/validation-nebulae.md).
-MOST_WHITE, MOST_FALL = 25.0, 120.0
-#: Exponent in the depths below which light is taken to be followed to its source.
-WHITE_DECAY = 0.2
+#: Depths from which on the error bars of few walks are too small (benchmarks/coverage_nebula.py): transport free paths
+#: and scatterings forward in nearly white media, e-foldings of the light in others.
+MOST_FREE_PATHS, MOST_FORWARD, MOST_FOLDS = 25.0, 7.0, 120.0
+#: Exponent in the depths below which a medium is nearly white, and mean cosine from which on it scatters forward.
+NEARLY_WHITE, FORWARD = 0.2, 0.5
 #: Rays that are looked at, and the share of them that may be too deep.
 LOOKED_AT, ALLOWED = 4096, 0.05
 
@@ -30,22 +30,29 @@ def warn_of_depths(table: VolumeTable, rays: Rays, names: tuple[str, ...]) -> No
     if not len(table.power):
         return
     columns = _columns(table, rays)
-    straight = table.sigma_t - table.sigma_s * mean_cosines(table.phase)
-    fall = columns @ table.sigma_t * table.decay
-    # In a nearly white medium it is not absorption that stops a walk but the number of scatterings.
-    white = np.where(table.decay < WHITE_DECAY, columns @ straight, 0.0)
-    for depth, most, what in ((white, MOST_WHITE, "transport free paths"), (fall, MOST_FALL, "e-foldings")):
-        share = np.mean(depth.max(axis=1) > most)
-        if share > ALLOWED:
-            ray, wavelength = np.unravel_index(np.argmax(depth), depth.shape)
-            thickest = names[int(np.argmax(columns[ray] * table.sigma_t[:, wavelength]))]
-            warnings.warn(
-                f"light comes through {depth[ray, wavelength]:.3g} {what} of {thickest!r} (more than {most:g} for "
-                f"{share:.0%} of the rays): few walks find it, and the standard error of fewer than 1000 walks a ray "
-                "is too small; raise samples, lower the extinction, or resolve the opaque cells",
-                stacklevel=3,
-            )
-            return
+    onward = table.sigma_s * mean_cosines(table.phase)
+    white = table.decay < NEARLY_WHITE
+    depth = columns @ table.sigma_t
+    ahead = columns @ onward
+    forward = white & (onward.sum(axis=0) > FORWARD * table.sigma_s.sum(axis=0))
+    _judge(np.where(white, depth - ahead, 0.0), MOST_FREE_PATHS, "transport free paths", columns, table, names)
+    _judge(np.where(forward, ahead, 0.0), MOST_FORWARD, "scatterings forward", columns, table, names)
+    _judge(depth * table.decay, MOST_FOLDS, "e-foldings", columns, table, names)
+
+
+def _judge(depth: Array, most: float, what: str, columns: Array, table: VolumeTable, names: tuple[str, ...]) -> None:
+    """Warn where too many of the depths (ray, wavelength) exceed the most that walks follow surely."""
+    share = float(np.mean(depth.max(axis=1) > most))
+    if share <= ALLOWED:
+        return
+    ray, wavelength = np.unravel_index(np.argmax(depth), depth.shape)
+    thickest = names[int(np.argmax(columns[ray] * table.sigma_t[:, wavelength]))]
+    warnings.warn(
+        f"light comes through {depth[ray, wavelength]:.3g} {what} of {thickest!r} (more than {most:g} for {share:.0%} "
+        "of the rays): few walks find it, and the standard error of fewer than 1000 walks a ray is too small; raise "
+        "samples, lower the extinction, or, with lights outside the medium, choose the sampling 'delta'",
+        stacklevel=4,
+    )
 
 
 def _columns(table: VolumeTable, rays: Rays) -> Array:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from skyscatter.solvers.compile import phase_cosines
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
 
     from skyscatter.solvers.kernels.volume import VolumeTable
 
@@ -174,7 +175,7 @@ class Cells:
         return _conjugate_gradients(product, diagonal, source + rim * outside)
 
 
-def _conjugate_gradients(product, diagonal: Array, source: Array) -> Array:  # type: ignore[no-untyped-def]
+def _conjugate_gradients(product: Callable[[Array], Array], diagonal: Array, source: Array) -> Array:
     """Solution of a symmetric positive system; sums without a library whose order might depend on threads."""
     x = np.zeros_like(source)
     rest = source.copy()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from nebulae import GREY, WAVELENGTH, component, dusty_sphere, escaping_luminosity, parallel_rays
@@ -17,8 +19,6 @@ from skyscatter.solvers.run import radiance
 from skyscatter.solvers.volume import compile_volume
 from skyscatter.space import SpaceScene, View
 
-Array = np.ndarray
-
 
 def check_escape(tau: float, albedo: float, g: float, rays: int, samples: int, most: float) -> None:
     """What escapes is what transport says, or for a white cloud, whatever its phase function, all of it."""
@@ -33,12 +33,14 @@ def check_escape(tau: float, albedo: float, g: float, rays: int, samples: int, m
     assert_agrees(share[0], expected, error[0], freedom=np.inf, slack=slack)
 
 
+@pytest.mark.filterwarnings("ignore:light comes through")
 @pytest.mark.parametrize(("tau", "albedo", "g"), [(10.0, 1.0, 0.0), (20.0, 1.0, 0.0), (30.0, 0.99, 0.0)])
 def test_nothing_is_lost_in_the_depths(tau: float, albedo: float, g: float) -> None:
     check_escape(tau, albedo, g, 200, 16, 0.06)
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:light comes through")
 @pytest.mark.parametrize("albedo", [0.3, 0.6, 0.9, 0.99, 0.999, 1.0])
 @pytest.mark.parametrize("tau", [3.0, 10.0, 30.0])
 def test_escaping_light_of_every_albedo_and_depth(tau: float, albedo: float) -> None:
@@ -46,6 +48,7 @@ def test_escaping_light_of_every_albedo_and_depth(tau: float, albedo: float) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:light comes through")
 @pytest.mark.parametrize("g", [0.6, 0.85])
 @pytest.mark.parametrize("tau", [3.0, 10.0, 30.0])
 def test_white_clouds_lose_nothing_whatever_their_phase_function(tau: float, g: float) -> None:
@@ -55,20 +58,19 @@ def test_white_clouds_lose_nothing_whatever_their_phase_function(tau: float, g: 
 @pytest.mark.slow
 @pytest.mark.parametrize("albedo", [0.9, 0.99, 0.999])
 def test_depth_100(albedo: float) -> None:
-    with pytest.warns(UserWarning, match="free paths") if albedo > 0.98 else _nothing():
+    with pytest.warns(UserWarning, match="free paths") if albedo > 0.98 else nullcontext():
         check_escape(100.0, albedo, 0.0, 400, 16, 0.2)
-
-
-def _nothing():  # type: ignore[no-untyped-def]
-    from contextlib import nullcontext
-
-    return nullcontext()
 
 
 def test_a_word_before_depths_that_few_walks_reach() -> None:
     scene = dusty_sphere(60.0, 1.0)
     with pytest.warns(UserWarning, match="60 transport free paths of 'dust'"):
         radiance(scene, *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2, max_order=2)
+    with pytest.warns(UserWarning, match="scatterings forward"):
+        radiance(
+            dusty_sphere(10.0, 1.0, 0.8), *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2,
+            max_order=2,
+        )  # fmt: skip
     # As deep, but black enough for guided flights: no word, for filters make every warning an error.
     radiance(
         dusty_sphere(60.0, 0.6), *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2, max_order=2
