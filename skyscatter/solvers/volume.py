@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers.compile import medium_optics, phase_cosines
+from skyscatter.solvers.diffusion import guess_correction, mean_cosines
 from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
@@ -21,8 +22,12 @@ Array = NDArray[np.float64]
 
 #: Nodes of the guide along the longest side of the medium.
 GUIDE_NODES = 33
+#: Its cells along the shortest: across a wide slab light changes as much as it does anywhere.
+LEAST_CELLS = 16
 #: Angles from a star at which the light around it is tabulated.
 ANGLES = 129
+#: Exponent of the light in the depths below which it is followed over many orders.
+SLOW = 0.4
 
 
 @lru_cache(maxsize=4)
@@ -75,10 +80,13 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         floor=np.zeros(wl.size),
         rate=_rates(sigma_t, emission, space.bound_step * space.cells),
         tracking=0,
+        onward=sigma_s[:, wl.size // 2] * mean_cosines(phase)[:, wl.size // 2],
+        correction=np.zeros((0, 0, 0, wl.size)),
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
     )
     table = table._replace(guide=_guide(table))
-    return table._replace(floor=_floor(table))
+    table = table._replace(floor=_floor(table))
+    return table._replace(correction=guess_correction(table)) if table.decay[wl.size // 2] < SLOW else table
 
 
 def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
@@ -160,7 +168,7 @@ def _guide(table: VolumeTable) -> Array:
     # Where the medium repeats, over one period.
     low, size = table.space.bound_low, table.space.bound_step * table.space.cells
     high = low + size
-    nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), 2) + 1
+    nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), LEAST_CELLS) + 1
     axes = [np.linspace(low[k], high[k], nodes[k]) for k in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     components, wavelengths = table.sigma_s.shape

@@ -14,6 +14,7 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.depths import warn_of_depths
 from skyscatter.solvers.kernels.tracking import QUADRATURE, RATIO, RESIDUAL
 from skyscatter.solvers.kernels.volume import VolumeTable
 from skyscatter.solvers.kernels.volume_flight import make_flight_scratch, volume_flight_rays
@@ -63,6 +64,8 @@ def prepare(
     # Delta tracking is there to test what is made of columns: it uses none, unless told to.
     usual = "ratio" if options.sampling == "delta" else "auto"
     wanted = TRANSMITTANCES[options.transmittance or usual]
+    if options.sampling in (None, "march"):
+        warn_of_depths(table, rays, tuple(component.name for component in scene.medium.components))
     return table._replace(tracking=cheapest(table) if wanted < 0 else wanted)
 
 

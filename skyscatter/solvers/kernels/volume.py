@@ -55,6 +55,9 @@ class VolumeTable(NamedTuple):
     floor: np.ndarray  #: (wavelength,) irradiance that the guide takes for granted everywhere [W m-2 nm-1]
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
     tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`
+    onward: np.ndarray  #: (component,) scattering times mean cosine per unit density at the middle wavelength [m-1]
+    #: (x, y, z, wavelength) logarithm of what the guess of all light is to be multiplied by; empty where it is good
+    correction: np.ndarray
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
 
 
@@ -186,6 +189,91 @@ def guess_light(v, x, y, z, work, direct, diffuse):
             light = v.power[k, i] * fall
             direct[i] += light * fast_exp(-tau)
             diffuse[i] += light * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
+
+
+@inlined
+def cell_place(space, axis, x, cells):
+    """The cell whose centre lies before a coordinate on one axis, the next, and how far on between them it is."""
+    u = (x - space.bound_low[axis]) / (space.bound_step[axis] * space.cells[axis])
+    wraps = space.bound_wrap[axis] != 0
+    if wraps:
+        u = (u - math.floor(u)) * cells - 0.5
+        i = int(math.floor(u))
+        return (i + cells) % cells, (i + 1) % cells, u - i
+    u = min(max(u * cells - 0.5, 0.0), cells - 1.0)
+    i = min(int(u), max(cells - 2, 0))
+    return i, min(i + 1, cells - 1), u - i
+
+
+@inlined
+def correct_guess(v, x, y, z, diffuse):
+    """Multiply a guess of all light (wavelength,) by its correction."""
+    table = v.correction
+    if table.shape[0] == 0:
+        return
+    i0, i1, u = cell_place(v.space, 0, x, table.shape[0])
+    j0, j1, s = cell_place(v.space, 1, y, table.shape[1])
+    k0, k1, t = cell_place(v.space, 2, z, table.shape[2])
+    for n in range(diffuse.size):
+        low = (1.0 - s) * table[i0, j0, k0, n] + s * table[i0, j1, k0, n]
+        high = (1.0 - s) * table[i0, j0, k1, n] + s * table[i0, j1, k1, n]
+        first = (1.0 - t) * low + t * high
+        low = (1.0 - s) * table[i1, j0, k0, n] + s * table[i1, j1, k0, n]
+        high = (1.0 - s) * table[i1, j0, k1, n] + s * table[i1, j1, k1, n]
+        diffuse[n] *= fast_exp((1.0 - u) * first + u * ((1.0 - t) * low + t * high))
+
+
+@inlined
+def transport_length(v, density):
+    """Way on which light forgets its direction [m], at the middle wavelength; `density` (component,)."""
+    onward = 0.0
+    for c in range(density.size):
+        onward += density[c] * v.onward[c]
+    return 1.0 / max(depth_at(v, density, v.power.shape[1] // 2) - onward, 1e-300)
+
+
+@inlined
+def forwardness(v, density):
+    """Mean cosine of the scattering angle at densities (component,), at the middle wavelength."""
+    total, onward = 0.0, 0.0
+    for c in range(density.size):
+        total += density[c] * v.sigma_s[c, v.power.shape[1] // 2]
+        onward += density[c] * v.onward[c]
+    return onward / max(total, 1e-300)
+
+
+@inlined
+def nearest_star(v, x):
+    """Distance to the nearest point light [m]."""
+    near = math.inf
+    for k in range(v.power.shape[0]):
+        if not v.distant[k]:
+            _, _, _, d, _ = face_light(v, k, x[0], x[1], x[2])
+            near = min(near, d)
+    return near
+
+
+@kernel
+def middle_guess(v, x, y, z, work):
+    """The corrected guess of all light at the middle wavelength; ``work.to_light`` is overwritten."""
+    middle = v.power.shape[1] // 2
+    total = v.floor[middle]
+    for k in range(v.power.shape[0]):
+        _, _, _, d, fall = face_light(v, k, x, y, z)
+        guide_columns(v, k, x, y, z, d, work.to_light)
+        tau = depth_at(v, work.to_light, middle)
+        total += v.power[k, middle] * fall * (0.1 + tau) * fast_exp(-v.decay[middle] * tau)
+    table = v.correction
+    i0, i1, u = cell_place(v.space, 0, x, table.shape[0])
+    j0, j1, s = cell_place(v.space, 1, y, table.shape[1])
+    k0, k1, t = cell_place(v.space, 2, z, table.shape[2])
+    n = middle
+    low = (1.0 - s) * table[i0, j0, k0, n] + s * table[i0, j1, k0, n]
+    high = (1.0 - s) * table[i0, j0, k1, n] + s * table[i0, j1, k1, n]
+    first = (1.0 - t) * low + t * high
+    low = (1.0 - s) * table[i1, j0, k0, n] + s * table[i1, j1, k0, n]
+    high = (1.0 - s) * table[i1, j0, k1, n] + s * table[i1, j1, k1, n]
+    return max(total * fast_exp((1.0 - u) * first + u * ((1.0 - t) * low + t * high)), 1e-300)
 
 
 @entry

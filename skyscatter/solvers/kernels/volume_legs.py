@@ -14,7 +14,7 @@ from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.lookup import sort_few
 from skyscatter.solvers.kernels.optics import mix_components, transmittance
 from skyscatter.solvers.kernels.space import space_columns, space_densities
-from skyscatter.solvers.kernels.volume import depth_at, guess_light, least_depth
+from skyscatter.solvers.kernels.volume import correct_guess, depth_at, guess_light, least_depth
 
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
@@ -131,9 +131,9 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     for k in range(last + 1):
         t = leg.edge[k]
         transmittance(leg.column[k], v.sigma_t, work.through)
-        guess_light(
-            v, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work, leg.light_rim[k], leg.vertex_rim[k]
-        )  # fmt: skip
+        a, b, c = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
+        guess_light(v, a, b, c, work, leg.light_rim[k], leg.vertex_rim[k])
+        correct_guess(v, a, b, c, leg.vertex_rim[k])
         for i in range(wavelengths):
             leg.light_rim[k, i] *= work.through[i]
             leg.vertex_rim[k, i] *= work.through[i]

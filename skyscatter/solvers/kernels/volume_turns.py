@@ -13,8 +13,15 @@ from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.optics import phase_at, sample_cosine
 from skyscatter.solvers.kernels.path import turn
 from skyscatter.solvers.kernels.random import uniform
-from skyscatter.solvers.kernels.space import space_densities
-from skyscatter.solvers.kernels.volume import depth_at, face_light, guide_columns
+from skyscatter.solvers.kernels.volume import (
+    depth_at,
+    face_light,
+    forwardness,
+    guide_columns,
+    middle_guess,
+    nearest_star,
+    transport_length,
+)
 
 #: Optical depth at which a star is deep.
 DEEP = 4.0
@@ -23,6 +30,8 @@ DEEP = 4.0
 NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
 #: The same shares for stars outside the medium, where no ray comes near them.
 OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
+#: Part of the distance to a star that one looks ahead at most.
+SHY = 0.3
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
 
@@ -139,12 +148,12 @@ def mean_phase(v, cosine, density):
 def turn_at_vertex(v, u, w, work, lights, walk):
     """New direction at a vertex; the value takes the phase functions.  False if nothing is scattered there.
 
+    ``work.density`` holds the densities at the vertex.
     The wanted density is the phase function times the guess of the light that comes from a direction.  Candidates are
     drawn from both of these alone, and one of them is kept by its weight (importance resampling: Talbot, Cline &
     Egbert 2005, Eurographics Symposium on Rendering).  The draw is the same for every hero, so chances stay.
     """
     x, d = walk.position, walk.direction
-    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
     old_x, old_y, old_z = d[0], d[1], d[2]
     depth = face_lights(v, x, work, lights)
     share = min(max(depth, 0.0) / DEEP, 1.0)
@@ -157,23 +166,38 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         near = OUTSIDE_NEAR_SHARES[1] + inside * (NEAR_SHARES[1] - OUTSIDE_NEAR_SHARES[1])
         far = OUTSIDE_DEEP_SHARES[1] + inside * (DEEP_SHARES[1] - OUTSIDE_DEEP_SHARES[1])
         deep = near + share * (far - near)
+    by_law = 0.5
+    corrected = v.correction.shape[0] > 0
+    far, here = 0.0, 0.0
+    if corrected:
+        share = 1.0 if depth < 0.0 else share
+        # Never as far as a star, where the guess knows no bounds.
+        far = min(transport_length(v, work.density), SHY * nearest_star(v, x))
+        # The more directions are kept in scattering, the less is left for the guess to choose.
+        by_law *= 1.0 - share * forwardness(v, work.density)
+        here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], work)
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
         z = (n + u) / CANDIDATES
-        if z < 0.5:
-            draw_by_law(v, d, 2.0 * z, uniform(walk.state), lights, around, deep, walk.state)
+        if z < by_law:
+            draw_by_law(v, d, z / by_law, uniform(walk.state), lights, around, deep, walk.state)
         else:
             d[0], d[1], d[2] = old_x, old_y, old_z
-            if not draw_by_phase(v.mean, np.int64(0), 2.0 * z - 1.0, uniform(walk.state), work, walk):
+            if not draw_by_phase(v.mean, np.int64(0), (z - by_law) / (1.0 - by_law), uniform(walk.state), work, walk):
                 return False
         phase = mean_phase(v.mean, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
         law = direction_law(v, d, lights, around, deep)
-        weight = phase * law / (0.5 * (phase + law))
+        wanted = law
+        if corrected and share > 0.0:
+            ahead = middle_guess(v, x[0] + far * d[0], x[1] + far * d[1], x[2] + far * d[2], work)
+            wanted += share * (ahead / here - law)
+        wanted *= phase
+        weight = wanted / (by_law * law + (1.0 - by_law) * phase)
         total += weight
         # Reservoir of one: the number is used again, stretched, after every decision.
         if weight > 0.0 and w * total < weight:
-            chosen, kept = True, phase * law
+            chosen, kept = True, wanted
             best_x, best_y, best_z = d[0], d[1], d[2]
             w = w * total / weight
         elif total > 0.0:

@@ -30,7 +30,7 @@ from skyscatter.solvers.kernels.path import BATCHES, Walk, make_walk, rebalance,
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_densities
 from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching
-from skyscatter.solvers.kernels.volume import VolumeTable, VolumeWork, guess_light, make_volume_work
+from skyscatter.solvers.kernels.volume import VolumeTable, VolumeWork, make_volume_work
 from skyscatter.solvers.kernels.volume_legs import (
     VolumeLeg,
     columns_to,
@@ -41,17 +41,14 @@ from skyscatter.solvers.kernels.volume_legs import (
     prepare_volume_leg,
 )
 from skyscatter.solvers.kernels.volume_turns import turn_at_vertex
+from skyscatter.solvers.kernels.volume_windows import Waiting, make_waiting, pass_window, promise, take_waiting
 
 #: Strata of the camera's ray and of a leg of a walk; even numbers.
 CAMERA_STRATA, LEG_STRATA = 32, 8
 #: Points of a leg at which the light of the stars is fetched.
 LIT_POINTS = 2
-#: Exponent of the light in the depths below which flights are exact.
-SLOW = 0.4
 #: Walks of each batch before the noise is judged first, and before a ray may count as dark.
 FIRST_WALKS, SURE_WALKS = 4, 32
-#: Roulette begins where a walk promises less than this share of what it did at its first vertex.
-ROULETTE_LEVEL = 0.3
 
 
 class WalkScratch(NamedTuple):
@@ -62,6 +59,7 @@ class WalkScratch(NamedTuple):
     camera: VolumeLeg
     leg: VolumeLeg
     lights: np.ndarray  #: (light, 4) direction to a light and its share of the direct light
+    waiting: Waiting
     walk: Walk
     sums: np.ndarray  #: (batch, wavelength)
     shift: np.ndarray  #: (batch, dimension) uint32
@@ -73,7 +71,8 @@ def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: i
     return WalkScratch(
         make_volume_work(components, wavelengths), make_walker() if tracked else None,
         make_volume_leg(CAMERA_STRATA, components, wavelengths),
-        make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_walk(wavelengths),
+        make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_waiting(wavelengths),
+        make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
 
@@ -113,13 +112,13 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
 
 @kernel
 def go_to_vertex(v, hero, u, leg, work, walk):
-    """Move the walk to its next vertex; False if there is none.
+    """Move the walk to its next vertex, where ``work.density`` then holds the densities; False if there is none.
 
-    Where light falls slowly the guess of it has little to add, and over many orders the small errors of a leg's strata
-    would multiply: there the flight is exact.
+    Without lights the guess has nothing to add, and over the many orders of a nearly white medium the small errors of
+    a leg's strata would multiply: there the flight is exact.
     """
     x, d = walk.position, walk.direction
-    if v.decay[v.decay.size // 2] < SLOW:
+    if v.power.shape[0] == 0 and v.correction.shape[0] > 0:
         t, k = fly_forced(v, hero, u, leg, work, walk)
     else:
         t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
@@ -132,18 +131,8 @@ def go_to_vertex(v, hero, u, leg, work, walk):
         walk.chance[i] *= leg.draw[i]
     for n in range(3):
         x[n] += t * d[n]
+    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
     return rebalance(walk)
-
-
-@kernel
-def promise(v, work, walk, spare):
-    """What a walk at a vertex may still bring in: its value times the guess of the light, averaged over wavelengths."""
-    x = walk.position
-    guess_light(v, x[0], x[1], x[2], work, work.through, spare)
-    total = 0.0
-    for i in range(spare.size):
-        total += walk.value[i] * spare[i]
-    return total / spare.size
 
 
 @inlined
@@ -168,11 +157,36 @@ def look_along_ray(v, hero, camera, work, walker, walk, total, by_order, apart):
             by_order[0, i] += walk.gain[i]
 
 
+@kernel
+def follow_leg(v, hero, order, max_order, leg, work, walker, lights, walk, total, by_order):
+    """Turn a walk at its vertex, add the light along its next leg, and go to the vertex there; False at its end."""
+    x, d = walk.position, walk.direction
+    if not turn_at_vertex(v, next_number(walk, order, 0), next_number(walk, order, 1), work, lights, walk):
+        return False
+    start, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    if end <= start:
+        return False
+    found = prepare_volume_leg(
+        v, x, d, start, end, np.bool_(False), next_number(walk, order, 2), leg, work
+    )  # fmt: skip
+    if order < max_order:
+        fetch_light(v, hero, next_number(walk, order, 3), leg, work, walker, walk)
+    for i in range(walk.value.size):
+        unscattered = walk.value[i] * leg.escape[i]
+        scattered = walk.value[i] * walk.gain[i] if order < max_order else 0.0
+        total[i] += unscattered + scattered
+        if order <= by_order.shape[0]:
+            by_order[order - 1, i] += unscattered
+        if order + 1 <= by_order.shape[0]:
+            by_order[order, i] += scattered
+    return found and go_to_vertex(v, hero, next_number(walk, order, 4), leg, work, walk)
+
+
 @merged
 def volume_wander(
-    v, camera, origin, direction, walked, max_order, leg, work, walker, lights, walk, total, by_order, apart
+    v, camera, origin, direction, walked, max_order, leg, work, walker, lights, waiting, walk, total, by_order, apart
 ):  # fmt: skip
-    """Follow a walk from the camera to its end and add up its light."""
+    """Follow a walk from the camera, and all that it is split into, to the end and add up the light."""
     wavelengths = walk.value.size
     last = max_order if v.glows else max_order - 1
     hero = min(int(walk.even[0] * wavelengths), wavelengths - 1)
@@ -188,36 +202,16 @@ def volume_wander(
     if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
         return
     reference = promise(v, work, walk, leg.draw)
-    for order in range(1, last + 1):
-        if order > 1:
-            level = ROULETTE_LEVEL * reference
-            now = promise(v, work, walk, leg.draw)
-            if now < level:
-                chance = max(now / level, 0.05)
-                if uniform(walk.state) >= chance:
-                    return
-                for i in range(wavelengths):
-                    walk.value[i] /= chance
-        if not turn_at_vertex(v, next_number(walk, order, 0), next_number(walk, order, 1), work, lights, walk):
-            return
-        start, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
-        if end <= start:
-            return
-        found = prepare_volume_leg(
-            v, x, d, start, end, np.bool_(False), next_number(walk, order, 2), leg, work
+    order, legs = 1, 0
+    while order > 0:
+        alive = order <= last and follow_leg(
+            v, hero, order, max_order, leg, work, walker, lights, walk, total, by_order
         )  # fmt: skip
-        if order < max_order:
-            fetch_light(v, hero, next_number(walk, order, 3), leg, work, walker, walk)
-        for i in range(wavelengths):
-            unscattered = walk.value[i] * leg.escape[i]
-            scattered = walk.value[i] * walk.gain[i] if order < max_order else 0.0
-            total[i] += unscattered + scattered
-            if order <= by_order.shape[0]:
-                by_order[order - 1, i] += unscattered
-            if order + 1 <= by_order.shape[0]:
-                by_order[order, i] += scattered
-        if not found or not go_to_vertex(v, hero, next_number(walk, order, 4), leg, work, walk):
-            return
+        if alive:
+            order, legs = order + 1, legs + 1
+            alive = pass_window(promise(v, work, walk, leg.draw), reference, legs, order, walk, waiting)
+        if not alive:
+            order = take_waiting(v, work, walk, waiting)
 
 
 @inlined
@@ -293,8 +287,8 @@ def volume_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
-                        v, s.camera, o, d, walked, max_order, s.leg, s.work, s.walker, s.lights, walk, s.sums[b],
-                        by_order[ray], apart[ray]
+                        v, s.camera, o, d, walked, max_order, s.leg, s.work, s.walker, s.lights, s.waiting, walk,
+                        s.sums[b], by_order[ray], apart[ray]
                     )  # fmt: skip
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])

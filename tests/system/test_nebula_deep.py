@@ -1,0 +1,112 @@
+"""Deep, nearly white clouds: light that is scattered very often is neither lost nor sure of itself."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from nebulae import GREY, WAVELENGTH, component, dusty_sphere, escaping_luminosity, parallel_rays
+from peierls import escaping_share
+from significance import assert_agrees
+
+from skyscatter.lights import ParallelLight, PointStar
+from skyscatter.media.medium import Medium
+from skyscatter.media.structures import Slab
+from skyscatter.media.voxels import VoxelGrid
+from skyscatter.solvers.diffusion import guess_correction
+from skyscatter.solvers.run import radiance
+from skyscatter.solvers.volume import compile_volume
+from skyscatter.space import SpaceScene, View
+
+
+def check_escape(tau: float, albedo: float, g: float, rays: int, samples: int, most: float) -> None:
+    """What escapes is what transport says, or for a white cloud, whatever its phase function, all of it."""
+    share, error, _ = escaping_luminosity(dusty_sphere(tau, albedo, g), rays, samples=samples)
+    expected = -np.expm1(-tau) if albedo == 1.0 else escaping_share(tau, albedo)
+    print(f"tau {tau:g} albedo {albedo:g} g {g:g}: {share[0] / expected:.4f} +- {error[0] / expected:.2g}")
+    # The bar of the error, too, is a measure: at most so much, or the comparison says nothing.
+    assert error[0] < most * expected
+    # Two hundred rays and more: the error of the sum is as good as Gaussian.  The slack is that of the rule over the
+    # offset, 1 / rays^1.5, and of the elements of the judge, by halving them (2e-2 at depth 100, below 2e-3 at 30).
+    slack = rays**-1.5 + (0.0 if albedo == 1.0 else 2e-2 * (tau / 100) ** 2)
+    assert_agrees(share[0], expected, error[0], freedom=np.inf, slack=slack)
+
+
+@pytest.mark.filterwarnings("ignore:light comes through")
+@pytest.mark.parametrize(("tau", "albedo", "g"), [(10.0, 1.0, 0.0), (20.0, 1.0, 0.0), (30.0, 0.99, 0.0)])
+def test_nothing_is_lost_in_the_depths(tau: float, albedo: float, g: float) -> None:
+    check_escape(tau, albedo, g, 200, 16, 0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:light comes through")
+@pytest.mark.parametrize("albedo", [0.3, 0.6, 0.9, 0.99, 0.999, 1.0])
+@pytest.mark.parametrize("tau", [3.0, 10.0, 30.0])
+def test_escaping_light_of_every_albedo_and_depth(tau: float, albedo: float) -> None:
+    check_escape(tau, albedo, 0.0, 400, 32, 0.08)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:light comes through")
+@pytest.mark.parametrize("g", [0.6, 0.85])
+@pytest.mark.parametrize("tau", [3.0, 10.0, 30.0])
+def test_white_clouds_lose_nothing_whatever_their_phase_function(tau: float, g: float) -> None:
+    check_escape(tau, 1.0, g, 400, 32, 0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("albedo", [0.9, 0.99, 0.999])
+def test_depth_100(albedo: float) -> None:
+    with pytest.warns(UserWarning, match="free paths") if albedo > 0.98 else nullcontext():
+        check_escape(100.0, albedo, 0.0, 400, 16, 0.2)
+
+
+def test_a_word_before_depths_that_few_walks_reach() -> None:
+    scene = dusty_sphere(60.0, 1.0)
+    with pytest.warns(UserWarning, match="60 transport free paths of 'dust'"):
+        radiance(scene, *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2, max_order=2)
+    with pytest.warns(UserWarning, match="scatterings forward"):
+        radiance(
+            dusty_sphere(10.0, 1.0, 0.8), *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2,
+            max_order=2,
+        )  # fmt: skip
+    # As deep, but black enough for guided flights: no word, for filters make every warning an error.
+    radiance(
+        dusty_sphere(60.0, 0.6), *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2, max_order=2
+    )
+
+
+def cell_with_star(depth: float, albedo: float) -> SpaceScene:
+    """A thin cloud of voxels, and a star in one that is opaque: `depth` from the star to its faces."""
+    values = np.full((9, 9, 9), 1 / 9)
+    values[4, 4, 4] = depth
+    grid = VoxelGrid(values=values, low=(-1, -1, -1), high=(1, 1, 1), interpolation="nearest")
+    return SpaceScene(
+        medium=Medium(components=(component(grid, 9.0, albedo),)), stars=(PointStar(spectrum=GREY),),
+        view=View(distance=100.0),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("depth", "albedo"), [(100.0, 0.99), (1e4, 0.6), (1e4, 1.0)])
+def test_a_star_in_an_opaque_cell_ends(depth: float, albedo: float) -> None:
+    """No walk takes longer than its patience, some 2^16 legs with what is left when it ends, and a word says so."""
+    scene = cell_with_star(depth, albedo)
+    with pytest.warns(UserWarning, match="'dust'"):
+        answer = radiance(scene, *parallel_rays(np.array([0.02])), WAVELENGTH, solver="path", samples=2)
+    assert np.all(np.isfinite(answer.radiance))
+
+
+def test_the_guess_is_that_of_diffusion() -> None:
+    """Behind a white slab light falls in a straight line to the far side, and not as the guess of point lights."""
+    depth = 20.0
+    light = ParallelLight(direction=(0.0, 0.0, -1.0), irradiance=1.0)
+    medium = Medium(components=(component(Slab(half_thickness=1.0, half_width=20.0), depth / 2, 1.0),))
+    table = compile_volume(SpaceScene(medium=medium, parallel=(light,), view=View(distance=100.0)), WAVELENGTH)
+    correction = guess_correction(table)
+    middle = correction.shape[0] // 2
+    assert np.all(np.isfinite(correction))
+    assert correction.shape[:3] == tuple(np.array(table.guide.shape[1:4]) - 1)
+    along = correction[middle, middle, :, 0]
+    # The guess rises with the depth below the lit face, light falls: so does their ratio, all the way.
+    assert np.all(np.diff(along) < 0) or np.all(np.diff(along) > 0)
