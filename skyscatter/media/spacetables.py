@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 #: Cells of the grid of bounds along the longest side of the medium.
 BOUND_CELLS = 32
-#: Share of a cell by which it is bounded smaller than it is, on every side: what changes in a face that it shares with a
-#: grid of voxels or a box belongs to the neighbour.  Also in `kernels.tracking`.
+#: Share of a cell by which it is bounded smaller than it is, on every side: what changes in a face that it shares with
+#: a grid of voxels or a box belongs to the neighbour.  Also in `kernels.tracking`.
 RIM = 1e-9
 
 
