@@ -37,7 +37,7 @@ from skyscatter.solvers.kernels.volume_walks import LEG_STRATA, LIT_POINTS
 #: Segments on which the ways are compared, times that each is tracked, and points from which they are chosen.
 SEGMENTS, REPEATS, CANDIDATES = 48, 32, 4096
 #: Cost of one crossed cell of a grid, in evaluations of its density (some 30 ns).
-CELL_COST = 0.3
+CELL_COST = 0.5
 #: Cost of a tentative collision beside and in terms of its densities: they are far from each other in memory.
 LOOK = 2.0
 #: Evaluations that a column in closed form is worth.

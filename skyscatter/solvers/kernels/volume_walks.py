@@ -138,13 +138,20 @@ def go_to_vertex(v, hero, u, leg, work, walk):
 
 
 @kernel
-def promise(v, work, walk, spare):
-    """What a walk at a vertex may still bring in: its value times the guess of the light, averaged over wavelengths."""
+def promise(v, first, work, walk, spare):
+    """What a walk at a vertex may still bring in, over what it did at its `first`: averaged over wavelengths.
+
+    That is its value times the guess of the light.  Every wavelength counts by its own share: of the light behind deep
+    dust one wavelength may have 1e-9 of what another has, and is looked for all the same.
+    """
     x = walk.position
     guess_light(v, x[0], x[1], x[2], work, work.through, spare)
     total = 0.0
     for i in range(spare.size):
-        total += walk.value[i] * spare[i]
+        spare[i] *= walk.value[i]
+        if first:
+            work.promised[i] = max(spare[i], 1e-290)
+        total += spare[i] / work.promised[i]
     return total / spare.size
 
 
@@ -189,13 +196,12 @@ def volume_wander(
         return
     if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
         return
-    reference = promise(v, work, walk, leg.draw)
+    promise(v, True, work, walk, leg.draw)
     for order in range(1, last + 1):
         if order > 1:
-            level = ROULETTE_LEVEL * reference
-            now = promise(v, work, walk, leg.draw)
-            if now < level:
-                chance = max(now / level, 0.05)
+            now = promise(v, False, work, walk, leg.draw)
+            if now < ROULETTE_LEVEL:
+                chance = max(now / ROULETTE_LEVEL, 0.05)
                 if uniform(walk.state) >= chance:
                     return
                 for i in range(wavelengths):
