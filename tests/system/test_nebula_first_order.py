@@ -87,8 +87,8 @@ def check_first_order(name: str, way: str, samples: int, n: int, share: float) -
     ("name", "way", "samples"),
     [
         ("hollow", "quadrature", 64),
-        ("hollow", "ratio", 512),
-        ("hollow", "residual-ratio", 512),
+        ("hollow", "ratio", 1024),
+        ("hollow", "residual-ratio", 1024),
         ("star-in-dust", "quadrature", 128),
     ],
 )
