@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from bases import complaint
+from field_bounds import assert_bounds_hold
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 from scipy.spatial.transform import Rotation
@@ -160,6 +161,10 @@ class SpatialFieldBase:
             assert (lowest >= 0).all()
             assert (values >= lowest[:, None] * (1 - 1e-7)).all()
             assert (values <= highest[:, None] * (1 + 1e-7)).all()
+
+    def test_bounds_hold_on_axes_planes_tips_and_edges(self) -> None:
+        for field in self.examples:
+            assert_bounds_hold(field)
 
     def test_extremes_close_in_on_the_value(self) -> None:
         for field in self.examples:

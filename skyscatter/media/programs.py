@@ -56,9 +56,11 @@ def map_box(box: Array, matrix: Array, offset: Array) -> Array:
 
 
 def map_boxes(low: Array, high: Array, matrix: Array, offset: Array) -> tuple[Array, Array]:
-    """`map_box` for many boxes (box, 3), a rounding error wider, so that bounds stay bounds."""
+    """`map_box` for many boxes (box, 3), wider by more than the rounding of any point's map: bounds stay bounds."""
     middle = 0.5 * (low + high) @ matrix.T + offset
-    half = 0.5 * (high - low) @ np.abs(matrix).T * (1 + 1e-12) + 1e-14 * np.abs(middle)
+    size = np.abs(matrix).T
+    rounding = 1e-14 * (np.maximum(np.abs(low), np.abs(high)) @ size + np.abs(offset))
+    half = 0.5 * (high - low) @ size * (1 + 1e-12) + rounding
     return middle - half, middle + half
 
 

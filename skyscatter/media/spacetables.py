@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 #: Cells of the grid of bounds along the longest side of the medium.
 BOUND_CELLS = 32
+#: Share of a cell by which it is bounded smaller than it is, on every side: what changes in a face that it shares with
+#: a grid of voxels or a box belongs to the neighbour.  Also in `kernels.tracking`.
+RIM = 1e-9
 
 
 def pack_space(fields: Sequence[SpatialField], bound_cells: int = BOUND_CELLS) -> SpaceTable:
@@ -94,7 +97,7 @@ def bound_grid(
         return cells, np.zeros((int(cells.prod()), 0)), np.zeros((int(cells.prod()), 0))
     corners = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     step = size / cells
-    pairs = [field.extremes(low + corners * step, low + (corners + 1) * step) for field in fields]
+    pairs = [field.extremes(low + (corners + RIM) * step, low + (corners + 1 - RIM) * step) for field in fields]
     return cells, np.stack([p[1] for p in pairs], axis=1), np.stack([p[0] for p in pairs], axis=1)
 
 

@@ -137,9 +137,10 @@ class Cone(Shape):
         if self.both_sides:
             bottom, top = radii(low[:, 2:], high[:, 2:])
         # The cosine of the angle with the axis is largest at the top of a box, nearest to the axis if that is above
-        # the tip, and farthest if below; and so on.
-        largest = _cosine(top, np.where(top > 0, near, far))
-        smallest = _cosine(bottom, np.where(bottom > 0, far, near))
+        # the tip, and farthest if below; smallest at the bottom, the other way round.  In the plane of the tip all
+        # points but the tip, which counts as within, have the cosine 0.
+        largest = _cosine(top, np.where(top >= 0, near, far))
+        smallest = _cosine(bottom, np.where(bottom >= 0, far, near))
         meets = (largest >= cosine) & (r_near <= 1.0) & (r_far >= inner)
         inside = (smallest >= cosine) & (r_near >= inner) & (r_far <= 1.0)
         if exponent == 0.0:

@@ -229,19 +229,24 @@ class VoxelGrid(ArrayRecord):
         """Bounds of the density within boxes; see `SpatialField`.
 
         They are those of the numbers that the boxes touch; for boxes of many cells, of those in blocks that they touch.
-        Without interpolation, cells count as touched when more than 1e-9 of them is.
+        A face belongs to the cells on both sides of it.
         """
         corner, start, end = self._frame
-        a, b = (low - corner) / self.cell, (high - corner) / self.cell
+        # More than the rounding of a point's place in the grid.
+        rounding = 1e-14 * (np.maximum(np.abs(low), np.abs(high)) + np.abs(corner)) / self.cell + 1e-12
+        a, b = (low - corner) / self.cell - rounding, (high - corner) / self.cell + rounding
         outside = ((a > end) | (b < start)).any(axis=1)
         partly = ((a < start) | (b > end)).any(axis=1)
         shape, repeats = np.array(self.nodes.shape), np.array(self.periodic)
         if self.interpolation == "linear":
             first, last = np.floor(a), np.ceil(b)
         else:
-            first, last = np.floor(a + 1e-9), np.ceil(b - 1e-9) - 1
+            first, last = np.floor(a), np.floor(b)
         last = np.maximum(last, first)
         period = shape - (1 if self.interpolation == "linear" else 0)
+        # A grid that repeats ends too, after its last period.
+        beyond = (low < self.corners[0] - REPEATS * self.periods) | (high > self.corners[1] + REPEATS * self.periods)
+        partly |= (repeats & beyond).any(axis=1)
         # Where the grid repeats, the first number is brought into the first period; the last may lie in the second one.
         turn = np.where(repeats, np.floor(first / period) * period, 0.0)
         first, last = first - turn, last - turn

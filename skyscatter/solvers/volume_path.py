@@ -8,12 +8,13 @@ delta tracking with local majorants; both take all orders from the walks.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.bounds import check_bounds, check_excess
 from skyscatter.solvers.depths import warn_of_depths
 from skyscatter.solvers.kernels.tracking import QUADRATURE, RATIO, RESIDUAL
 from skyscatter.solvers.kernels.volume import VolumeTable
@@ -38,6 +39,13 @@ SAMPLINGS = ("march", "free-flight", "delta")
 TRANSMITTANCES = {"auto": -1, "quadrature": QUADRATURE, "ratio": RATIO, "residual-ratio": RESIDUAL}
 
 
+class Context(NamedTuple):
+    """What is prepared once for all rays."""
+
+    table: VolumeTable
+    names: tuple[str, ...]  #: of the components
+
+
 def check(options: Options) -> None:
     """Refuse what contradicts itself."""
     options.refuse("path in three dimensions", "stokes")
@@ -58,19 +66,23 @@ def prepare(
     options: Options,
     threads: int,
     progress: Callable[[float], None] | None,
-) -> VolumeTable:
+) -> Context:
     """The tables of a scene, and how transmittances are found."""
     table = prepare_single(scene, rays, wavelengths, options, threads, progress)
     # Delta tracking is there to test what is made of columns: it uses none, unless told to.
     usual = "ratio" if options.sampling == "delta" else "auto"
     wanted = TRANSMITTANCES[options.transmittance or usual]
+    table = table._replace(tracking=cheapest(table) if wanted < 0 else wanted)
     if options.sampling in (None, "march"):
         warn_of_depths(table, rays, tuple(component.name for component in scene.medium.components))
-    return table._replace(tracking=cheapest(table) if wanted < 0 else wanted)
+    if options.sampling == "delta" or table.tracking != QUADRATURE:
+        check_bounds(scene.medium)
+    return Context(table, tuple(component.name for component in scene.medium.components))
 
 
-def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
+def solve(context: Context, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
+    table = context.table
     n, (components, wavelengths) = len(rays.origins), table.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
@@ -81,19 +93,22 @@ def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
     scattered = direct = np.zeros_like(mean)
     if options.sampling in ("free-flight", "delta"):
         direct = single_parts(without_lights(table), rays, tolerance)[1]
+        flights = make_flight_scratch(components, wavelengths, table.tracking != QUADRATURE)
         volume_flight_rays(
             table, options.sampling == "delta", rays.origins, rays.directions, rays.numbers, np.int64(options.seed),
-            walks, max_order, make_flight_scratch(components, wavelengths, table.tracking != QUADRATURE), mean, error,
-            by_order, used,
+            walks, max_order, flights, mean, error, by_order, used,
         )  # fmt: skip
+        check_excess(flights.work.excess, context.names)
     else:
         walked, apart = not has_cheap_columns(table), np.empty((n, 2, wavelengths))
         if not walked:
             scattered, direct = single_parts(table, rays, tolerance)
+        scratch = scratch_of(table, walks)
         volume_path_rays(
             table, rays.origins, rays.directions, rays.numbers, scattered, walked, np.int64(options.seed), walks,
-            options.noise or 0.0, max_order, scratch_of(table, walks), mean, error, by_order, apart, used,
+            options.noise or 0.0, max_order, scratch, mean, error, by_order, apart, used,
         )  # fmt: skip
+        check_excess(scratch.work.excess, context.names)
         if walked:
             direct, scattered = apart[:, 0], apart[:, 1]
             mean = mean - direct - scattered

@@ -7,15 +7,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from significance import assert_agrees
 
 import skyscatter
 from skyscatter.cli.nebula_models import central_optical_depth
+from skyscatter.geometry.telescope import Telescope
 from skyscatter.media.ionised import alpha_b
 from skyscatter.nebula import NebulaModel
 from skyscatter.optics.dust import MAGNITUDE
 from skyscatter.units import PARSEC
 
-NAMES = ("dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "turbulent-pillar")
+Array = NDArray[np.float64]
+NAMES = (
+    "dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "star-in-dust", "turbulent-pillar"
+)  # fmt: skip
 WAVELENGTHS = [450.0, 550.0, 656.0]
 CELLS = 40  #: voxels along a side in these tests; the shipped models have three to five times as many
 
@@ -84,31 +90,58 @@ def test_no_more_recombinations_than_ionising_photons(name: str, least: float, m
     assert least < share < most
 
 
-@pytest.mark.parametrize(
-    ("name", "width_pc", "pixels", "brightness"),
-    [
-        ("dark-globule", 0.2, 24, (5.42e-9, 6.98e-9, 7.62e-9)),
-        ("dusty-disk", 0.0044, 24, (1.42e-9, 2.61e-9, 3.55e-9)),
-        ("hii-region", 2.0, 8, (9.1e-8, 9.1e-8, 2.0e-7)),
-        ("reflection-nebula", 1.2, 24, (1.57e-8, 9.37e-9, 5.32e-9)),
-        ("ring-nebula", 0.5, 24, (6.13e-9, 1.22e-8, 1.67e-8)),
-        ("turbulent-pillar", 2.2, 24, (2.58e-8, 1.44e-8, 6.5e-8)),
-    ],
-)
-def test_pictures_are_finite_and_as_bright_as_they_were(
-    name: str, width_pc: float, pixels: int, brightness: tuple[float, float, float]
-) -> None:
-    """Mean radiance [W m-2 sr-1 nm-1] without the six brightest pixels, which stars are.
+#: Light of the second and higher orders in the dusty disk has a tail that no quick test pins: the mean over these rays
+#: is known to 10 % only after 4096 walks a ray.  There the first order is held.
+ORDERS = {"dusty-disk": 1}
+#: Walks a ray that make each error some per cent at most.
+WALKS = {"dusty-disk": 128, "hii-region": 64, "reflection-nebula": 64, "turbulent-pillar": 64}
+#: Width of the field [pc], mean radiance [W m-2 sr-1 nm-1] of the rays below and its standard error, from
+#: runs of 256 walks a ray (2048 in the dusty disk).
+BRIGHTNESS = {
+    "dark-globule": (0.2, (4.5894e-10, 5.3454e-10, 5.7663e-10), (1.9e-13, 2.2e-13, 2.4e-13)),
+    "dusty-disk": (0.0044, (1.2794e-09, 2.3004e-09, 3.0338e-09), (1.2e-12, 2.2e-12, 3.0e-12)),
+    "hii-region": (2.0, (1.5072e-07, 1.5164e-07, 3.0905e-07), (1.0e-09, 1.1e-09, 2.7e-09)),
+    "reflection-nebula": (1.2, (1.5011e-08, 8.9507e-09, 5.0788e-09), (6.4e-11, 3.3e-11, 1.4e-11)),
+    "ring-nebula": (0.5, (6.7385e-09, 1.3762e-08, 1.9335e-08), (2.4e-12, 3.9e-12, 5.1e-12)),
+    "star-in-dust": (0.06, (3.6990e-08, 6.3266e-08, 7.6459e-08), (1.8e-09, 1.8e-09, 1.3e-09)),
+    "turbulent-pillar": (2.2, (2.7828e-08, 1.4859e-08, 7.5745e-08), (7.2e-11, 3.4e-11, 2.8e-10)),
+}
 
-    Three seeds differ by up to 7 %, for four samples a pixel are few, and by 12 % in the small picture of the H II
-    region: 20 and 35 % are three times that.
+
+def light(name: str, samples: int) -> tuple[Array, Array]:
+    """Mean radiance (wavelength,) of 24 x 24 rays to a nebula, and its standard error.
+
+    The middle 4 x 4 are left out: close to a star there, light rises as the reciprocal of the distance.
     """
     scene = small(name).scene()
-    camera = skyscatter.Telescope.from_length(pixels, pixels, width_pc * PARSEC, scene.view.distance)
-    image = skyscatter.render(scene, camera, WAVELENGTHS, solver="path", samples=4, threads=2)
-    light = np.asarray(image.radiance)
-    assert light.shape == (pixels, pixels, 3)
-    assert np.isfinite(light).all()
-    assert (light >= 0).all()
-    mean = np.sort(light.reshape(-1, 3), axis=0)[:-6].mean(axis=0)
-    np.testing.assert_allclose(mean, brightness, rtol=0.2 if pixels == 24 else 0.35)
+    camera = Telescope.from_length(24, 24, BRIGHTNESS[name][0] * PARSEC, scene.view.distance)
+    grid = camera.directions(scene.view)
+    aside = np.ones(grid.shape[:2], bool)
+    aside[10:14, 10:14] = False
+    rays = scene.view.position, grid[aside]
+    orders = ORDERS.get(name)
+    answer = skyscatter.radiance(
+        scene, *rays, WAVELENGTHS, solver="path", samples=samples, max_order=orders, seed=samples, threads=2
+    )
+    assert np.isfinite(answer.radiance).all()
+    assert (answer.radiance >= 0).all()
+    return answer.radiance.mean(axis=0), np.sqrt((answer.standard_error**2).sum(axis=0)) / len(answer.radiance)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_pictures_are_finite(name: str) -> None:
+    scene = small(name).scene()
+    camera = Telescope.from_length(24, 24, BRIGHTNESS[name][0] * PARSEC, scene.view.distance)
+    picture = np.asarray(skyscatter.render(scene, camera, WAVELENGTHS, solver="path", samples=2, threads=2).radiance)
+    assert picture.shape == (24, 24, 3)
+    assert np.isfinite(picture).all()
+    assert (picture >= 0).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nebulae_are_as_bright_as_they_were(name: str) -> None:
+    mean, error = light(name, WALKS.get(name, 32))
+    _, brightness, known = BRIGHTNESS[name]
+    print(name, mean, error / mean)
+    # Three comparisons of a sum over 576 rays, whose error is as good as Gaussian.
+    assert_agrees(mean, brightness, np.hypot(error, known), freedom=np.inf)

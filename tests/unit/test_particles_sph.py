@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from field_bounds import assert_bounds_hold
 from pydantic import ValidationError
 from scipy.integrate import quad
 from scipy.spatial import cKDTree
@@ -212,6 +213,15 @@ def test_extremes_contain_all_values():
     assert np.all(density <= highest)
     table = field_table((field,))
     assert np.all(table.upper >= table.lower)
+
+
+# Where only the rim of particles reaches a box, their bounds cost a tenth of a second.
+@pytest.mark.parametrize(("resolution", "boxes"), [(0, 60), pytest.param(0, 2000, marks=pytest.mark.slow), (20, 4000)])
+def test_bounds_hold_on_the_edges_of_particles(resolution, boxes):
+    field = particles(resolution=resolution)
+    places, _, lengths = field.particles
+    special = np.concatenate([places + reach * lengths[:, None] for reach in (-2, -1, 0, 1, 2)]).T
+    assert_bounds_hold(field, special, boxes)
 
 
 def test_upper_bounds_are_close_where_particles_are_many():

@@ -222,6 +222,7 @@ class TestCone(SpatialFieldBase):
         Cone(half_angle_deg=30.0, length=1.0),
         Cone(half_angle_deg=50.0, length=1.0, inner=0.3, both_sides=True, **PLACED),
         Cone(half_angle_deg=40.0, length=1.0, inner=0.1, exponent=2.0),
+        Cone(half_angle_deg=28.0, length=1.0, both_sides=True),
     )
     refused = (
         ({"half_angle_deg": 90.0, "length": 1.0}, "half_angle_deg = 90.0"),
@@ -280,7 +281,11 @@ class TestSlab(SpatialFieldBase):
 
 class TestBox(SpatialFieldBase):
     field_class = Box
-    examples = (Box(half_sizes=(1.0, 2.0, 0.5)), Box(half_sizes=(1.0, 1.0, 1.0), **PLACED))
+    examples = (
+        Box(half_sizes=(1.0, 2.0, 0.5)),
+        Box(half_sizes=(1.0, 1.0, 1.0), **PLACED),
+        Box(half_sizes=(1.0, 1.0, 1.0), position=(0.0, 0.0, 1e5), axis=(0.0, 1.0, 1.0)),
+    )
     refused = (({"half_sizes": (1.0, 0.0, 1.0)}, "half_sizes"),)
 
     def expected(self, field: Any, points: Array) -> Array:
@@ -521,6 +526,9 @@ class TestCarved(SpatialFieldBase):
         BLOB.carved_by(BALL),
         BALL.carved_by(2 * BLOB + BALL.moved((0.5, 0.5, 0)), level=0.5),
         BALL.carved_by(Sphere(radius=0.5), level=0.5),
+        PowerLaw(core=0.2, exponent=2.0, cut=1.0).carved_by(
+            Cone(half_angle_deg=28.0, length=1.2, both_sides=True, axis=(1.0, 0.0, 0.0))
+        ),
     )
     refused = (({"field": BALL, "by": BLOB, "level": 0.0}, "level = 0.0"),)
 

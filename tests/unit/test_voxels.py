@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from field_bounds import assert_bounds_hold
 from pydantic import ValidationError
 from scipy.interpolate import RegularGridInterpolator
 
@@ -171,6 +172,13 @@ def test_extremes_contain_all_values(options, size):
         np.testing.assert_allclose(highest.mean(), density.max(axis=0).mean(), rtol=0.02)
 
 
+@pytest.mark.parametrize("options", KINDS, ids=str)
+def test_bounds_hold_on_faces_nodes_and_edges(options):
+    cell = (HIGH - LOW) / SHAPE
+    half = np.arange(-2, 2 * max(SHAPE) + 3) / 2
+    assert_bounds_hold(grid(**options), special=LOW[:, None] + cell[:, None] * half)
+
+
 def test_extremes_of_large_grids_are_quick_and_hold():
     """The blocks of many cells, against the numbers themselves; and the time that the grid of bounds takes."""
     values = np.random.default_rng(10).random((100, 130, 70), dtype=np.float32)
@@ -178,7 +186,8 @@ def test_extremes_of_large_grids_are_quick_and_hold():
     rng = np.random.default_rng(12)
     low = rng.integers(0, 30, (100, 3))
     high = low + rng.integers(1, 40, (100, 3))
-    lowest, highest = field.extremes(low.astype(float), high.astype(float))
+    # A box that ends in a face holds the cells behind it too.
+    lowest, highest = field.extremes(low + 1e-9, high - 1e-9)
     for a, b, least, most in zip(low, high, lowest, highest, strict=True):
         block = values[a[0] : b[0], a[1] : b[1], a[2] : b[2]]
         assert least <= block.min() * (1 + 1e-6)

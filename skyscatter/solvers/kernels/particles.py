@@ -241,6 +241,12 @@ def particle_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
             return total * p[at + 12] / speed
 
 
+@inlined
+def single(half, size):
+    """Half the side of a box in single precision, wider by the rounding of distances of up to `size` and itself."""
+    return np.float32(half * (1.0 + 4e-7) + 4e-7 * size)
+
+
 @entry
 def particle_bounds(data, levels, low, high, lowest, reached, highest):
     """Bounds of the density within boxes: every particle as far from and as near to the box as it can be.
@@ -261,7 +267,6 @@ def particle_bounds(data, levels, low, high, lowest, reached, highest):
     for box in range(low.shape[0]):
         x0, y0, z0 = low[box, 0], low[box, 1], low[box, 2]
         x1, y1, z1 = high[box, 0], high[box, 1], high[box, 2]
-        u, v, w = np.float32(0.5 * (x1 - x0)), np.float32(0.5 * (y1 - y0)), np.float32(0.5 * (z1 - z0))
         zero = np.float32(0.0)
         least, here, most, k = 0.0, 0.0, 0.0, 1
         while True:
@@ -278,6 +283,10 @@ def particle_bounds(data, levels, low, high, lowest, reached, highest):
                 x, y, z = leaf_middle(data, first)
                 a, b = np.float32(0.5 * (x0 + x1) - x), np.float32(0.5 * (y0 + y1) - y)
                 c = np.float32(0.5 * (z0 + z1) - z)
+                # Wider by more than the single precision of places: near its edge a spline falls by any factor.
+                u = single(0.5 * (x1 - x0), abs(a) + (data[n + 3] - data[n]))
+                v = single(0.5 * (y1 - y0), abs(b) + (data[n + 4] - data[n + 1]))
+                w = single(0.5 * (z1 - z0), abs(c) + (data[n + 5] - data[n + 2]))
                 near = leaf_sum(data, first, a, b, c, -u, -v, -w)
                 if near > zero:
                     most += near

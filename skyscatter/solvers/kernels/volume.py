@@ -73,6 +73,9 @@ class VolumeWork(NamedTuple):
     through: np.ndarray  #: (wavelength,)
     towards: np.ndarray  #: (wavelength,)
     spare: np.ndarray  #: (wavelength,)
+    promised: np.ndarray  #: (wavelength,) light that a walk may bring in, as it seemed at its first vertex
+    looks: np.ndarray  #: (2,) densities looked up by tracked transmittances, and cells crossed
+    excess: np.ndarray  #: (component, 2) densities that tracking found above their bounds: how many, worst ratio
 
 
 def make_volume_work(components: int, wavelengths: int) -> VolumeWork:
@@ -80,7 +83,7 @@ def make_volume_work(components: int, wavelengths: int) -> VolumeWork:
     return VolumeWork(
         make_space_work(), np.zeros(components), np.zeros(components), np.zeros(components),
         np.zeros((components, wavelengths)), np.zeros(wavelengths), np.zeros(wavelengths), np.zeros(wavelengths),
-        np.zeros(wavelengths),
+        np.zeros(wavelengths), np.zeros(wavelengths), np.zeros(2), np.zeros((components, 2)),
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from skyscatter.solvers.kernels.optics import phase_at, transmittance
 from skyscatter.solvers.kernels.path import Walk, make_walk, rebalance
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_columns, space_densities
-from skyscatter.solvers.kernels.tracking import delta_flight, light_reaching
+from skyscatter.solvers.kernels.tracking import delta_flight, light_reaching, watch_point
 from skyscatter.solvers.kernels.volume import VolumeWork, depth_at, make_volume_work
 from skyscatter.solvers.kernels.volume_legs import invert_column
 from skyscatter.solvers.kernels.volume_turns import draw_by_phase
@@ -122,6 +122,8 @@ def add_stars(v, order, s, by_order):
         a, b, c = light_reaching(v, k, x[0], x[1], x[2], work, s.to_lights, walk)
         # Tracking leaves other densities behind.
         space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
+        if s.to_lights is not None:
+            watch_point(v, x[0], x[1], x[2], work)
         phase_at(v.phase, d[0] * a + d[1] * b + d[2] * c, work.phase)
         for i in range(walk.value.size):
             towards = 0.0

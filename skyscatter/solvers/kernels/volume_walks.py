@@ -29,7 +29,7 @@ from skyscatter.solvers.kernels.optics import phase_at, transmittance
 from skyscatter.solvers.kernels.path import BATCHES, Walk, make_walk, rebalance, relative_noise, statistics
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.space import clip_to_space, space_densities
-from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching
+from skyscatter.solvers.kernels.tracking import QUADRATURE, light_reaching, watch_point
 from skyscatter.solvers.kernels.volume import VolumeTable, VolumeWork, make_volume_work
 from skyscatter.solvers.kernels.volume_legs import (
     VolumeLeg,
@@ -100,6 +100,8 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
             a, b, c = light_reaching(v, n, px, py, pz, work, walker, walk)
             # Tracking leaves other densities behind.
             space_densities(v.space, px, py, pz, work.space, work.density)
+            if walker is not None:
+                watch_point(v, px, py, pz, work)
             phase_at(v.phase, d[0] * a + d[1] * b + d[2] * c, work.phase)
             for i in range(walk.gain.size):
                 work.towards[i] = 0.0
@@ -201,7 +203,7 @@ def volume_wander(
         return
     if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
         return
-    reference = promise(v, work, walk, leg.draw)
+    promise(v, True, work, walk, leg.draw)
     order, legs = 1, 0
     while order > 0:
         alive = order <= last and follow_leg(
@@ -209,7 +211,7 @@ def volume_wander(
         )  # fmt: skip
         if alive:
             order, legs = order + 1, legs + 1
-            alive = pass_window(promise(v, work, walk, leg.draw), reference, legs, order, walk, waiting)
+            alive = pass_window(promise(v, False, work, walk, leg.draw), legs, order, walk, waiting)
         if not alive:
             order = take_waiting(v, work, walk, waiting)
 

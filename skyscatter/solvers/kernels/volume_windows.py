@@ -53,10 +53,11 @@ def make_waiting(wavelengths: int) -> Waiting:
 
 
 @kernel
-def promise(v, work, walk, spare):
-    """What a walk at a vertex may still bring in, averaged over wavelengths: value, scattering and guess of the light.
+def promise(v, first, work, walk, spare):
+    """What a walk at a vertex may still bring in, over what it did at its `first`: value, scattering, guessed light.
 
-    ``work.density`` holds the densities at the vertex.
+    Averaged over wavelengths, each of which counts by its own share: of the light behind deep dust one may have 1e-9 of
+    what another has, and is looked for all the same.  ``work.density`` holds the densities at the vertex.
     """
     p, d, shift = walk.position, walk.direction, 0.0
     if v.correction.shape[0] > 0:
@@ -71,24 +72,27 @@ def promise(v, work, walk, spare):
         scattering = 0.0
         for c in range(work.density.size):
             scattering += work.density[c] * v.sigma_s[c, i]
-        total += walk.value[i] * scattering * spare[i]
+        spare[i] *= walk.value[i] * scattering
+        if first:
+            work.promised[i] = max(spare[i], 1e-290)
+        total += spare[i] / work.promised[i]
     return total / spare.size
 
 
 @kernel
-def pass_window(now, reference, legs, order, walk, waiting):
+def pass_window(now, legs, order, walk, waiting):
     """Roulette or splitting of a walk that promises `now`, after so many legs of all its parts; False if it ends."""
     # A walk that has had its share of time is split no more, and its parts end the sooner the longer they last.
     late = legs / PATIENCE
-    level = LOWEST * reference * (1.0 if late < 1.0 else late**4)
+    level = LOWEST * (1.0 if late < 1.0 else late**4)
     if now < level:
         chance = max(now / level, LEAST_CHANCE)
         if uniform(walk.state) >= chance:
             return False
         for i in range(walk.value.size):
             walk.value[i] /= chance
-    elif now > HIGHEST * reference and late < 1.0 and waiting.top[0] < WAITING:
-        parts = int(min(now / reference, MOST_PARTS))
+    elif now > HIGHEST and late < 1.0 and waiting.top[0] < WAITING:
+        parts = int(min(now, MOST_PARTS))
         for i in range(walk.value.size):
             walk.value[i] /= parts
         leave_waiting(order, parts - 1, walk, waiting)
