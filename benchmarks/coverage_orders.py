@@ -1,0 +1,121 @@
+"""How often the stated error of the solver orders covers, over random skies.
+
+    python benchmarks/coverage_orders.py [--scenes 200] [--first 0] [--tolerance 0.005] [--walks 16384]
+
+Every scene has air, haze or both, in shells, tents and layers of metres to kilometres, forward peaks up to g = 0.9,
+optical depths up to 3, a ground of any albedo, a Sun from the zenith to deep twilight, and an observer on the ground,
+aloft or in orbit who looks along six lines of sight, many of them grazing.  The judge is `path` by free flights, which
+shares neither grid, quadrature nor cut with `orders`; it has an error of its own, so that a deviation counts as
+covered where it lies within the stated error and two of the judge's; rays on which the judge's error is larger than
+the stated one say nothing and are left out of the shares, but counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+
+import numpy as np
+
+import skyscatter
+from skyscatter import Component, Ground, Medium, Scene, Star, Sun
+from skyscatter.media.fields import Exponential, Tent, Uniform
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein, Rayleigh
+
+RAYS = 6
+
+
+def haze(rng: np.random.Generator) -> Component:
+    """Particles in a shell that thins out, a layer or a tent."""
+    kind = int(rng.integers(3))
+    if kind == 0:
+        density = Exponential(scale_height=float(rng.uniform(1e3, 4e3)))
+    elif kind == 1:
+        base = float(rng.uniform(0, 5e3))
+        density = Uniform(base=base, top=base + float(10 ** rng.uniform(1, 3.7)))
+    else:
+        peak = float(rng.uniform(1e3, 15e3))
+        half = float(rng.uniform(0.1, 1.0)) * peak
+        density = Tent(base=peak - half, peak=peak, top=peak + half)
+    optics = Particles(
+        optical_depth=float(10 ** rng.uniform(-2, 0.5)),
+        single_scattering_albedo=float(rng.uniform(0.7, 1.0)),
+        phase=HenyeyGreenstein(g=float(rng.uniform(0, 0.9))),
+    )
+    return Component(name="haze", density=density, optics=optics)
+
+
+def random_sky(rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
+    """A scene and directions of sight (ray, 3)."""
+    radius = float(rng.choice([3.39e6, 6.371e6, 6.371e6, 6.371e6]))
+    components = []
+    if rng.random() < 0.85:
+        optics = Particles(optical_depth=float(10 ** rng.uniform(-1.5, 0)), phase=Rayleigh())
+        components.append(
+            Component(name="air", density=Exponential(scale_height=float(rng.uniform(6e3, 12e3))), optics=optics)
+        )
+    if not components or rng.random() < 0.8:
+        components.append(haze(rng))
+    sun = float(rng.uniform(2, 90) if rng.random() < 0.6 else rng.uniform(-9, 6))
+    altitude = float(rng.choice([0, 0, 0, rng.uniform(0, 2e4), 4e5]))
+    dip = np.degrees(np.arccos(radius / (radius + altitude)))
+    even = np.degrees(np.arcsin(rng.uniform(-1, 1, RAYS)))
+    elevation = np.where(rng.random(RAYS) < 0.4, rng.uniform(-3, 5, RAYS) - dip, even)
+    if altitude == 0:
+        elevation = np.abs(elevation) + 0.1
+    elif altitude > 1e5:
+        elevation = np.where(np.arange(RAYS) < RAYS // 2, -rng.uniform(30, 90, RAYS), rng.uniform(-5, 2, RAYS) - dip)
+    e, a = np.radians(elevation), rng.uniform(0, 2 * np.pi, RAYS)
+    scene = Scene(
+        medium=Medium(planet_radius=radius, components=tuple(components)),
+        ground=Ground(albedo=float(rng.choice([0, rng.uniform(0, 1)]))),
+        star=Star(spectrum=1.0, radius=0.0),
+        sun=Sun(elevation_deg=sun, azimuth_deg=0.0),
+        altitude=altitude,
+    )
+    return scene, np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="number of the first scene, which is its seed")
+    parser.add_argument("--tolerance", type=float, default=0.005)
+    parser.add_argument("--walks", type=int, default=16384)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    deviation, stated, judge, seconds = [], [], [], 0.0
+    for seed in range(given.first, given.first + given.scenes):
+        scene, sights = random_sky(np.random.default_rng(seed))
+        rays = np.broadcast_to(scene.observer.position, sights.shape), sights
+        start = time.process_time()
+        answer = skyscatter.radiance(scene, *rays, [550.0], tolerance=given.tolerance)
+        seconds += time.process_time() - start
+        walks = skyscatter.radiance(
+            scene, *rays, [550.0], "path", samples=given.walks, sampling="free-flight", seed=seed
+        )
+        lit = walks.radiance[:, 0] > 0
+        truth = walks.radiance[lit, 0]
+        row = [x[lit, 0] / truth for x in (answer.radiance - walks.radiance, answer.error, walks.error)]
+        for lot, values in zip((deviation, stated, judge), row, strict=True):
+            lot.append(values)
+        missed = (np.abs(row[0]) > row[1] + 2 * row[2]) & (row[2] <= row[1])
+        if missed.any():
+            print(f"scene {seed}: deviation {100 * row[0][missed]} % stated {100 * row[1][missed]} % "
+                  f"judge {100 * row[2][missed]} %", flush=True)  # fmt: skip
+    d, e, j = (np.concatenate(lot) for lot in (deviation, stated, judge))
+    told = j <= e
+    inside, twice = (np.abs(d) <= k * e + 2 * j for k in (1, 2))
+    print("| tolerance | scenes | values that tell | within the stated error | within twice | median stated | "
+          "mean deviation | seconds a scene |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    weight = 1 / (j[told] ** 2 + 0.002**2)
+    print(f"| {given.tolerance:g} | {given.scenes} | {told.sum()} of {told.size} | {100 * inside[told].mean():.1f} % | "
+          f"{100 * twice[told].mean():.1f} % | {100 * np.median(e[told]):.2f} % | "
+          f"{100 * np.average(d[told], weights=weight):+.3f} ± {100 * weight.sum() ** -0.5:.3f} % | "
+          f"{seconds / given.scenes:.2f} |")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
