@@ -5,7 +5,7 @@ is scattered there, is gathered.  Every pass has walks, points and photons of it
 radiance of its rays.  The radius of gathering falls from pass to pass, so that bias and noise vanish together (Knaus &
 Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see docs/theory-surfaces-photons.md.
 
-Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (26 + components +
+Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (29 + components +
 wavelengths) bytes each, the cells around them (`kernels.surfaces.neighbours`), and one radiance per ray; photons are
 not stored.  Where the rays have more points, they are taken in bunches, each with photons of its own.
 """
@@ -285,8 +285,8 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
         first = room.look(context, plain, first, number, options, ball, disk, by_order)
         media, floor = room.in_use
         trace_photons(
-            context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.place, ball),
-            make_cells(floor.place, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
+            context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.centre, ball),
+            make_cells(floor.centre, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
             bunch * photons, (bunch + 1) * photons, photons, most, Pointed(room.scratch), room.sums, by_order,
             fates, room.polar,
         )  # fmt: skip

@@ -144,12 +144,12 @@ def test_the_ratios_of_the_paper() -> None:
     colour = tau / tau.mean(axis=1)[:, None]
     np.testing.assert_allclose(8 * points.weight[:8], colour * ratio[:, None], rtol=1e-10)
     # One photon, and one point whose sphere holds everything.
-    points.count[0], points.place[0], points.weight[0], points.density[0], points.order[0] = 1, 0, 1.0, 1.0, 0
+    points.count[0], points.centre[0], points.weight[0], points.density[0], points.order[0] = 1, 0, 1.0, 1.0, 0
     points.reach[0] = 1e3
     radius = 1e3
-    cells = make_cells(points.place[:1], radius)
+    cells = make_cells(points.centre[:1], radius)
     trace_photons(
-        Pointed(white), peaks, points_at, surfaces_at, cells, make_cells(surfaces.place[:0], 1.0), POINTS, np.int64(1),
+        Pointed(white), peaks, points_at, surfaces_at, cells, make_cells(surfaces.centre[:0], 1.0), POINTS, np.int64(1),
         np.int64(7), 0, 1, 1, 1, s_at, light, none_by_order, fates, None,
     )  # fmt: skip
     flown = np.linalg.norm(s.walk.position)
@@ -168,8 +168,8 @@ def test_weights_of_both_ways_are_in_the_ratio_of_their_densities() -> None:
     radius = 0.3
     points.count[0], points.accepts[0], points.weight[0], points.density[0] = 1, 7, 1.0, 1.0
     points.reach[0] = radius
-    points.place[0], points.direction[0] = (0.5, 0, 0), (0, 0, 1)
-    cells, none = make_cells(points.place, radius), make_cells(np.zeros((0, 3)), 1.0)
+    points.centre[0], points.direction[0] = (0.5, 0, 0), (0, 0, 1)
+    cells, none = make_cells(points.centre, radius), make_cells(np.zeros((0, 3)), 1.0)
     light = {}
     for how in (POINTS, PATHS, POINTS | PATHS):
         sums, s.found[:] = np.zeros((1, 1)), 0

@@ -129,7 +129,7 @@ def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums,
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
         radius = points.reach[p]
-        a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+        a, b, c = points.centre[p, 0] - x[0], points.centre[p, 1] - x[1], points.centre[p, 2] - x[2]
         if a * a + b * b + c * c < radius * radius and points.medium[p] == m and wanted(points, p, kind, order, most):
             factor = 0.75 / (math.pi * radius**3)
             if how & PATHS:
@@ -154,7 +154,7 @@ def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length
         for n in range(grid.start[cell], grid.start[cell + 1]):
             p = grid.entry[n]
             radius = points.reach[p]
-            a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+            a, b, c = points.centre[p, 0] - x[0], points.centre[p, 1] - x[1], points.centre[p, 2] - x[2]
             foot = a * d[0] + b * d[1] + c * d[2]
             if t <= foot < end:
                 a, b, c = a - foot * d[0], b - foot * d[1], c - foot * d[2]
@@ -185,7 +185,7 @@ def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_ord
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
         radius = points.reach[p]
-        a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+        a, b, c = points.centre[p, 0] - x[0], points.centre[p, 1] - x[1], points.centre[p, 2] - x[2]
         if points.body[p] != body or not a * a + b * b + c * c < radius * radius:
             continue
         q = points.normal[p]

@@ -17,6 +17,7 @@ class Points(NamedTuple):
     """The visibility points of a pass, those in media or those on surfaces."""
 
     place: np.ndarray  #: (point, 3) [m]
+    centre: np.ndarray  #: (point, 3) of the sphere or disk in which light is gathered [m]: beside the point near walls
     direction: np.ndarray  #: (point, 3) of the camera's walk, away from the camera
     normal: np.ndarray  #: (point, 3) outward normal of the surface
     density: np.ndarray  #: (point, component) in the medium
@@ -35,9 +36,9 @@ class Points(NamedTuple):
 
 
 def make_points(capacity: int, components: int, wavelengths: int) -> Points:
-    """Room for so many points: 8 (26 + components + wavelengths) bytes each."""
+    """Room for so many points: 8 (29 + components + wavelengths) bytes each."""
     return Points._make([
-        np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, 3)), np.zeros((capacity, components)),
+        *(np.zeros((capacity, 3)) for _ in range(4)), np.zeros((capacity, components)),
         np.zeros((capacity, wavelengths)), *(np.zeros(capacity, np.int64) for _ in range(7)),
         np.zeros(capacity), np.ones(capacity),
         np.full((capacity, STACK), -1), np.zeros(1, np.int64),
