@@ -19,7 +19,7 @@ SHAPES = {
     "rectangle": (Rectangle(position=(0, 0.1, 0), normal=(1, -1, 2), size=(0.7, 0.3)),),
     "disk": (Disk(position=(0, 0.1, 0), normal=(1, -1, 2), radius=0.6, inner_radius=0.2),),
     "box": (Box(position=(0.1, 0, 0), size=(0.5, 0.8, 0.3), turn_deg=30.0),),
-    "triangles": (Mesh(vertices=((0, 0, 0), (0.7, 0, 0), (0, 0.5, 0.2), (0.3, 0.2, 0.9)), faces=((0, 1, 2), (0, 3, 1))),),
+    "mesh": (Mesh(vertices=((0, 0, 0), (0.7, 0, 0), (0, 0.5, 0.2), (0.3, 0.2, 0.9)), faces=((0, 1, 2), (0, 3, 1))),),
     "turned": (Turned(profile=((0, -0.4), (0.5, -0.4), (0.3, 0.1), (0, 0.4))),),
     # More items than are tested one by one, so that the tree is walked.
     "many": tuple(Sphere(position=tuple(x), radius=0.1) for x in np.random.default_rng(2).uniform(-1, 1, (40, 3))),

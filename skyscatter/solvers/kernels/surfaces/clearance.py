@@ -15,7 +15,7 @@ import numpy as np
 
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.surfaces.rays import closest_hit
-from skyscatter.solvers.kernels.surfaces.tables import BOX, DISK, PLANE, RECTANGLE, SPHERE
+from skyscatter.solvers.kernels.surfaces.tables import BOX, DISK, RECTANGLE, SPHERE
 
 #: Part of its radius from which on a ball is moved rather than made smaller still.
 SMALL = 0.5
