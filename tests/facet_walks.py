@@ -50,7 +50,7 @@ def meet(ratio: Array, d: Array, m: Array, rng: np.random.Generator) -> tuple[Ar
 
 
 def glass_walks(alpha: float, ratio: float, cosine: float, walks: int, seed: int = 1) -> tuple[float, float]:
-    """Shares of light that are reflected and that pass; it comes under an angle, with `ratio` of indices here / there."""
+    """Shares of light that are reflected and that pass, for an angle and the `ratio` of the indices here / there."""
     rng = np.random.default_rng(seed)
     d = np.repeat([[np.sqrt(1 - cosine * cosine)], [0.0], [-cosine]], walks, axis=1)
     height, above = np.ones(walks), np.ones(walks, bool)

@@ -33,7 +33,7 @@ from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, me
 from skyscatter.solvers.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
-from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
+from skyscatter.solvers.kernels.surfaces.rims import share_in_sight, share_on_surface
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
 from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
 from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
@@ -149,12 +149,19 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
 
 
 @kernel
-def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s, polar):
+def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, opaque, s, polar):
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
     note_matrix(polar, p, 1)
     surfaces.item[p], surfaces.reach[p] = item, disk
-    surfaces.area[p] = share_on_surface(shapes, item, s.walk.position, s.hit[1:], disk)
+    x, d, normal = s.walk.position, s.walk.direction, s.hit[1:]
+    if opaque:
+        surfaces.area[p], surfaces.crowded[p] = share_in_sight(
+            shapes, item, x, normal, d, disk, uniform(s.walk.state), s.ball
+        )  # fmt: skip
+    else:
+        # Light comes from both sides, and not the same of them is in sight.
+        surfaces.area[p], surfaces.crowded[p] = share_on_surface(shapes, item, x, normal, disk), False
     for n in range(3):
         surfaces.normal[p, n] = s.hit[1 + n]
     for i in range(s.walk.value.size):
@@ -280,7 +287,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
             # Rays to lamps are sent on the walk's side alone.
             both = scene.materials.kind[material] == DIELECTRIC
             kinds = accepts | DIRECT if both else accepts
-            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s, polar)
+            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, not both, s, polar)
             return
         order += 1
         if order > most:

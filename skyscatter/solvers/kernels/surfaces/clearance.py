@@ -14,13 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
-from skyscatter.solvers.kernels.surfaces.rays import closest_hit
+from skyscatter.solvers.kernels.surfaces.rays import closest_hit, next_hit
+from skyscatter.solvers.kernels.surfaces.shapes import item_body
 from skyscatter.solvers.kernels.surfaces.tables import BOX, DISK, RECTANGLE, SPHERE
 
 #: Part of its radius from which on a ball is moved rather than made smaller still.
 SMALL = 0.5
 #: Moves at most: one from a wall, two out of an edge, three out of a corner; acute ones take more.
 MOVES = 6
+#: Cosine between normals of a body's surface below which one part of it stands beside the other, round a corner.
+SAME_SIDE = 0.7
 
 
 class BallScratch(NamedTuple):
@@ -144,6 +147,24 @@ def nearest_of_item(shapes, item, x, q):
 
 
 @inlined
+def stands_out(shapes, item, own, normal):
+    """Whether an item can stand on the surface of the item `own`: no boundary without effect, no smooth continuation.
+
+    Any item does where `own` is -1.
+    """
+    if own < 0:
+        return True
+    body = item_body(shapes, item)
+    if item == own or shapes.thin[body]:
+        return False
+    count = shapes.kind.size
+    if item < count or body != item_body(shapes, own):
+        return True
+    p = shapes.triangle[item - count]
+    return p[9] * normal[0] + p[10] * normal[1] + p[11] * normal[2] < SAME_SIDE
+
+
+@inlined
 def square_to_box(box, x):
     """Squared distance of a point from a box of the tree; 0 inside."""
     total = 0.0
@@ -162,15 +183,19 @@ def following(node, node_link):
 
 
 @kernel
-def clearance(shapes, x, far, q, best_q):
-    """Distance [m] from x to the nearest surface of all, its place into `best_q` (3,); `far` where none is nearer."""
+def clearance(shapes, x, far, own, normal, q, best_q):
+    """Distance [m] from x to the nearest surface of all, its place into `best_q` (3,); `far` where none is nearer.
+
+    With a point of the item `own`, not -1, only what stands on its surface counts, see `stands_out`.
+    """
     best = far * far
     for k in range(shapes.loose.size):
-        nearest_of_item(shapes, shapes.loose[k], x, q)
-        square = square_to(x, q)
-        if square < best:
-            best = square
-            best_q[0], best_q[1], best_q[2] = q[0], q[1], q[2]
+        if stands_out(shapes, shapes.loose[k], own, normal):
+            nearest_of_item(shapes, shapes.loose[k], x, q)
+            square = square_to(x, q)
+            if square < best:
+                best = square
+                best_q[0], best_q[1], best_q[2] = q[0], q[1], q[2]
     node = np.int64(0) if shapes.order.size > 0 else np.int64(-1)
     while node >= 0:
         if square_to_box(shapes.node_box[node], x) < best:
@@ -180,11 +205,12 @@ def clearance(shapes, x, far, q, best_q):
                 continue
             first = -1 - left
             for k in range(first, first + (shapes.node_link[node, 1] & 15)):
-                nearest_of_item(shapes, shapes.order[k], x, q)
-                square = square_to(x, q)
-                if square < best:
-                    best = square
-                    best_q[0], best_q[1], best_q[2] = q[0], q[1], q[2]
+                if stands_out(shapes, shapes.order[k], own, normal):
+                    nearest_of_item(shapes, shapes.order[k], x, q)
+                    square = square_to(x, q)
+                    if square < best:
+                        best = square
+                        best_q[0], best_q[1], best_q[2] = q[0], q[1], q[2]
         node = following(node, shapes.node_link)
     return math.sqrt(best) if best < far * far else far
 
@@ -232,17 +258,31 @@ def empty_ball(shapes, x, radius, b, centre):
     """
     for n in range(3):
         centre[n] = b.place[n] = x[n]
-    best = room = clearance(shapes, x, radius, b.other, b.nearest)
+    best = room = clearance(shapes, x, radius, np.int64(-1), b.away, b.other, b.nearest)
     wish = SMALL * radius
     for _ in range(MOVES):
         if room >= wish or not step_away(shapes, b.place, room, wish, b):
             break
-        room = clearance(shapes, b.place, radius, b.other, b.nearest)
+        room = clearance(shapes, b.place, radius, np.int64(-1), b.away, b.other, b.nearest)
         if room > best:
             best = room
             for n in range(3):
                 centre[n] = b.place[n]
     return best
+
+
+@kernel
+def free_way(shapes, x, d, far, own, normal, hit):
+    """Distance [m] along d from x, just above the item `own`, to what stands on its surface; `far` where nothing does.
+
+    `normal` is that of the item at the point.
+    """
+    item = closest_hit(shapes, x, d, far, np.int64(-1), hit)
+    while item >= 0:
+        if stands_out(shapes, item, own, normal):
+            return hit[0]
+        item = next_hit(shapes, x, d, hit[0], item, far, hit)
+    return far
 
 
 @entry

@@ -20,14 +20,14 @@ import math
 from skyscatter.solvers.kernels.gridwalk import enter_cells, next_cell
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
+from skyscatter.solvers.kernels.surfaces.clearance import SAME_SIDE
 from skyscatter.solvers.kernels.surfaces.media import transmit
 from skyscatter.solvers.kernels.surfaces.neighbours import cell_at
 from skyscatter.solvers.kernels.surfaces.polarised import add_rest, scatter_to_camera, send_plain
+from skyscatter.solvers.kernels.surfaces.rims import in_sight
 
 #: Ways to gather: one bit each.
 POINTS, PATHS = 1, 2
-#: Cosine between the normals of a photon's surface and the point's, below which the photon lies round a corner.
-SAME_SIDE = 0.7
 
 
 @inlined
@@ -192,6 +192,10 @@ def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_ord
         same = q[0] * normal[1] + q[1] * normal[2] + q[2] * normal[3]
         cosine = abs(q[0] * d[0] + q[1] * d[1] + q[2] * d[2])
         if same < SAME_SIDE or cosine < 1e-6 or not wanted(points, p, kind, order, most):
+            continue
+        if points.crowded[p] and not in_sight(
+            scene.shapes, points.item[p], points.place[p], x, q, points.direction[p], radius, s.ball
+        ):
             continue
         for k in range(3):
             s.towards[k], s.arriving[k] = -points.direction[p, k], -d[k]
