@@ -56,3 +56,24 @@ def over_seeds(solve: Callable[[int], Answer], seeds: int) -> tuple[Answer, dict
         runs = np.array([a.radiance if name == "radiance" else a.layers[name] for a in answers])
         result[name] = (runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(seeds))
     return answers[0], result
+
+
+def runs_of_power(solve: Callable[[int], ArrayLike], power: float, least: int = 16, most: int = 4096) -> Array:
+    """Results of `solve(seed)`, (run, ...), as many as make the standard error of each mean `power` of it.
+
+    For what shares its random numbers, such as rays their photons: only whole runs are independent of each other.  How
+    many are needed is told by the first `least`, a fifth more than they say, for they know a spread to a fifth.
+    """
+    runs = [np.asarray(solve(1000 + k), float) for k in range(least)]
+    spread = np.std(runs, axis=0, ddof=1) / np.abs(np.mean(runs, axis=0))
+    count = int(np.ceil(np.max(1.2 * spread / power) ** 2))
+    assert count <= most, f"{count} runs would be needed"
+    runs += [np.asarray(solve(1000 + k), float) for k in range(least, count)]
+    return np.array(runs)
+
+
+def assert_mean_of_runs(runs: Array, expected: ArrayLike, power: float, error: ArrayLike = 0.0) -> None:
+    """Fail if means of runs (run, ...) are not as `expected` with its `error`, or not known to the relative `power`."""
+    mean, own = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    assert np.all(own < power * np.abs(expected)), own / expected
+    assert_agrees(mean, expected, np.hypot(own, error), freedom=len(runs) - 1)

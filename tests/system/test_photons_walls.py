@@ -1,4 +1,4 @@
-"""Photons beside walls, in corners, slits and doors: closed forms of rooms in which all shines alike, and dark rooms."""
+"""Photons beside walls, in corners, slits and doors: rooms in which all shines alike, and dark rooms."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from significance import assert_agrees
+from significance import assert_mean_of_runs, runs_of_power
 from walk_scenes import WAVELENGTHS, directions, fog, medium, room
 
 import skyscatter
@@ -49,30 +49,17 @@ def both_sides(x: float, low: float, high: float, albedo: float) -> list[Body]:
     return [shining(f"wall {x} {low} {k}", s, albedo) for k, s in enumerate(shapes)]
 
 
-def mean_light(scene: SurfaceScene, origin: Any, d: Array, power: float, **options: Any) -> tuple[Array, float]:
-    """Means over rays, that share the photons of a run, of as many runs as the power asks for; their standard error."""
+def assert_one(scene: SurfaceScene, origin: Any, d: Array, power: float = 1e-3, **options: Any) -> None:
+    """Mean radiance over rays of 1, by a test that sees 3 times the `power`."""
+    given = {"samples": 2, "photons": 1 << 14} | options
     o = np.atleast_2d(np.asarray(origin, float))
 
-    def run(first: int, last: int) -> list[float]:
-        given = {"samples": 2, "photons": 1 << 14} | options
-        return [
-            float(skyscatter.radiance(scene, o, d, GREEN, "photons", seed=k, **given).radiance.mean())
-            for k in range(100 + first, 100 + last)
-        ]
+    def run(seed: int) -> float:
+        return float(skyscatter.radiance(scene, o, d, GREEN, "photons", seed=seed, **given).radiance.mean())
 
-    few = run(0, 16)
-    # A fifth better than asked for: the spread of 16 runs is known to a fifth.
-    count = max(16, int(np.ceil((np.std(few, ddof=1) / (0.8 * power)) ** 2)))
-    means = np.array(few + run(16, count))
-    return means, float(means.std(ddof=1) / np.sqrt(count))
-
-
-def assert_one(scene: SurfaceScene, origin: Any, d: Array, power: float = 1e-3, **options: Any) -> None:
-    """Radiance 1, by a test that sees 3 times the `power`: the largest standard error that is let pass."""
-    means, error = mean_light(scene, origin, d, power, **options)
-    print(f"{means.mean():.5f} +- {error:.5f} ({means.size} runs)")
-    assert error < power
-    assert_agrees(means.mean(), 1.0, error, freedom=means.size - 1)
+    runs = runs_of_power(run, power)
+    print(f"{runs.mean():.5f} +- {runs.std(ddof=1) / np.sqrt(len(runs)):.5f} ({len(runs)} runs)")
+    assert_mean_of_runs(runs, 1.0, power)
 
 
 #: Places in the room of half side 1: in its middle, 6 cm from a wall and from three of them.
@@ -117,7 +104,7 @@ def towards_floor(count: int) -> Array:
 
 
 def test_floor_beside_what_stands_on_it() -> None:
-    """Nothing in the air: disks of 0.1 m on the floor and on what stands there are cut off, and light is everywhere 1."""
+    """Nothing in the air; disks of 0.1 m on the floor and on what stands there are cut off."""
     scene = in_fog(crowded(0.6), None)
     assert_one(scene, (0.1, 0.2, 0.9), towards_floor(400), power=1.5e-3, photons=1 << 15, radius=0.1, direct=False)
 
