@@ -13,7 +13,7 @@ import skyscatter
 from skyscatter.surfaces.lamps import AreaLamp
 from skyscatter.surfaces.materials import Lambert
 from skyscatter.surfaces.scene import Body, SurfaceScene
-from skyscatter.surfaces.shapes import Box, Rectangle, Sphere
+from skyscatter.surfaces.shapes import Rectangle, Sphere
 
 Array = Any
 GREEN = WAVELENGTHS[1:2]
@@ -86,13 +86,27 @@ def test_no_light_through_a_thin_wall() -> None:
     assert (lit.radiance > 0).all()
 
 
+def hood(albedo: float) -> list[Body]:
+    """A box without a bottom on the floor; only its outside shines, so that beneath it is less light."""
+    low, high = np.array([0.15, 0.1, -1.0]), np.array([0.65, 0.5, -0.6])
+    bodies = []
+    for axis in range(3):
+        for side, corner in ((-1, low), (1, high)):
+            if axis == 2 and side < 0:
+                continue
+            u, v = (np.eye(3)[k] * (high - low)[k] for k in range(3) if k != axis)
+            start = np.where(np.arange(3) == axis, corner, low)
+            if np.cross(u, v)[axis] * side < 0:
+                u, v = v, u
+            shape = Rectangle(corner=tuple(start), first_edge=tuple(u), second_edge=tuple(v))
+            bodies.append(shining(f"hood {axis} {side}", shape, albedo))
+    return bodies
+
+
 def crowded(albedo: float) -> list[Body]:
-    """A closed room with a box and a ball on its floor, 1 mm above it, and a thin wall across it."""
-    things = [
-        shining("box", Box(position=(0.4, 0.3, -0.799), size=(0.5, 0.4, 0.4)), albedo),
-        shining("ball", Sphere(position=(-0.3, 0.5, -0.699), radius=0.3), albedo),
-    ]
-    return [*closed_room(albedo), *things, *both_sides(-0.2, -1.0, 0.1, albedo)]
+    """A closed room with a hood on its floor, a ball that touches it, and a thin wall across it."""
+    ball = shining("ball", Sphere(position=(-0.3, 0.5, -0.699), radius=0.3), albedo)
+    return [*closed_room(albedo), *hood(albedo), ball, *both_sides(-0.2, -1.0, 0.1, albedo)]
 
 
 def towards_floor(count: int) -> Array:
@@ -125,7 +139,7 @@ def test_furnace_in_fog(place: str, extinction: float, radius: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["points", "paths", "both"])
 def test_furnace_among_things(way: str) -> None:
-    """Spheres of 0.1 m in a slit 8 cm wide, beside a door that is ajar by 5 cm, above a box and a ball."""
+    """Spheres of 0.1 m in a slit 8 cm wide, beside a door that is ajar by 5 cm, above a hood and a ball."""
     slit = [*both_sides(0.3, -1.0, -0.3, 0.3), *both_sides(0.38, -1.0, -0.3, 0.3)]
     scene = in_fog([*closed_room(0.3), *slit, *both_sides(0.38, -0.25, 1.0, 0.3)], 1.5)
     options: dict[str, Any] = {"radius": 0.1, "estimator": way, "power": 1.5e-3}
