@@ -21,6 +21,7 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.far_lamps import warn_of_far_lamps
 from skyscatter.solvers.kernels.pointed import Pointed
 from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
@@ -101,6 +102,11 @@ def passes(options: Options) -> int:
     return DEFAULT_SAMPLES if options.samples is None else int(options.samples)
 
 
+def photons_for(options: Options) -> int:
+    """Photons of a pass."""
+    return DEFAULT_PHOTONS if options.photons is None else int(options.photons)
+
+
 def prepare(
     scene: Any,
     rays: Rays,
@@ -122,6 +128,7 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options, matrix: Arr
     if matrix is not None:
         refuse_rough(table.materials)
     walks = guided(table)
+    warn_of_far_lamps(walks, rays.origins, photons_for(options) * passes(options), "give more photons or samples")
     # A walk would have to take the matrix of a peak along; polarised light is gathered with the whole phase function.
     peaks = split_peaks(table.media, CUT if matrix is None else np.inf)
     context = Context(walks, Pointed(walks), peaks, options.radius or 0.0, matrix)
@@ -275,7 +282,7 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
     by_order, fates = np.zeros((options.orders, n, wavelengths)), np.zeros((4, wavelengths))
     most = MOST_ORDERS if options.max_order is None else int(options.max_order)
     how = ESTIMATORS[options.estimator or "both"]
-    photons = DEFAULT_PHOTONS if options.photons is None else int(options.photons)
+    photons = photons_for(options)
     ball = radius_of(context, number, options, 3 if how == POINTS else 2)
     disk = radius_of(context, number, options, 2)
     plain = rays.part(slice(None))

@@ -98,7 +98,8 @@ def glass_share(alpha: float, cosine: float, ratios: Array, points: int = _LATTI
     refracted with 1 / (1 + Lambda'), as in `kernels.surfaces.ggx`.
     """
     number = np.arange(points)
-    towards, upright = _seen_normals(alpha, cosine, (number + 0.5) / points, number * _GOLDEN % 1)
+    u, v = np.asarray((number + 0.5) / points), np.asarray(number * _GOLDEN % 1)
+    towards, upright = _seen_normals(alpha, cosine, u, v)
     r = ratios[:, None]
     inside = 1 - r**2 * (1 - towards**2)
     beyond = np.sqrt(np.maximum(inside, 0))

@@ -38,7 +38,7 @@ class BallScratch(NamedTuple):
 
 def make_ball_scratch() -> BallScratch:
     """Scratch arrays of a thread."""
-    return BallScratch(*(np.zeros(3) for _ in range(4)), np.zeros(4))
+    return BallScratch(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(4))
 
 
 @inlined
