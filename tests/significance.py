@@ -56,3 +56,26 @@ def over_seeds(solve: Callable[[int], Answer], seeds: int) -> tuple[Answer, dict
         runs = np.array([a.radiance if name == "radiance" else a.layers[name] for a in answers])
         result[name] = (runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(seeds))
     return answers[0], result
+
+
+def runs_of_power(solve: Callable[[int], ArrayLike], power: ArrayLike, least: int = 16, most: int = 4096) -> Array:
+    """Results of `solve(seed)`, (run, ...), as many as make the standard error of each mean `power` of it.
+
+    For what shares its random numbers, such as rays their photons: only whole runs are independent of each other.
+    """
+    runs: list[Array] = []
+    count = least
+    while len(runs) < count:
+        runs += [np.asarray(solve(1000 + k), float) for k in range(len(runs), count)]
+        spread = np.std(runs, axis=0, ddof=1) / np.abs(np.mean(runs, axis=0))
+        count = int(np.ceil(np.max(spread / np.asarray(power)) ** 2)) + 1
+        assert count <= most, f"{count} runs would be needed"
+    return np.array(runs)
+
+
+def assert_mean_of_runs(runs: Array, expected: ArrayLike, power: ArrayLike, error: ArrayLike = 0.0) -> None:
+    """Fail if means of runs (run, ...) are not as `expected` with its `error`, or not known to the relative `power`."""
+    mean, own = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    # An eighth: `power` is of the runs' own mean, which may be off by what the test is to find.
+    assert np.all(own < 1.125 * np.asarray(power) * np.abs(expected)), own / expected
+    assert_agrees(mean, expected, np.hypot(own, error), freedom=len(runs) - 1)

@@ -7,29 +7,20 @@ lamps from walks.  A small body of a dense medium, seen and lit from outside, is
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Array
-
-if TYPE_CHECKING:
-    from skyscatter.solvers.kernels.surfaces.tables import MediaTable
 
 #: Scattering optical depth across the scene from which on photons are better.
 DEEP = 0.4
 
 
-def _current(media: MediaTable, stack: NDArray[np.int64]) -> int:
-    """The medium of highest priority in a stack, of several the one entered last; 0 in an empty one."""
-    entered = [int(m) for m in stack if m >= 0]
-    return max(reversed(entered), key=lambda m: media.priority[m], default=0)
-
-
 def preferred_solver(scene: Any, wavelengths: Array) -> str:
     """``path`` or ``photons`` for a scene at wavelengths [nm]."""
+    from skyscatter.solvers.far_lamps import current_medium
     from skyscatter.solvers.photons import check_table
     from skyscatter.solvers.surface_path import out_of_reach
     from skyscatter.solvers.surfaces import compile_surfaces
@@ -48,6 +39,6 @@ def preferred_solver(scene: Any, wavelengths: Array) -> str:
             low, high = body.shape.bounds
             size[inside] = min(size[inside], float(np.linalg.norm(high - low)))
     stacks = [*table.lamps.stack, starting_stack(table.shapes, scene.viewpoint.position)]
-    within = {_current(media, stack) for stack in stacks}
+    within = {current_medium(media, stack) for stack in stacks}
     deep = any(media.scattering[m, 0] * size[m] > DEEP for m in within)
     return "photons" if deep or out_of_reach(table) else "path"

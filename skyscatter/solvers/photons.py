@@ -5,7 +5,7 @@ is scattered there, is gathered.  Every pass has walks, points and photons of it
 radiance of its rays.  The radius of gathering falls from pass to pass, so that bias and noise vanish together (Knaus &
 Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see docs/theory-surfaces-photons.md.
 
-Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (26 + components +
+Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (29 + components +
 wavelengths) bytes each, the cells around them (`kernels.surfaces.neighbours`), and one radiance per ray; photons are
 not stored.  Where the rays have more points, they are taken in bunches, each with photons of its own.
 """
@@ -21,6 +21,7 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.far_lamps import warn_of_far_lamps
 from skyscatter.solvers.kernels.pointed import Pointed
 from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
@@ -101,6 +102,11 @@ def passes(options: Options) -> int:
     return DEFAULT_SAMPLES if options.samples is None else int(options.samples)
 
 
+def photons_for(options: Options) -> int:
+    """Photons of a pass."""
+    return DEFAULT_PHOTONS if options.photons is None else int(options.photons)
+
+
 def prepare(
     scene: Any,
     rays: Rays,
@@ -122,6 +128,7 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options, matrix: Arr
     if matrix is not None:
         refuse_rough(table.materials)
     walks = guided(table)
+    warn_of_far_lamps(walks, rays.origins, photons_for(options) * passes(options), "give more photons or samples")
     # A walk would have to take the matrix of a peak along; polarised light is gathered with the whole phase function.
     peaks = split_peaks(table.media, CUT if matrix is None else np.inf)
     context = Context(walks, Pointed(walks), peaks, options.radius or 0.0, matrix)
@@ -275,7 +282,7 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
     by_order, fates = np.zeros((options.orders, n, wavelengths)), np.zeros((4, wavelengths))
     most = MOST_ORDERS if options.max_order is None else int(options.max_order)
     how = ESTIMATORS[options.estimator or "both"]
-    photons = DEFAULT_PHOTONS if options.photons is None else int(options.photons)
+    photons = photons_for(options)
     ball = radius_of(context, number, options, 3 if how == POINTS else 2)
     disk = radius_of(context, number, options, 2)
     plain = rays.part(slice(None))
@@ -285,8 +292,8 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
         first = room.look(context, plain, first, number, options, ball, disk, by_order)
         media, floor = room.in_use
         trace_photons(
-            context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.place, ball),
-            make_cells(floor.place, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
+            context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.centre, ball),
+            make_cells(floor.centre, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
             bunch * photons, (bunch + 1) * photons, photons, most, Pointed(room.scratch), room.sums, by_order,
             fates, room.polar,
         )  # fmt: skip

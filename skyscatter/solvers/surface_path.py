@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.far_lamps import warn_of_far_lamps, warn_of_small_lamps
 from skyscatter.solvers.kernels.path import BATCHES
 from skyscatter.solvers.kernels.pointed import Pointed
 from skyscatter.solvers.kernels.surfaces.flights import make_scratch
@@ -89,7 +90,10 @@ def prepare(
             "the lamps bodies that shine, or choose the solver photons",
             stacklevel=2,
         )
-    return Pointed(guided(table))
+    walks = guided(table)
+    warn_of_far_lamps(walks, rays.origins, walks_for(options), "choose the solver photons, or give more samples")
+    warn_of_small_lamps(walks, walks_for(options))
+    return Pointed(walks)
 
 
 def out_of_reach(table: SurfaceTable) -> bool:

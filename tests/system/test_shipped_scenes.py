@@ -21,6 +21,7 @@ def picture(name: str, solver: str, **options: Any) -> Any:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:lamps are so small")  # of the light guide: true, and not what is looked at here
 @pytest.mark.parametrize("name", ["fog-room", "searchlight", "city-skyglow", "light-guide", "milk-and-water"])
 def test_shipped_scenes_show_light(name: str) -> None:
     image = picture(name, "path", samples=64, subpixels=2)

@@ -16,7 +16,14 @@ from __future__ import annotations
 import math
 
 from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
-from skyscatter.solvers.kernels.surfaces.facets import after_more, between_facets, kept_share
+from skyscatter.solvers.kernels.surfaces.facets import (
+    after_more,
+    between_facets,
+    between_glass,
+    kept_share,
+    lost_share,
+    passed_share,
+)
 from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
 from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe
 from skyscatter.solvers.kernels.surfaces.tables import (
@@ -58,6 +65,24 @@ def metal_value(materials, k, i, here, facet, lobe, broad):
     return value + broad * after_more(re, im, materials.kept_mean[k]) if broad > 0.0 else value
 
 
+@inlined
+def glass_back(materials, k, here, there, cos_o, cosine, facet, lobe, density):
+    """Value and density of what rough glass reflects."""
+    share, _ = fresnel_dielectric(facet, here, there)
+    broad, rest, single = between_glass(materials, k, here, there, cos_o, cosine)
+    return share * lobe + broad, single * share * density + rest
+
+
+@inlined
+def glass_through(materials, k, n, side, wo, wi, cosine, here, there, adjoint):
+    """Value and density of what rough glass lets through."""
+    lobe, density, facet = refracted_lobe(materials.roughness[k], n, side, wo, wi, here, there)
+    share, _ = fresnel_dielectric(facet, here, there)
+    broad, rest, single = between_glass(materials, k, here, there, side * dot(n, wo), cosine)
+    radiance = 1.0 if adjoint else (here / there) ** 2
+    return ((1.0 - share) * lobe + broad) * radiance, single * (1.0 - share) * density + rest
+
+
 @kernel
 def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance):
     """`bsdf_value` and `bsdf_pdf` at once, into `value` and `chance` (wavelength,)."""
@@ -79,18 +104,20 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
                 chance[i] = single * density + rest
         else:
             for i in range(last):
-                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
-                value[i], chance[i] = share * lobe, share * density
+                if same(index_here, index_there, i):
+                    value[i], chance[i] = value[i - 1], chance[i - 1]
+                else:
+                    value[i], chance[i] = glass_back(
+                        materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe, density
+                    )  # fmt: skip
     elif alpha > 0.0 and kind == DIELECTRIC:
         for i in range(last):
             if same(index_here, index_there, i):
                 value[i], chance[i] = value[i - 1], chance[i - 1]
-                continue
-            here, there = index_here[i], index_there[i]
-            lobe, density, facet = refracted_lobe(alpha, n, side, wo, wi, here, there)
-            share, _ = fresnel_dielectric(facet, here, there)
-            radiance = 1.0 if adjoint else (here / there) ** 2
-            value[i], chance[i] = (1.0 - share) * lobe * radiance, (1.0 - share) * density
+            else:
+                value[i], chance[i] = glass_through(
+                    materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i], adjoint
+                )  # fmt: skip
 
 
 @kernel
@@ -106,23 +133,25 @@ def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
         for i in range(out.size):
             out[i] = 0.0
     elif cosine > 0.0:
-        lobe, _, facet = reflected_lobe(alpha, n, side, wo, wi)
+        lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
         broad, _, _ = between_facets(materials, k, side * dot(n, wo), cosine)
         for i in range(out.size):
             if kind == CONDUCTOR:
                 out[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
+            elif same(index_here, index_there, i):
+                out[i] = out[i - 1]
             else:
-                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
-                out[i] = share * lobe
+                out[i], _ = glass_back(
+                    materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe, density
+                )  # fmt: skip
     else:
         for i in range(out.size):
             if same(index_here, index_there, i):
                 out[i] = out[i - 1]
-                continue
-            here, there = index_here[i], index_there[i]
-            lobe, _, facet = refracted_lobe(alpha, n, side, wo, wi, here, there)
-            share, _ = fresnel_dielectric(facet, here, there)
-            out[i] = (1.0 - share) * lobe * (1.0 if adjoint else (here / there) ** 2)
+            else:
+                out[i], _ = glass_through(
+                    materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i], adjoint
+                )  # fmt: skip
 
 
 @kernel
@@ -138,22 +167,25 @@ def bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out):
         for i in range(out.size):
             out[i] = 0.0
     elif cosine > 0.0:
-        _, density, facet = reflected_lobe(alpha, n, side, wo, wi)
+        lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
         _, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
         for i in range(out.size):
-            if kind == DIELECTRIC:
-                share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
-                out[i] = share * density
-            else:
+            if kind == CONDUCTOR:
                 out[i] = single * density + rest
+            elif same(index_here, index_there, i):
+                out[i] = out[i - 1]
+            else:
+                _, out[i] = glass_back(
+                    materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe, density
+                )  # fmt: skip
     else:
         for i in range(out.size):
             if same(index_here, index_there, i):
                 out[i] = out[i - 1]
-                continue
-            _, density, facet = refracted_lobe(alpha, n, side, wo, wi, index_here[i], index_there[i])
-            share, _ = fresnel_dielectric(facet, index_here[i], index_there[i])
-            out[i] = (1.0 - share) * density
+            else:
+                _, out[i] = glass_through(
+                    materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i], True
+                )  # fmt: skip
 
 
 @inlined
@@ -190,6 +222,23 @@ def draw_facet(alpha, n, side, wo, u, v, m):
     m[0] = x * tx + y * bx + side * z * n[0]
     m[1] = x * ty + y * by + side * z * n[1]
     m[2] = x * tz + y * bz + side * z * n[2]
+
+
+@merged
+def draw_broad(materials, k, cosine, here, there, w):
+    """Whether light goes by the cosine: 1 on its own side, -1 on the other one, 0 if not; what is left of w then."""
+    kind = materials.kind[k]
+    if kind == LAMBERT:
+        return 1.0, w
+    if kind == CONDUCTOR:
+        return (1.0 if w >= kept_share(materials, k, cosine) else 0.0), w
+    if kind != DIELECTRIC or materials.lost_mean[k, 0] == 0.0:
+        return 0.0, w
+    lost, mean = lost_share(materials, k, here, there, cosine)
+    if w < 1.0 - lost:
+        return 0.0, w / (1.0 - lost)
+    _, other = lost_share(materials, k, there, here, cosine)
+    return (1.0 if w - (1.0 - lost) >= lost * passed_share(here, there, mean, other) else -1.0), w
 
 
 @merged
@@ -277,8 +326,10 @@ def sample_bsdf(
         go_straight(hero, dispersive and kind == DIELECTRIC, wo, wi, value, chance)
         return TRANSMITTED + DELTA
     reflected, cosine = True, 0.0
-    if kind == LAMBERT or (kind == CONDUCTOR and w >= kept_share(materials, k, side * dot(n, wo))):
-        draw_cosine(n, side, u, v, wi)
+    broad, w = draw_broad(materials, k, side * dot(n, wo), here, there, w)
+    if broad != 0.0:
+        reflected = broad > 0.0
+        draw_cosine(n, side * broad, u, v, wi)
     else:
         draw_facet(alpha, n, side, wo, u, v, wi)
         cosine = min(max(dot(wi, wo), 0.0), 1.0)

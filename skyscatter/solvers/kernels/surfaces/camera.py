@@ -19,6 +19,7 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.path import rebalance
 from skyscatter.solvers.kernels.random import start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta
+from skyscatter.solvers.kernels.surfaces.clearance import empty_ball
 from skyscatter.solvers.kernels.surfaces.lamps import brightness
 from skyscatter.solvers.kernels.surfaces.media import (
     current_medium,
@@ -32,7 +33,7 @@ from skyscatter.solvers.kernels.surfaces.photons import bounce, media_behind, me
 from skyscatter.solvers.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
 from skyscatter.solvers.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.solvers.kernels.surfaces.rays import fill_stack
-from skyscatter.solvers.kernels.surfaces.rims import share_on_surface
+from skyscatter.solvers.kernels.surfaces.rims import share_in_sight, share_on_surface
 from skyscatter.solvers.kernels.surfaces.shadows import copy_stack, passes
 from skyscatter.solvers.kernels.surfaces.shapes import NO_MORE, item_body
 from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
@@ -41,8 +42,6 @@ from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POI
 MOST_LEGS = 64
 #: Share of the events that are placed by the angle from a lamp.
 ANGLE_SHARE = 0.5
-#: Part of its radius that a sphere keeps at least where the walk enters or leaves a medium.
-LEAST_BALL = 0.2
 #: Value below which walks between mirrors are given up by roulette.
 WEAK = 0.05
 #: Legs after which roulette begins, and the chance to go on: 64 legs are reached by one walk in a million.
@@ -55,7 +54,7 @@ def note_point(points, ray, x, d, m, beyond, body, order, accepts, stack):
     p = points.count[0]
     points.count[0] = p + 1
     for n in range(3):
-        points.place[p, n], points.direction[p, n] = x[n], d[n]
+        points.place[p, n], points.centre[p, n], points.direction[p, n] = x[n], x[n], d[n]
     points.ray[p], points.medium[p], points.beyond[p], points.body[p] = ray, m, beyond, body
     points.order[p], points.accepts[p], points.item[p] = order, accepts, -1
     copy_stack(stack, points.stack[p])
@@ -107,7 +106,7 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
 
 
 @kernel
-def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, slant, end_slant, s, polar):
+def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, s, polar):
     """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
     walk, media, work = s.walk, scene.media, s.work
     x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
@@ -142,11 +141,7 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
         if mean > 0.0:
             p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
             note_matrix(polar, p, 0)
-            # A sphere that sticks out of the medium would miss light.
-            room = t * slant if slant < math.inf else math.inf
-            if end_slant < math.inf:
-                room = min(room, (far - t) * end_slant)
-            points.reach[p] = min(ball, max(room, LEAST_BALL * ball))
+            points.reach[p] = empty_ball(scene.shapes, s.place, ball, s.ball, points.centre[p])
             for c in range(work.density.size):
                 points.density[p, c] = work.density[c]
             for i in range(through.size):
@@ -154,12 +149,19 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
 
 
 @kernel
-def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, s, polar):
+def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, accepts, disk, opaque, s, polar):
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
     note_matrix(polar, p, 1)
     surfaces.item[p], surfaces.reach[p] = item, disk
-    surfaces.area[p] = share_on_surface(shapes, item, s.walk.position, s.hit[1:], disk)
+    x, d, normal = s.walk.position, s.walk.direction, s.hit[1:]
+    if opaque:
+        surfaces.area[p], surfaces.crowded[p] = share_in_sight(
+            shapes, item, x, normal, d, disk, uniform(s.walk.state), s.ball
+        )  # fmt: skip
+    else:
+        # Light comes from both sides, and not the same of them is in sight.
+        surfaces.area[p], surfaces.crowded[p] = share_on_surface(shapes, item, x, normal, disk), False
     for n in range(3):
         surfaces.normal[p, n] = s.hit[1 + n]
     for i in range(s.walk.value.size):
@@ -244,7 +246,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
     if not direct:
         accepts |= DIRECT
     hero = min(int(uniform(walk.state) * walk.value.size), walk.value.size - 1)
-    near, last, skip, order, slant, straight = 0.0, NO_MORE, np.int64(-1), np.int64(0), math.inf, True
+    near, last, skip, order, straight = 0.0, NO_MORE, np.int64(-1), np.int64(0), True
     for n in range(3):
         s.origin[n] = x[n]
     for leg in range(MOST_LEGS):
@@ -252,11 +254,9 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
         item = meet(shapes, s.origin, d, near, last, skip, hit)
         far = hit[0] - near if item >= 0 else math.inf
         if media.first[m + 1] > media.first[m]:
-            end_slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3]) if item >= 0 else math.inf
             # Photons are dear, walks are cheap: those that were scattered leave one point a leg.
             leave_events(
-                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, slant, end_slant, s,
-                polar,
+                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, s, polar,
             )  # fmt: skip
             t = end_leg(scene, peaks, m, hero, far, s)
             if t >= 0.0:
@@ -265,7 +265,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
                     return
                 if not scatter_by_peak(peaks, media, m, hero, t, s) or not weaken(leg, s):
                     return
-                near, last, skip, slant, straight = 0.0, NO_MORE, np.int64(-1), math.inf, False
+                near, last, skip, straight = 0.0, NO_MORE, np.int64(-1), False
                 for n in range(3):
                     s.origin[n] = x[n]
                 continue
@@ -282,13 +282,12 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
         if passes(scene.materials.kind[material], m, beyond):
             copy_stack(s.there, s.stack)
             near, last, skip = hit[0], item, np.int64(-1)
-            slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
             continue
         if not is_delta(scene.materials, material):
             # Rays to lamps are sent on the walk's side alone.
             both = scene.materials.kind[material] == DIELECTRIC
             kinds = accepts | DIRECT if both else accepts
-            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, s, polar)
+            leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, kinds, disk, not both, s, polar)
             return
         order += 1
         if order > most:
@@ -296,7 +295,6 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
         if bounce(scene, body, m, beyond, hero, np.bool_(False), s, polar) == ABSORBED or not weaken(leg, s):
             return
         near, last, skip = 0.0, NO_MORE, item
-        slant = abs(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
         for n in range(3):
             s.origin[n] = x[n]
 

@@ -20,14 +20,14 @@ import math
 from skyscatter.solvers.kernels.gridwalk import enter_cells, next_cell
 from skyscatter.solvers.kernels.jit import inlined, kernel
 from skyscatter.solvers.kernels.surfaces.bsdf import bsdf_value
+from skyscatter.solvers.kernels.surfaces.clearance import SAME_SIDE
 from skyscatter.solvers.kernels.surfaces.media import transmit
 from skyscatter.solvers.kernels.surfaces.neighbours import cell_at
 from skyscatter.solvers.kernels.surfaces.polarised import add_rest, scatter_to_camera, send_plain
+from skyscatter.solvers.kernels.surfaces.rims import in_sight
 
 #: Ways to gather: one bit each.
 POINTS, PATHS = 1, 2
-#: Cosine between the normals of a photon's surface and the point's, below which the photon lies round a corner.
-SAME_SIDE = 0.7
 
 
 @inlined
@@ -129,7 +129,7 @@ def gather_event(scene, phase, points, grid, how, m, kind, order, most, s, sums,
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
         radius = points.reach[p]
-        a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+        a, b, c = points.centre[p, 0] - x[0], points.centre[p, 1] - x[1], points.centre[p, 2] - x[2]
         if a * a + b * b + c * c < radius * radius and points.medium[p] == m and wanted(points, p, kind, order, most):
             factor = 0.75 / (math.pi * radius**3)
             if how & PATHS:
@@ -154,7 +154,7 @@ def gather_segment(scene, phase, points, grid, how, m, kind, order, most, length
         for n in range(grid.start[cell], grid.start[cell + 1]):
             p = grid.entry[n]
             radius = points.reach[p]
-            a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+            a, b, c = points.centre[p, 0] - x[0], points.centre[p, 1] - x[1], points.centre[p, 2] - x[2]
             foot = a * d[0] + b * d[1] + c * d[2]
             if t <= foot < end:
                 a, b, c = a - foot * d[0], b - foot * d[1], c - foot * d[2]
@@ -185,13 +185,17 @@ def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_ord
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
         radius = points.reach[p]
-        a, b, c = points.place[p, 0] - x[0], points.place[p, 1] - x[1], points.place[p, 2] - x[2]
+        a, b, c = points.centre[p, 0] - x[0], points.centre[p, 1] - x[1], points.centre[p, 2] - x[2]
         if points.body[p] != body or not a * a + b * b + c * c < radius * radius:
             continue
         q = points.normal[p]
         same = q[0] * normal[1] + q[1] * normal[2] + q[2] * normal[3]
         cosine = abs(q[0] * d[0] + q[1] * d[1] + q[2] * d[2])
         if same < SAME_SIDE or cosine < 1e-6 or not wanted(points, p, kind, order, most):
+            continue
+        if points.crowded[p] and not in_sight(
+            scene.shapes, points.item[p], points.place[p], x, q, points.direction[p], radius, s.ball
+        ):
             continue
         for k in range(3):
             s.towards[k], s.arriving[k] = -points.direction[p, k], -d[k]

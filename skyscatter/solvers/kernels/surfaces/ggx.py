@@ -1,7 +1,7 @@
 """Rough boundaries: mirrors too small to see, turned at random (Walter et al. 2007, EGSR, 195; "GGX").
 
 All vectors are unit vectors; `n` is the normal on the side of `wo`, so n . wo > 0.  The lobes are those of a single
-reflection or refraction: light that a facet throws onto another one is lost.
+reflection or refraction: what a facet throws onto another one comes back by `kernels.surfaces.facets`.
 """
 
 from __future__ import annotations

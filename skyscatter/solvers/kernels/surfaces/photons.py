@@ -17,6 +17,7 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.path import Walk, make_walk, rebalance
 from skyscatter.solvers.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.solvers.kernels.surfaces.bsdf import is_delta, sample_bsdf
+from skyscatter.solvers.kernels.surfaces.clearance import BallScratch, make_ball_scratch
 from skyscatter.solvers.kernels.surfaces.emit import emit_photon
 from skyscatter.solvers.kernels.surfaces.gather import (
     PATHS,
@@ -62,6 +63,7 @@ class PhotonScratch(NamedTuple):
     walk: Walk
     work: MediaWork
     walker: Walker
+    ball: BallScratch
     stack: np.ndarray  #: (STACK,) int64, media that the walk is inside of
     there: np.ndarray  #: (STACK,) int64, the same behind a surface
     first: np.ndarray  #: (STACK,) int64, the same at the camera
@@ -86,6 +88,7 @@ def make_photon_scratch(components: int, wavelengths: int) -> PhotonScratch:
     """Scratch arrays for a scene of that size."""
     return PhotonScratch._make([
         make_walk(wavelengths), make_media_work(components, wavelengths), make_walker(),
+        make_ball_scratch(),
         *(np.zeros(STACK, np.int64) for _ in range(3)), np.zeros(3), np.zeros(6), np.zeros(4), np.zeros(4), np.zeros(3),
         np.zeros(3), *(np.zeros(wavelengths) for _ in range(6)), np.zeros(EVEN_DIMENSIONS, np.uint32), np.zeros(1),
         np.zeros(3, np.int64),
