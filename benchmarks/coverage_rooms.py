@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from common import machine, parser, report, versions
-from errorbars import HEADER, coverage, pooled, table_row
+from error_bars import HEADER, coverage, pooled, table_row
 from rooms import FogRoom, surface_room
 
 import skyscatter
