@@ -185,12 +185,15 @@ def test_a_word_before_walks_that_cannot_know_their_error() -> None:
         prepared(model(False).scene(sun_elevation_deg=-4.0), sampling="free-flight")
     with pytest.warns(UserWarning, match=r"sampling = 'free-flight' with sun_elevation_deg = 3"):
         prepared(skyscatter.load_model("mars").scene(sun_elevation_deg=3.0), sampling="free-flight")
+    with pytest.warns(UserWarning, match=r"sun_elevation_deg = -3.*take the solver orders"):
+        prepared(skyscatter.load_model("mars").scene(sun_elevation_deg=-3.0), samples=1024)
     earth = model(True)
     thick = earth.model_copy(
         update={"components": tuple(c.model_copy(update={"weight": 20 * c.weight}) for c in earth.components)}
     ).scene(sun_elevation_deg=30.0)
     with pytest.warns(UserWarning, match=r"samples = 64: light comes through .* transport free paths of .*raise"):
         prepared(thick, samples=64)
+    prepared(model(True).scene(sun_elevation_deg=-4.0), samples=16)
     # Neither where walks are many, nor in a clear sky.
     prepared(thick, samples=1024)
     prepared(model(False).scene(sun_elevation_deg=-4.0), samples=16)
