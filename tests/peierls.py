@@ -40,16 +40,31 @@ def _moments(x: Array, tau: float) -> tuple[Array, Array]:
     return np.sign(x) * zero, one
 
 
+def _between(low: Array, high: Array, tau: float) -> tuple[Array, Array]:
+    """Integrals of E1(tau |y|) and of (y - low) E1(tau |y|) from low to high, which are on one side of 0.
+
+    Closed forms near the singularity; Gauss's rule where their differences would be lost in rounding.
+    """
+    zero_low, one_low = _moments(low, tau)
+    zero_high, one_high = _moments(high, tau)
+    zero, one = zero_high - zero_low, one_high - one_low - low * (zero_high - zero_low)
+    away = np.minimum(np.abs(low), np.abs(high)) > np.abs(high - low)
+    x, w = leggauss(5)
+    y, width = low[away, None] + (high - low)[away, None] * 0.5 * (x + 1), (high - low)[away]
+    kernel = exp1(tau * np.abs(y)) * 0.5 * w
+    zero[away] = width * kernel.sum(axis=1)
+    one[away] = width * (kernel * (y - low[away, None])).sum(axis=1)
+    return zero, one
+
+
 def _matrix(r: Array, tau: float) -> Array:
     """Integrals of the kernel with the linear elements of the nodes, shape (node, node)."""
     n = r.size
     matrix = np.zeros((n, n))
     for sign in (1.0, -1.0):
         low, high = r[None, :-1] - sign * r[:, None], r[None, 1:] - sign * r[:, None]
-        zero_low, one_low = _moments(low, tau)
-        zero_high, one_high = _moments(high, tau)
-        zero, one = zero_high - zero_low, one_high - one_low
-        rise = (one - low * zero) / (high - low)
+        zero, one = _between(low, high, tau)
+        rise = one / (high - low)
         matrix[:, 1:] += sign * rise
         matrix[:, :-1] += sign * (zero - rise)
     return matrix
@@ -77,7 +92,7 @@ def _scattered_once(r: Array, tau: float, albedo: float) -> Array:
     return out
 
 
-def escaping_share(tau: float, albedo: float, count: int = 200) -> float:
+def escaping_share(tau: float, albedo: float, count: int = 120) -> float:
     """Scattered light that leaves the sphere, as a share of the luminosity of the star in its centre.
 
     The elements are of the second order, so two solutions tell what finer ones would give.

@@ -23,7 +23,7 @@ from skyscatter.space import SpaceScene, View
 def check_escape(tau: float, albedo: float, g: float, rays: int, samples: int, most: float) -> None:
     """What escapes is what transport says, or for a white cloud, whatever its phase function, all of it."""
     share, error, _ = escaping_luminosity(dusty_sphere(tau, albedo, g), rays, samples=samples)
-    expected = -np.expm1(-tau) if albedo == 1.0 else escaping_share(tau, albedo)
+    expected = -np.expm1(-tau) if albedo == 1.0 else escaping_share(tau, albedo, max(120, int(4 * tau)))
     print(f"tau {tau:g} albedo {albedo:g} g {g:g}: {share[0] / expected:.4f} +- {error[0] / expected:.2g}")
     # The bar of the error, too, is a measure: at most so much, or the comparison says nothing.
     assert error[0] < most * expected
@@ -59,7 +59,7 @@ def test_white_clouds_lose_nothing_whatever_their_phase_function(tau: float, g: 
 @pytest.mark.parametrize("albedo", [0.9, 0.99, 0.999])
 def test_depth_100(albedo: float) -> None:
     with pytest.warns(UserWarning, match="free paths") if albedo > 0.98 else nullcontext():
-        check_escape(100.0, albedo, 0.0, 400, 16, 0.2)
+        check_escape(100.0, albedo, 0.0, 150, 16, 0.4)
 
 
 def test_a_word_before_depths_that_few_walks_reach() -> None:

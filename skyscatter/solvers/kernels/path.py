@@ -673,7 +673,7 @@ def statistics(sums, batches, walks_per_batch, mean, error):
     """Mean over batches and its standard error, each (wavelength,).
 
     A batch that stands out says that walks like it are rare, and that their share is known no better than by counting:
-    what exceeds the spread that even batches have counts three times.
+    what exceeds the spread that even batches have counts twice.
     """
     for i in range(mean.size):
         m, square, highest = 0.0, 0.0, sums[0, i]
@@ -684,7 +684,7 @@ def statistics(sums, batches, walks_per_batch, mean, error):
         for b in range(batches):
             square += (sums[b, i] - m) ** 2
         if batches > 1:
-            square += 2.0 * max((highest - m) ** 2 - STANDS_OUT * square / (batches - 1.0), 0.0)
+            square += max((highest - m) ** 2 - STANDS_OUT * square / (batches - 1.0), 0.0)
         mean[i] = m / walks_per_batch
         error[i] = math.sqrt(square / (batches * (batches - 1.0))) / walks_per_batch if batches > 1 else math.inf
 
