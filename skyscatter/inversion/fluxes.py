@@ -42,7 +42,7 @@ TIME_OFFSET: Mapping[str, tuple[float, Distribution]] = {"time_offset_s": (0.0, 
 COSINE_ERROR: Mapping[str, tuple[float, Distribution]] = {"cosine_error": (0.0, Normal(0.0, 0.02))}
 #: Copies of a scene times wavelengths that are solved together at most.
 MOST_CHANNELS = 256
-#: The error that the solver's tolerance allows: fluxes carry no estimate of their own.
+#: The error that the solver's tolerance allows: fits solve once, and so have no estimate of it.
 DEFAULT_TOLERANCE = 0.01
 #: Offsets of the clock that are provided for, either way [s].
 LATEST = 300.0
