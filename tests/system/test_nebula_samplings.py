@@ -56,7 +56,8 @@ WAYS: dict[str, tuple[dict[str, str], int]] = {
     "forced, ratio": ({"transmittance": "ratio"}, 2),
     "forced, residual ratio": ({"transmittance": "residual-ratio"}, 2),
     "free flight": ({"sampling": "free-flight"}, 6),
-    "delta": ({"sampling": "delta"}, 6),
+    # Plain walks through the deepest dust have a tail, which fewer do not see: their error bar then is too small.
+    "delta": ({"sampling": "delta"}, 24),
     "delta, residual ratio": ({"sampling": "delta", "transmittance": "residual-ratio"}, 6),
 }
 
