@@ -17,7 +17,8 @@ square of the noise over the mean radiance of all but the six brightest pixels; 
 | star-in-dust      | 1.80 s, 1.86  | 1.85 s, 1.83  | 1.86 s, 1.93   |
 | turbulent-pillar  | 0.34 s, 0.70  | 0.45 s, 0.57  | 0.43 s, 0.84   |
 
-The square of the median noise times the time is least by quadrature in each of them.  In dark-globule no light comes from a star.
+The square of the median noise times the time is least by quadrature in each of them.  In dark-globule no light comes
+from a star.
 """
 
 from __future__ import annotations
