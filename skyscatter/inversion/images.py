@@ -25,6 +25,8 @@ from skyscatter.spectra.solar import solar_irradiance
 PIXELS = 400
 #: Pixels around a star whose light its image, or the step of the light around it, has changed.
 STAR_PIXELS = 3
+#: Angle from the Sun's middle within which its disk can be seen from a planet [degree].
+SUN_SIZE = 0.5
 _CAMERAS = {
     "panorama": Panorama, "fisheye": Fisheye, "perspective": Perspective, "planet": PlanetView, "telescope": Telescope,
 }  # fmt: skip
@@ -68,7 +70,7 @@ def sky_image(
     mask : array_like of bool, shape (y, x), optional
         True for pixels to leave out (clouds, horizon).
     sun_exclusion_deg : float
-        Pixels so near to the Sun are left out: its disk is averaged over pixels.
+        Pixels so near to the Sun, and those that its disk may touch, are left out: they hold its light averaged.
     sun_elevation_deg, sun_azimuth_deg, altitude : float, optional
         In the place of the recipe's.
 
@@ -94,7 +96,8 @@ def sky_image(
     directions = camera.directions(Observer(height, radius, height))
     towards = Sun(**sun).direction
     with np.errstate(invalid="ignore"):
-        far = np.degrees(np.arccos(np.clip(directions @ towards, -1, 1))) > sun_exclusion_deg
+        near = np.maximum(sun_exclusion_deg, SUN_SIZE + np.degrees(_reach(directions)))
+        far = np.degrees(np.arccos(np.clip(directions @ towards, -1, 1))) > near
     usable = _usable(picture.radiance, mask) & far & np.isfinite(directions[..., 0])
     chosen = _spread(usable, pixels)
     wl, columns = _wavelengths(picture.wavelengths, wavelengths)
@@ -206,6 +209,21 @@ def around_stars(recipe: dict[str, Any], camera: Telescope, shape: tuple[int, in
     lit = star_images(scene, camera, np.array(recipe.get("wavelengths_nm", [550.0]), float)).sum(axis=2) > 0
     disk = np.hypot(*np.indices((2 * STAR_PIXELS + 1,) * 2) - STAR_PIXELS) <= STAR_PIXELS
     return np.asarray(binary_dilation(lit, disk))
+
+
+def _reach(directions: Array) -> Array:
+    """Angle between the middle of a pixel and its corners at most [rad], (y, x), from its neighbours' directions."""
+    square = np.zeros(directions.shape[:2])
+    for axis in (0, 1):
+        if directions.shape[axis] > 1:
+            step = np.nan_to_num(np.linalg.norm(np.diff(directions, axis=axis), axis=-1))
+            ends = [(0, 0), (0, 0)]
+            ends[axis] = (1, 1)
+            padded = np.pad(step, ends, mode="edge")
+            first, last = (padded[tuple(np.s_[a:b] if k == axis else np.s_[:] for k in (0, 1))]
+                           for a, b in ((0, -1), (1, None)))  # fmt: skip
+            square += np.maximum(first, last) ** 2
+    return np.asarray(0.5 * np.sqrt(square))
 
 
 def _usable(radiance: NDArray[Any], mask: ArrayLike | None) -> NDArray[np.bool_]:

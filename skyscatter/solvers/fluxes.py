@@ -154,9 +154,12 @@ def fluxes(solution: Solution, altitude: Array, zenith: Array, other: Solution |
     beam = direct_beam(problem.table.columns, problem, h, z)
     # Delta-M's beam takes the light of the forward peaks along, which counts as diffuse.
     peaks = beam.cut_flux - beam.true_flux
-    values = (
-        beam.true_flux, fine.down + np.maximum(peaks, 0.0), fine.up - np.minimum(peaks, 0.0), fine.mean + beam.cut,
-    )  # fmt: skip
+    down, up = fine.down + np.maximum(peaks, 0.0), fine.up - np.minimum(peaks, 0.0)
+    # What the ground sends up is its albedo's share of what falls on it, to the last digit, and what it shines itself.
+    own, albedo = problem.diffuse.light[1], problem.diffuse.light[2]
+    from_ground = albedo * (down + np.maximum(beam.true_flux, 0.0)) + np.pi * own
+    up = np.where((h == 0.0)[:, None], from_ground, up)
+    values = (beam.true_flux, down, up, fine.mean + beam.cut)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.nan_to_num(-np.log(beam.true / problem.diffuse.share[0]), nan=0.0, posinf=0.0)
     errors = [COLUMN_ERROR * depth * np.abs(beam.true_flux)]

@@ -158,8 +158,8 @@ class CorrectionTerms:
             shining.problem, shining.loaded, shining.problem.table, origin.reshape(-1, 3), -up.reshape(-1, 3)
         )
         upward = (multiple[:, 0] + direct).reshape(path.shape)
-        back = np.broadcast_to(shining.sums.flux[0, 1, 0] / np.pi, path.shape)
-        return Terms(path, down, upward, np.array(back), self._direct(zenith, height))
+        back = fluxes(shining, np.array([0.0]), np.array([0.5])).diffuse_down[0] / np.pi
+        return Terms(path, down, upward, np.broadcast_to(back, path.shape).copy(), self._direct(zenith, height))
 
     def _sunlight(self, elevation: Array, origin: Array, up: Array) -> tuple[Array, Array]:
         """Path reflectance and T_down for elevations (...) of the Sun [degree] and sensors (..., 3) along `up`."""

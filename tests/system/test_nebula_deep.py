@@ -34,7 +34,10 @@ def check_escape(tau: float, albedo: float, g: float, rays: int, samples: int, m
 
 
 @pytest.mark.filterwarnings("ignore:light comes through")
-@pytest.mark.parametrize(("tau", "albedo", "g"), [(10.0, 1.0, 0.0), (20.0, 1.0, 0.0), (30.0, 0.99, 0.0)])
+@pytest.mark.parametrize(
+    ("tau", "albedo", "g"),
+    [(20.0, 1.0, 0.0), *(pytest.param(*p, marks=pytest.mark.slow) for p in ((10.0, 1.0, 0.0), (30.0, 0.99, 0.0)))],
+)
 def test_nothing_is_lost_in_the_depths(tau: float, albedo: float, g: float) -> None:
     check_escape(tau, albedo, g, 200, 16, 0.06)
 
@@ -88,7 +91,9 @@ def cell_with_star(depth: float, albedo: float) -> SpaceScene:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("depth", "albedo"), [(100.0, 0.99), (1e4, 0.6), (1e4, 1.0)])
+@pytest.mark.parametrize(
+    ("depth", "albedo"), [(1e4, 1.0), *(pytest.param(*p, marks=pytest.mark.slow) for p in ((100.0, 0.99), (1e4, 0.6)))]
+)
 def test_a_star_in_an_opaque_cell_ends(depth: float, albedo: float) -> None:
     """No walk takes longer than its patience, some 2^16 legs with what is left when it ends, and a word says so."""
     scene = cell_with_star(depth, albedo)

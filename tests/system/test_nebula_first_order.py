@@ -87,8 +87,8 @@ def check_first_order(name: str, way: str, samples: int, n: int, share: float, m
     ("name", "way", "samples"),
     [
         ("hollow", "quadrature", 64),
-        ("hollow", "ratio", 1024),
-        ("hollow", "residual-ratio", 1024),
+        pytest.param("hollow", "ratio", 1024, marks=pytest.mark.slow),
+        pytest.param("hollow", "residual-ratio", 1024, marks=pytest.mark.slow),
         ("star-in-dust", "quadrature", 128),
     ],
 )

@@ -72,6 +72,7 @@ def test_fog_beside_walls(place: str) -> None:
     assert_one(in_fog(closed_room(0.0), 0.5), PLACES[place], directions(256), radius=0.1, direct=False)
 
 
+@pytest.mark.slow
 def test_rays_to_walls_that_shine_are_no_noisier_than_photons() -> None:
     """Beside a wall that is a lamp: with rays to points of it the noise was 70 times that of photons alone."""
     scene, options = in_fog(closed_room(0.3), 1.5), {"samples": 16, "photons": 1 << 12, "radius": 0.1}
@@ -129,6 +130,7 @@ def towards_floor(count: int) -> Array:
     return d / np.linalg.norm(d, axis=1)[:, None]
 
 
+@pytest.mark.slow
 def test_floor_beside_what_stands_on_it() -> None:
     """Nothing in the air; disks of 0.1 m on the floor and on what stands there are cut off."""
     scene = in_fog(crowded(0.6), None)

@@ -69,6 +69,7 @@ def test_furnace_in_random_rooms_by_walks(first: int, scenes: int) -> None:
     assert_agrees(mean, 1.0, error, freedom=1000, slack=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(200 + k, marks=pytest.mark.slow) for k in range(8))])
 def test_furnace_in_random_rooms_by_photons(seed: int) -> None:
     """The same; light straight from the walls by photons, for glass has no lamps to aim at."""
@@ -118,6 +119,7 @@ def received(scene: SurfaceScene, plate: int, seed: int, count: int) -> tuple[fl
     return float(answer.mean()), float(answer.std(ddof=1) / np.sqrt(count))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "scenes", "count"), [(0, 3, 4000), pytest.param(50, 24, 16_000, marks=pytest.mark.slow)]
 )

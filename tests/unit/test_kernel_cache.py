@@ -41,6 +41,10 @@ def dispatchers() -> dict[str, Dispatcher]:
 DISPATCHERS = dispatchers()
 
 
+def file_of(kernel: Dispatcher) -> Path:
+    return Path(str(sys.modules[kernel.py_func.__module__].__file__))
+
+
 def test_kernels_are_found() -> None:
     solvers = {"columns.exact_columns", "single.single_rays", "path.path_rays", "fastexp.fast_exp"}
     others = {"dehaze.kernels.correct.correct", "inversion.kernels.march.image_rays"}
@@ -60,8 +64,7 @@ def test_cache_carries_the_stamp_of_all_its_sources(name: str) -> None:
         # Not cached at all: allowed only for what is inlined into its callers.
         assert DISPATCHERS[name].targetoptions.get("inline") == "always", name
     else:
-        module = DISPATCHERS[name].py_func.__module__
-        assert cache._cache_file._source_stamp == jit.source_stamp(module), name
+        assert cache._cache_file._source_stamp == jit.source_stamp(file_of(DISPATCHERS[name])), name
 
 
 def loaded(module: str) -> set[Path]:
@@ -84,7 +87,7 @@ def loaded(module: str) -> set[Path]:
 @pytest.mark.parametrize("module", sorted({d.py_func.__module__ for d in DISPATCHERS.values()}))
 def test_the_closure_holds_all_that_a_module_uses(module: str) -> None:
     """Found by reading the imports; held against where the module's names come from at run time."""
-    assert loaded(module) <= set(jit.closure(module))
+    assert loaded(module) <= set(jit.closure(Path(str(sys.modules[module].__file__))))
 
 
 def copy_of_the_kernels(root: Path) -> None:
@@ -147,9 +150,10 @@ def test_no_edit_runs_old_code(tmp_path: Path) -> None:
 def test_an_edit_elsewhere_compiles_nothing_anew(tmp_path: Path) -> None:
     copy_of_the_kernels(tmp_path)
     stamp = jit.source_stamp.__wrapped__
-    names = ("skyscatter.solvers.kernels.columns", "skyscatter.solvers.kernels.surfaces.walks")
+    kernels = tmp_path / "skyscatter/solvers/kernels"
+    names = (kernels / "columns.py", kernels / "surfaces/walks.py")
     plain, rooms = (stamp(name, tmp_path) for name in names)
-    file = tmp_path / "skyscatter/solvers/kernels/surfaces/bsdf.py"
+    file = kernels / "surfaces/bsdf.py"
     file.write_text(file.read_text() + "\n")
     assert stamp(names[0], tmp_path) == plain
     assert stamp(names[1], tmp_path) != rooms
@@ -165,8 +169,14 @@ def test_imports_in_every_form_are_followed(tmp_path: Path) -> None:
     (package / "first.py").write_text(
         "import skyscatter.a.b\nfrom skyscatter.a import c\n\ndef late():\n    from . import d\n"
     )
-    found = {path.name for path in jit.closure("skyscatter.a.first", tmp_path)}
+    found = {path.name for path in jit.closure(package / "first.py", tmp_path)}
     assert found == {"first.py", "__init__.py", "b.py", "c.py", "d.py", "e.py"}
+
+
+def test_a_users_own_kernel_depends_on_ours(tmp_path: Path) -> None:
+    own = tmp_path / "mine.py"
+    own.write_text("from skyscatter.solvers.kernels.columns import EXPONENTIAL\n")
+    assert {path.name for path in jit.closure(own)} >= {"mine.py", "columns.py", "jit.py"}
 
 
 def test_a_stale_index_is_not_used(tmp_path: Path) -> None:

@@ -48,15 +48,15 @@ def _imported(source: bytes, package: str, root: Path) -> set[Path]:
     return {path for path in found if path is not None}
 
 
-def closure(module: str, root: Path = ROOT) -> list[Path]:
-    """Source files that a module is made of: its own and all of this package that they import."""
-    first = _source(module, root)
-    if first is None:
-        raise ValueError(f"no source of {module} beneath {root}")
+def closure(first: Path, root: Path = ROOT) -> list[Path]:
+    """Source files that a module's file is made of: itself and all of this package that it imports.
+
+    It may stand outside the package: a user's own kernel that calls ours.
+    """
     found, waiting = {first}, [first]
     while waiting:
         file = waiting.pop()
-        package = ".".join(file.parent.relative_to(root).parts)
+        package = ".".join(file.parent.relative_to(root).parts) if file.is_relative_to(root) else ""
         new = _imported(file.read_bytes(), package, root) - found
         found |= new
         waiting += new
@@ -64,11 +64,11 @@ def closure(module: str, root: Path = ROOT) -> list[Path]:
 
 
 @cache
-def source_stamp(module: str, root: Path = ROOT) -> str:
-    """Hash of all sources that the machine code of a module's kernels depends on."""
+def source_stamp(file: Path, root: Path = ROOT) -> str:
+    """Hash of all sources that the machine code of the kernels in a file depends on."""
     digest = hashlib.sha256()
-    for path in closure(module, root):
-        digest.update(f"{path.relative_to(root)}\0".encode())
+    for path in closure(file, root):
+        digest.update(f"{path.relative_to(root) if path.is_relative_to(root) else path.name}\0".encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -76,7 +76,7 @@ def source_stamp(module: str, root: Path = ROOT) -> str:
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
     compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     # The index of the cache compares this stamp and starts over when it differs.
-    compiled._cache._cache_file._source_stamp = source_stamp(function.__module__)
+    compiled._cache._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename))
     return compiled
 
 
