@@ -396,7 +396,8 @@ def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
 
 def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     try:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(values, float), shape))
+        # A copy always: kernels are compiled for arrays that may be written to.
+        return np.array(np.broadcast_to(np.asarray(values, float), shape), order="C")
     except ValueError as error:
         raise DomainError(name, np.shape(values), f"needs the shape (ray, wavelength) = {shape}") from error
 

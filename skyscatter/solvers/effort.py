@@ -12,7 +12,7 @@ from skyscatter.solvers.sweeps import ORDERS_SHARE, Problem
 #: Orders and minutes of one processor beyond which a solution is refused.
 MOST_ORDERS, MOST_MINUTES = 1000, 60
 #: Seconds for a moment or a Fourier part of one Sun, wavelength and point of a line; measured, with caution.
-SECONDS = 3e-9
+SECONDS = 8e-10
 #: Points of a line for each row of the field.
 POINTS = 1.5
 
@@ -42,7 +42,7 @@ def expected_orders(problem: Problem, tolerance: float) -> Array:
 
 
 def expected_minutes(problem: Problem, orders: float) -> float:
-    """Minutes of one processor for so many orders; good to a factor of three."""
+    """Minutes of one processor for so many orders; more than it takes, mostly, by up to seven times for thin air."""
     grid, moments = problem.grid, problem.moments
     lines = grid.altitudes.size * grid.directions.shape[1] * POINTS * grid.rows.size
     fourier = int(moments.order.max()) + 1

@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 #: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
 BASE_TOLERANCE = 0.002
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
-HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.25
+HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
 #: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
 DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
 #: Cosine of the Sun's zenith angle below which steps in optical depth shrink with it, and how far.
-STEEP_SUN, LEAST_SLANT = 0.7, 0.3
+STEEP_SUN, LEAST_SLANT = 0.7, 0.6
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].

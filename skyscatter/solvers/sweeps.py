@@ -56,14 +56,15 @@ ORDERS_SHARE = 0.3
 #: Shares of the tolerance for which directions, and positions of the Sun in twilight, are chosen where the Sun may be
 #: below the horizon, and where it may be far below.  Light then comes from one side, low above the horizon: of what
 #: rules of few points miss of it one order, the next misses as much again.
-DUSK_DIRECTIONS, DUSK_SUNS = 0.25, 0.5
-DEEP_DIRECTIONS, DEEP_SUNS = 0.125, 0.25
+DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 0.5
+DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.25
 #: What is far, in units of the angle under which a scale height sinks below the horizon.
-DEEP = 4.5
+DEEP = 6.0
 #: Radiances that count as none.
 FLOOR = 1e-35
-#: Radiances below this share of the brightest do not hold the solution up.
-FAINTEST = 1e-12
+#: Radiances below this share of the brightest do not hold the solution up: a hundredth of what is left of the day's
+#: light at the end of astronomical twilight.
+FAINTEST = 1e-10
 #: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
 HAIR = 1e-6
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.

@@ -32,7 +32,7 @@ def carved() -> SpaceScene:
 
 def rays() -> Rays:
     origins, directions = parallel_rays(np.linspace(0.5, 0.9, 4))
-    return Rays(origins, np.array(directions), np.arange(4))
+    return Rays(origins, np.array(directions, order="C"), np.arange(4))
 
 
 

@@ -166,6 +166,7 @@ def test_walks_against_the_deterministic_solution() -> None:
     assert np.all(walked.jacobian_error[4] < 0.1 * np.abs(walked.jacobian[4]))
 
 
+@pytest.mark.slow
 def test_errors_and_bias_over_seeds_in_three_dimensions() -> None:
     """Scattered many times in a sphere: means of many seeds against plain walks, and the spread against the error."""
 
