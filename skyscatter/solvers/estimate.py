@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skyscatter.solvers.base import Array
 
@@ -11,6 +12,32 @@ from skyscatter.solvers.base import Array
 ERROR_SHARE = 0.5
 #: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
 LEAST_ERROR = 0.4
+#: Share of the level sunlight that delta-M takes for unscattered that is reported as error.
+LEVEL_ERROR = 0.3
+#: Zenith angles of the Sun [degree] between which sunlight begins to count as level.
+LEVEL = 80.0, 90.0
+
+
+def levelness(zenith: ArrayLike) -> Array:
+    """How far sunlight from a zenith angle [rad] counts as level: 0 from high above, 1 from the horizontal on."""
+    return np.asarray(np.clip((np.degrees(zenith) - LEVEL[0]) / (LEVEL[1] - LEVEL[0]), 0.0, 1.0))
+
+
+def level_error(zenith: ArrayLike, peaks: Array) -> Array:
+    """Relative error of what delta-M makes of level sunlight, in which a coarser solution has its part.
+
+    Parameters
+    ----------
+    zenith : array_like, shape (...)
+        Of the Sun [rad].
+    peaks : (wavelength,)
+        Share of level sunlight that the cut peaks scatter.
+
+    Returns
+    -------
+    ndarray, shape (..., wavelength)
+    """
+    return np.asarray(LEVEL_ERROR * levelness(zenith)[..., None] * peaks)
 
 
 def stated_error(fine: Array, coarse: Array, tolerance: float) -> Array:

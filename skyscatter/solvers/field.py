@@ -20,7 +20,7 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.effort import check_effort
-from skyscatter.solvers.estimate import ERROR_SHARE, relative_error, turned
+from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.kernels.lookup import outward_columns
@@ -67,14 +67,12 @@ def solve_once(
     return Solution(problem, sum_orders(sweeper, orders_tolerance or tolerance, max_order, progress))
 
 
-def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[float, float]:
-    """Least and greatest zenith angle of the Sun [rad] at points that rays can see; (nan, nan) if they see none."""
+def seen_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[Array, Array]:
+    """Least and greatest zenith angle of the Sun [rad] at points of every ray, (ray,); nan where it sees none."""
     along = np.einsum("rk,rk->r", origins, directions)
     square = np.einsum("rk,rk->r", origins, origins) - along**2
     outer = radius + top
     inside = (square < outer**2) & (along < np.sqrt(np.maximum(outer**2 - square, 0.0)))
-    if not inside.any():
-        return float("nan"), float("nan")
     o, d, along, square = origins[inside], directions[inside], along[inside], square[inside]
     half = np.sqrt(outer**2 - square)
     hits = (square < radius**2) & (along < 0)
@@ -85,7 +83,16 @@ def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, 
     points = o + t[..., None] * d
     mu = points @ sun / np.linalg.norm(points, axis=-1)
     angle = np.arccos(np.clip(mu, -1, 1))
-    return float(angle.min()), float(angle.max())
+    low, high = np.full((2, len(origins)), np.nan)
+    low[inside], high[inside] = angle.min(axis=0), angle.max(axis=0)
+    return low, high
+
+
+def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[float, float]:
+    """Least and greatest zenith angle of the Sun [rad] at points that rays can see; (nan, nan) if they see none."""
+    low, high = seen_zenith(origins, directions, sun, radius, top)
+    seen = low == low
+    return (float(low[seen].min()), float(high[seen].max())) if seen.any() else (float("nan"), float("nan"))
 
 
 def reach(radius: float, top: float) -> float:
@@ -457,7 +464,9 @@ class RadianceField:
             members = order[group[k] : group[k + 1]]
             error[members] = share * np.abs(diffuse[members])
             error[rays] = np.maximum(error[rays], ERROR_SHARE * np.abs(coarse[mine] - fine[mine]))
-        return error
+        low, high = seen_zenith(origins, directions, table.optics.disk_axis, table.columns.radius, table.columns.top)
+        level = level_error(np.nan_to_num(0.5 * (low + high)), self.fine.problem.level_peaks)
+        return np.asarray(error + level * np.abs(diffuse))
 
     def _diffuse(self, solution: Solution, table: SceneTable, origins: Array, directions: Array) -> Array:
         """Radiance of all orders but the direct light; (ray, wavelength)."""

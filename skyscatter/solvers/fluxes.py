@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.direct import slant_columns
-from skyscatter.solvers.estimate import stated_error
+from skyscatter.solvers.estimate import level_error, stated_error
 from skyscatter.solvers.kernels.lookup import ColumnTable
 from skyscatter.solvers.sweeps import Problem, Solution, view
 
@@ -168,7 +168,8 @@ def fluxes(solution: Solution, altitude: Array, zenith: Array, other: Solution |
     else:
         coarse = fluxes(other, h, z)
         pairs = zip(values[1:], (coarse.diffuse_down, coarse.diffuse_up, coarse.actinic), strict=True)
-        errors += [stated_error(value, rough, problem.tolerance) for value, rough in pairs]
+        level = level_error(z, problem.level_peaks)
+        errors += [stated_error(value, rough, problem.tolerance) + level * np.abs(value) for value, rough in pairs]
     shape = (*altitude.shape, fine.down.shape[-1])
     return Fluxes(*(np.reshape(a, shape) for a in (*values, *errors)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import factorial, sqrt
 
 import numpy as np
@@ -27,6 +28,9 @@ TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
 DIRECTIONS = (11, 5, 6)
 #: Fine Sun nodes for each node.
 SUN_REFINEMENT = 2
+#: Steps between node heights, fewest and most; breaks that become nodes, at most; and how much longer than wanted the
+#: steps between two breaks may be, in all.
+LEAST_NODES, MOST_NODES, MOST_BREAKS, SPARE = 6, 160, 12, 0.2
 #: Rows between two node heights.
 ROW_REFINEMENT = 2
 #: Sum of the absolute weights of a cubic beyond which it is none: 1.6 at most for even nodes, 4 beside a gap of 3 to 1.
@@ -90,16 +94,16 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float
     by_depth = f * slant * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
-    count = int(np.clip(np.ceil(number[-1]), 6, 160))
-    nodes = np.interp(np.linspace(0, number[-1], count + 1), number, altitude)
+    number *= np.clip(number[-1], LEAST_NODES, MOST_NODES) / number[-1]
     inner = breaks[(breaks > 1e-6 * top) & (breaks < (1 - 1e-6) * top)]
-    if inner.size <= 12:
-        # A break takes the place of a node close to it.
-        for b in inner:
-            k = 1 + int(np.argmin(np.abs(nodes[1:-1] - b)))
-            if abs(nodes[k] - b) < 0.5 * min(nodes[k] - nodes[k - 1], nodes[k + 1] - nodes[k]):
-                nodes[k] = b
-        nodes = np.unique(np.concatenate([nodes, inner]))
+    if inner.size > MOST_BREAKS:
+        inner = inner[:0]
+    # Between two breaks as many steps as are wanted there: none is much longer than it should be.
+    ends = np.interp(np.unique(np.concatenate([[0.0], inner, [top]])), altitude, number)
+    parts = [np.linspace(a, b, max(int(np.ceil(b - a - SPARE)), 1), endpoint=False) for a, b in pairwise(ends)]
+    nodes = np.interp(np.append(np.concatenate(parts), number[-1]), number, altitude)
+    for b in inner:  # to the last digit
+        nodes[np.argmin(np.abs(nodes - b))] = b
     return nodes
 
 

@@ -142,7 +142,8 @@ def close_correction(
     table = compile_volume(scene, tuple(float(w) for w in wl))
     # Only light that is scattered next to the star rises towards it; around one in a cavity it is smooth.
     lit = np.array([any(field.density(star.position) > 0 for field in scene.medium.fields) for star in scene.stars])
-    light = single_parts(table, Rays(origins, np.ascontiguousarray(directions), np.arange(len(directions))), tolerance)[0]
+    rays = Rays(origins, np.ascontiguousarray(directions), np.arange(len(directions)))
+    light = single_parts(table, rays, tolerance)[0]
     parts = light[: -len(j)].reshape(*down.shape, wl.size) * _singular_mean(across, down, places, lit)[..., None]
     return near, parts.mean(axis=(1, 2)) - light[-len(j) :]
 

@@ -24,6 +24,7 @@ from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.estimate import levelness
 from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.course import Diffuse
 from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
@@ -38,6 +39,9 @@ Array = NDArray[np.float64]
 DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.01, 0.003), (16, 0.01, 0.001), (24, 0.001, 0.0))
 #: Optical depth of the cut peaks that is good enough, in units of the tolerance.
 PEAK_SHARE = 1.5
+#: What cut peaks may take, in units of the tolerance, from sunlight that comes in nearly level.  Delta-M lets it go on
+#: as if it had not been scattered; but where its way through a layer is long, a few degrees lead out of the layer.
+LEVEL_PEAK_SHARE = 10.0
 #: Coefficients below this count as nought.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
@@ -84,6 +88,7 @@ class Problem:
     whole: Array  #: the same with its peak
     stokes: int  #: Stokes parameters: 1, 3 or 4
     tolerance: float  #: for which the grid was made
+    level_peaks: Array  #: share of level sunlight that delta-M takes for unscattered; (wavelength,)
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ def matrices(scene: Scene, table: SceneTable, wavelengths: Array, stokes: bool) 
     return matrix_tables(scene.medium, tuple(float(w) for w in wavelengths))
 
 
-def kept_degree(chi: Array, depth: Array, tolerance: float) -> int:
+def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float = 0.0) -> int:
     """Degree to which phase functions are kept.
 
     Parameters
@@ -123,6 +128,8 @@ def kept_degree(chi: Array, depth: Array, tolerance: float) -> int:
     depth : (component, wavelength)
         Vertical optical depths of scattering.
     tolerance : float
+    level : (component, wavelength), optional
+        Share of level sunlight that is scattered on its way.
 
     Returns
     -------
@@ -135,9 +142,24 @@ def kept_degree(chi: Array, depth: Array, tolerance: float) -> int:
     least = max(degree for degree, _, must in DEGREES if tolerance < must)
     allowed = [degree for degree, may, _ in DEGREES if tolerance < may and degree >= least]
     for degree in allowed:
-        if (np.abs(chi[:, 0, degree + 1]) * depth).sum(axis=0).max() < PEAK_SHARE * tolerance:
+        peak = np.abs(chi[:, 0, degree + 1])
+        level_enough = (peak * level).sum(axis=0).max() < LEVEL_PEAK_SHARE * tolerance
+        if level_enough and (peak * depth).sum(axis=0).max() < PEAK_SHARE * tolerance:
             return max(min(needed, degree), 2)
     return max(min(needed, allowed[-1]), 2)
+
+
+def level_share(table: SceneTable, sun_zenith: float) -> Array:
+    """Share of sunlight that every component scatters on its way if it comes in level; (component, wavelength).
+
+    Nought while the Sun stands high.
+    """
+    columns, longest = table.columns, np.zeros(len(table.optics.sigma_s))
+    column = np.zeros_like(longest)
+    for altitude in sample_altitudes(columns):
+        outward_columns(columns, altitude, 0.0, column)
+        longest = np.maximum(longest, column)
+    return np.asarray(levelness(sun_zenith) * -np.expm1(-longest[:, None] * table.optics.sigma_s))
 
 
 def make_problem(
@@ -167,7 +189,8 @@ def make_problem(
     chi = chi * scatters[:, None, None, None]
     column = np.zeros(len(chi))
     outward_columns(table.columns, 0.0, 1.0, column)
-    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance) if degree is None else degree
+    level = level_share(table, sun_zenith[1])
+    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance, level) if degree is None else degree
     peak = chi[:, 0, kept + 1]
     peak = np.where((peak > LEAST_PEAK) & cut_peaks, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
@@ -190,7 +213,9 @@ def make_problem(
     )  # fmt: skip
     orders = int(moments.order.max())
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
-    return Problem(table, diffuse, grid, moments, grids.recurrence(kept, orders), cut, whole, kinds, tolerance)
+    level_peaks = (peak * level).sum(axis=0)
+    functions = grids.recurrence(kept, orders)
+    return Problem(table, diffuse, grid, moments, functions, cut, whole, kinds, tolerance, level_peaks)
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:
@@ -282,7 +307,8 @@ def make_grid(
     depth = vertical @ sigma_t
     nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance)
     mean = depth.mean(axis=1)
-    scale = float(np.interp(-0.1 * mean[0], -mean, altitude)) / np.log(10) if mean[0] > 0 else columns.top
+    # Of the two decades from the ground: haze near it says little of where light comes from after sunset.
+    scale = float(np.interp(-0.01 * mean[0], -mean, altitude)) / np.log(100) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
     below = (sun_zenith[1] - np.pi / 2) / sinking
     if below > DEEP:

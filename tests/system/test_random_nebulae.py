@@ -42,7 +42,8 @@ def cloud(rng: np.random.Generator) -> Any:
     if kind == 1:
         return whole.carved_by(Cone(half_angle_deg=rng.uniform(15, 60), length=2.0, both_sides=True, **turn))
     if kind == 2:
-        return whole * Turbulence(outer_scale=0.7, inner_scale=0.15, modes=24, deviation=0.6, seed=int(rng.integers(99)))
+        seed = int(rng.integers(99))
+        return whole * Turbulence(outer_scale=0.7, inner_scale=0.15, modes=24, deviation=0.6, seed=seed)
     if kind == 3:
         return Sphere(radius=0.5, position=(0.3, 0.0, -0.3)) * rng.uniform(0.2, 2) + Sphere(radius=0.6)
     if kind == 4:

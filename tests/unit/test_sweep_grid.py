@@ -57,14 +57,17 @@ def test_many_breaks_are_left_out_and_those_at_the_ends_too() -> None:
     np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([0.0, 1e5]), 0.5, 0.005), plain)
 
 
-def test_a_break_far_from_every_node_is_one_more() -> None:
-    """A layer of fog on the ground must not take the node above it away."""
+def test_breaks_leave_no_step_longer_than_wanted() -> None:
+    """A layer of fog on the ground, or a tent aloft, must not take nodes away from the air beside it."""
     altitude, above = profile(0.3)
     plain = grids.height_nodes(altitude, above, np.zeros(0), 0.5, 0.005)
-    low = grids.height_nodes(altitude, above, np.array([50.0]), 0.5, 0.005)
-    np.testing.assert_array_equal(low, np.sort(np.append(plain, 50.0)))
-    near = plain[2] + 1.0
-    np.testing.assert_array_equal(grids.height_nodes(altitude, above, np.array([near]), 0.5, 0.005)[2], near)
+    rng = np.random.default_rng(1)
+    for breaks in ([50.0], [plain[2] + 1.0], [9302.0, 12948.0, 16595.0], *np.sort(rng.uniform(0, 4e4, (50, 3)))):
+        nodes = grids.height_nodes(altitude, above, np.array(breaks), 0.5, 0.005)
+        assert set(breaks) <= set(nodes)
+        number = np.interp(nodes, plain, np.arange(plain.size))
+        assert np.diff(number).max() < 1.25
+        assert nodes.size <= plain.size + len(breaks) + 1
 
 
 def test_finer_tolerances_make_finer_grids() -> None:
@@ -222,6 +225,9 @@ def test_degrees_follow_the_tolerance_the_depth_and_what_is_there() -> None:
     assert degrees[0] < degrees[-1]
     # A peak of hardly any depth needs no more degrees than the tolerance demands.
     assert kept_degree(chi, deep / 1e4, 0.005) < kept_degree(chi, deep, 0.005)
+    # Unless sunlight comes in level, through much of it.
+    level = np.ones((1, 1))
+    assert kept_degree(chi, deep / 1e4, 0.005, level) > kept_degree(chi, deep / 1e4, 0.005)
     chi[0, 0, 4:] = 0.0
     assert kept_degree(chi, deep, 1e-4) == 3
     assert kept_degree(np.zeros((1, 1, 26, 1)), deep, 1e-4) == 2
