@@ -89,7 +89,9 @@ def test_reciprocity_of_a_slab(transmitted: bool, albedo: float) -> None:
     assert_agrees(v[:, 0], v[:, 1], np.hypot(e[:, 0], e[:, 1]), slack=3e-4)
 
 
-@pytest.mark.parametrize(("optical_thickness", "phase"), [(0.5, Isotropic()), (1.0, RAYLEIGH)])
+@pytest.mark.parametrize(
+    ("optical_thickness", "phase"), [(0.5, Isotropic()), pytest.param(1.0, RAYLEIGH, marks=pytest.mark.slow)]
+)
 def test_nothing_is_lost_without_absorption(optical_thickness: float, phase: Any) -> None:
     slab = Slab(optical_thickness, 1.0, phase, 0.6, 1.0, ground_albedo=0.3)
     options = {"nodes": 16, "azimuths": 4, "samples": 2048}

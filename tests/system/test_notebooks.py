@@ -12,6 +12,12 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
 names = pytest.mark.parametrize("source", SOURCES, ids=[path.stem for path in SOURCES])
+#: Deep white skies take a minute even at the reduced size.
+LONG = "07_what_single_scattering_loses"
+runs = pytest.mark.parametrize(
+    "source",
+    [pytest.param(p, id=p.stem, marks=pytest.mark.slow if p.stem == LONG else ()) for p in SOURCES],
+)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +33,7 @@ def tool() -> ModuleType:
 
 # Under Agg, plt.show() has nothing to show on.  All run in this process: they share its imports and loaded kernels.
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive:UserWarning")
-@names
+@runs
 def test_notebook_runs_at_reduced_size_and_its_numbers_are_right(
     source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

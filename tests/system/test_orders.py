@@ -443,7 +443,7 @@ def test_max_order_is_that_of_path(order: int) -> None:
     ("sun", "hazy"),
     [
         (40.0, False),
-        (40.0, True),
+        pytest.param(40.0, True, marks=pytest.mark.slow),
         pytest.param(2.0, False, marks=pytest.mark.slow),
         pytest.param(2.0, True, marks=pytest.mark.slow),
         pytest.param(-4.0, False, marks=pytest.mark.slow),
