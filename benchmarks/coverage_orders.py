@@ -13,6 +13,7 @@ the stated one, or than a fifth of the light, say nothing and are left out of th
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 import warnings
 
@@ -82,6 +83,43 @@ def random_sky(rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
     return scene, np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
 
 
+def telling(stated: np.ndarray, judge: np.ndarray) -> np.ndarray:
+    """Where the judge knows the light well enough."""
+    return np.asarray(judge <= np.minimum(stated, BLIND))
+
+
+def compare(seed: int, tolerance: float, walks: int) -> tuple[np.ndarray, float]:
+    """Deviation, stated error and the judge's error of a scene's rays, relative (3, ray); seconds of processor."""
+    scene, sights = random_sky(np.random.default_rng(seed))
+    rays = np.broadcast_to(scene.observer.position, sights.shape), sights
+    start = time.process_time()
+    answer = skyscatter.radiance(scene, *rays, [550.0], tolerance=tolerance)
+    seconds = time.process_time() - start
+    judge = skyscatter.radiance(scene, *rays, [550.0], "path", samples=walks, tolerance=JUDGE, seed=seed)
+    lit = judge.radiance[:, 0] > 0
+    truth = judge.radiance[lit, 0]
+    row = np.array([x[lit, 0] / truth for x in (answer.radiance - judge.radiance, answer.error, judge.error)])
+    missed = (np.abs(row[0]) > row[1] + 2 * row[2]) & telling(*row[1:])
+    if missed.any():
+        d, e, j = 100 * row[:, missed]
+        print(f"scene {seed}: deviation {d} % stated {e} % judge {j} %", flush=True)
+    return row, seconds
+
+
+def print_table(rows: np.ndarray, scenes: int, tolerance: float, seconds: float) -> None:
+    """One row of the table of docs/validation-orders.md."""
+    d, e, j = rows
+    told = telling(e, j)
+    inside, twice = (np.abs(d) <= k * e + 2 * j for k in (1, 2))
+    print("| tolerance | scenes | values that tell | within the stated error | within twice | median stated | "
+          "mean deviation | seconds a scene |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    weight = 1 / (j[told] ** 2 + 0.002**2)
+    print(f"| {tolerance:g} | {scenes} | {told.sum()} of {told.size} | {100 * inside[told].mean():.1f} % | "
+          f"{100 * twice[told].mean():.1f} % | {100 * np.median(e[told]):.2f} % | "
+          f"{100 * np.average(d[told], weights=weight):+.3f} ± {100 * weight.sum() ** -0.5:.3f} % | "
+          f"{seconds / scenes:.2f} |")  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=200)
@@ -90,33 +128,17 @@ def main() -> None:
     parser.add_argument("--walks", type=int, default=8192)
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    deviation, stated, judge, seconds = [], [], [], 0.0
-    for seed in range(given.first, given.first + given.scenes):
-        scene, sights = random_sky(np.random.default_rng(seed))
-        rays = np.broadcast_to(scene.observer.position, sights.shape), sights
-        start = time.process_time()
-        answer = skyscatter.radiance(scene, *rays, [550.0], tolerance=given.tolerance)
-        seconds += time.process_time() - start
-        walks = skyscatter.radiance(scene, *rays, [550.0], "path", samples=given.walks, tolerance=JUDGE, seed=seed)
-        lit = walks.radiance[:, 0] > 0
-        truth = walks.radiance[lit, 0]
-        row = [x[lit, 0] / truth for x in (answer.radiance - walks.radiance, answer.error, walks.error)]
-        for lot, values in zip((deviation, stated, judge), row, strict=True):
-            lot.append(values)
-        missed = (np.abs(row[0]) > row[1] + 2 * row[2]) & (row[2] <= np.minimum(row[1], BLIND))
-        if missed.any():
-            print(f"scene {seed}: deviation {100 * row[0][missed]} % stated {100 * row[1][missed]} % "
-                  f"judge {100 * row[2][missed]} %", flush=True)  # fmt: skip
-    d, e, j = (np.concatenate(lot) for lot in (deviation, stated, judge))
-    told = j <= np.minimum(e, BLIND)
-    inside, twice = (np.abs(d) <= k * e + 2 * j for k in (1, 2))
-    print("| tolerance | scenes | values that tell | within the stated error | within twice | median stated | "
-          "mean deviation | seconds a scene |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
-    weight = 1 / (j[told] ** 2 + 0.002**2)
-    print(f"| {given.tolerance:g} | {given.scenes} | {told.sum()} of {told.size} | {100 * inside[told].mean():.1f} % | "
-          f"{100 * twice[told].mean():.1f} % | {100 * np.median(e[told]):.2f} % | "
-          f"{100 * np.average(d[told], weights=weight):+.3f} ± {100 * weight.sum() ** -0.5:.3f} % | "
-          f"{seconds / given.scenes:.2f} |")  # fmt: skip
+    rows, seconds = [], 0.0
+    try:
+        for seed in range(given.first, given.first + given.scenes):
+            row, spent = compare(seed, given.tolerance, given.walks)
+            rows.append(row)
+            seconds += spent
+            print(f"{len(rows)} of {given.scenes} scenes", end="\r", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print(f"interrupted after {len(rows)} scenes", file=sys.stderr)
+    if rows:
+        print_table(np.concatenate(rows, axis=1), len(rows), given.tolerance, seconds)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 #: Directions over which fluxes are integrated: above the horizontal, between it and the horizon, and on the ground, at
 #: the base tolerance; and azimuths over half a turn beyond the degree to which phase functions are kept.
-DIRECTIONS, MORE_AZIMUTHS = (28, 24, 20), 8
+DIRECTIONS, MORE_AZIMUTHS = (28, 48, 20), 8
 #: Zenith offsets that stand for the Sun's disk in the direct beam, which sets edge first.
 DISK_NODES = 8
 #: Rays looked along together.

@@ -44,6 +44,12 @@ FORWARD, DIM_SUN = 0.5, 0.05
 #: Mean cosine from which on that holds for marched walks in twilight: on Mars with the Sun at -3 degrees 83 % of runs
 #: of 1024 walks lie within two standard errors.
 TWILIGHT = 0.7
+#: Optical depth of scattering from which on a layer thinner than so many metres is rarely met by marched walks, whose
+#: points lie in a few strata of each leg: in 10 m of fog of depth 1 runs of 4096 walks were up to 2.7 of their standard
+#: errors dark.
+SHEET_DEPTH, SHEET = 0.1, 500.0
+#: Heights at which a layer's column is looked up to find its thickness.
+LOOKS = 501
 
 
 def prepare(
@@ -81,6 +87,12 @@ def warn_of_rare_walks(scene: Scene, tables: Tables, options: Options) -> None:
             "standard error of walks is too small; take the solver orders",
             stacklevel=2,
         )
+    for name, thickness in thin_layers(scene, tables):
+        warnings.warn(
+            f"the layer {name!r} is at most {thickness:.3g} m thick: marched walks rarely meet it, and their standard "
+            "error is too small; take the solver orders, or sampling='free-flight'",
+            stacklevel=2,
+        )
     depth, name = transport_depth(scene, tables)
     walks = FEW_WALKS if options.noise is not None else walks_for(options)
     if depth > MOST_DEPTH and walks < FEW_WALKS:
@@ -100,6 +112,19 @@ def hidden_sun(scene: Scene, tables: Tables) -> bool:
     scattered = column @ table.optics.sigma_s
     forward = (column * table.optics.mean_cosine) @ table.optics.sigma_s > FORWARD * scattered
     return bool(np.any(forward & (np.exp(-column @ table.optics.sigma_t) < DIM_SUN)))
+
+
+def thin_layers(scene: Scene, tables: Tables) -> list[tuple[str, float]]:
+    """Components that scatter much within little height, and their columns over their largest densities [m]."""
+    columns, sigma_s = tables.scene.columns, tables.scene.optics.sigma_s
+    height = np.linspace(0.0, columns.top, LOOKS)
+    above = np.zeros((LOOKS, len(sigma_s)))
+    for k, h in enumerate(height):
+        outward_columns(columns, h, 1.0, above[k])
+    densest = np.max(-np.diff(above, axis=0), axis=0) / height[1]
+    thickness = above[0] / np.maximum(densest, 1e-300)
+    thin = (thickness < SHEET) & np.any(above[0][:, None] * sigma_s > SHEET_DEPTH, axis=1)
+    return [(scene.medium.components[k].name, float(thickness[k])) for k in np.flatnonzero(thin)]
 
 
 def transport_depth(scene: Scene, tables: Tables) -> tuple[float, str]:

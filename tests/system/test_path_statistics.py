@@ -11,7 +11,9 @@ from scipy import stats
 from significance import assert_agrees, over_seeds
 
 import skyscatter
+from skyscatter.media.fields import Uniform
 from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
 
 WAVELENGTHS = np.array([400.0, 480.0, 560.0, 650.0, 760.0])
 #: Sun elevations: by day, at sunset, in civil twilight.
@@ -193,6 +195,14 @@ def test_a_word_before_walks_that_cannot_know_their_error() -> None:
     ).scene(sun_elevation_deg=30.0)
     with pytest.warns(UserWarning, match=r"samples = 64: light comes through .* transport free paths of .*raise"):
         prepared(thick, samples=64)
+    optics = Particles(optical_depth=0.5, phase=HenyeyGreenstein(g=0.8))
+    sheet = skyscatter.Component(name="sheet", density=Uniform(base=1000.0, top=1010.0), optics=optics)
+    clear = model(False).scene(sun_elevation_deg=30.0)
+    components = (*clear.medium.components, sheet)
+    foggy = clear.model_copy(update={"medium": clear.medium.model_copy(update={"components": components})})
+    with pytest.warns(UserWarning, match=r"layer 'sheet' is at most .* m thick.*free-flight"):
+        prepared(foggy, samples=1024)
+    prepared(foggy, sampling="free-flight")
     prepared(model(True).scene(sun_elevation_deg=-4.0), samples=16)
     # Neither where walks are many, nor in a clear sky.
     prepared(thick, samples=1024)
