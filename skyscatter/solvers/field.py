@@ -95,6 +95,15 @@ def needed_zenith(origins: Array, directions: Array, sun: Array, radius: float, 
     return (float(low[seen].min()), float(high[seen].max())) if seen.any() else (float("nan"), float("nan"))
 
 
+def highest_sight(origins: Array, directions: Array, radius: float, top: float) -> float:
+    """Greatest altitude [m], up to the top, of the lowest points of rays."""
+    along = np.minimum(np.einsum("rk,rk->r", origins, directions), 0.0)
+    lowest = np.sqrt(np.maximum(np.einsum("rk,rk->r", origins, origins) - along**2, 0.0)) - radius
+    # A ray that passes above the top sees nothing; one that begins there and looks down sees its own lowest point.
+    lowest = np.where(lowest < top, np.maximum(lowest, 0.0), 0.0)
+    return float(lowest.max(initial=0.0))
+
+
 def reach(radius: float, top: float) -> float:
     """Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad]."""
     return float(np.arccos(radius / (radius + top)))

@@ -187,7 +187,8 @@ def directions(
     """
     f = fineness(tolerance)
     above, between, below = (int(np.ceil(n / f)) for n in counts)
-    above, below = max(above, degree // 2 + 4), max(below, degree // 2 + 3)
+    # Above the horizontal, where the aureole is, the light is as uneven as the moments that it is taken into.
+    above, below = max(above, degree // 2 + 4, degree), max(below, degree // 2 + 3)
 
     def rule(count: int) -> tuple[Array, Array]:
         x, w = np.polynomial.legendre.leggauss(count)

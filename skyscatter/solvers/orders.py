@@ -15,7 +15,15 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, needed_zenith, reach, scattering_top, solve_range
+from skyscatter.solvers.field import (
+    DEFAULT_TOLERANCE,
+    RadianceField,
+    highest_sight,
+    needed_zenith,
+    reach,
+    scattering_top,
+    solve_range,
+)
 from skyscatter.solvers.kernels.optics import SceneTable
 
 #: Rays in a tile at most: those of a picture's row share their geometry.
@@ -23,6 +31,8 @@ TILE_RAYS = 1024
 #: Tiles of a picture at least, whatever the threads: rays of a tile share work, and so their last digits depend on it.
 TILES = 16
 
+#: Share of the height of what scatters above which a ray's lowest point makes it a limb.
+LIMB = 0.3
 #: Zenith angle of the Sun [rad] from which a field begins in twilight.
 SUNLIT = np.radians(86.0)
 
@@ -41,7 +51,7 @@ def check(options: Options) -> None:
         raise DomainError("tolerance", options.tolerance, "at least 1e-4 for solver orders")
 
 
-def window(low: float, high: float, reach: float) -> tuple[float, float]:
+def window(low: float, high: float, reach: float, aloft: float = 0.0) -> tuple[float, float]:
     """Zenith angles of the Sun for which a field is solved, where rays see the Sun at `low` to `high` [rad].
 
     Light that is scattered twice and more comes from beyond what the rays see.  By day it comes from near by, and where
@@ -53,10 +63,13 @@ def window(low: float, high: float, reach: float) -> tuple[float, float]:
     low, high : float
     reach : float
         Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad].
+    aloft : float
+        The same for the highest air that rays see without any below it, such as a limb: as far as that its light comes
+        from the ground and the air beneath.
     """
     twilight = float(np.clip((np.degrees(high) - 80) / 10, 0, 1))
-    first = low - reach * (0.5 + 0.5 * twilight)
-    return (min(first, SUNLIT) if high > SUNLIT else first), high + 0.25 * reach
+    first = low - max(reach * (0.5 + 0.5 * twilight), aloft)
+    return (min(first, SUNLIT) if high > SUNLIT else first), high + max(0.25 * reach, aloft)
 
 
 def prepare(
@@ -73,10 +86,13 @@ def prepare(
     medium = scene.medium
     table = compile_scene(scene, wavelengths)
     top = scattering_top(table)
+    above = highest_sight(rays.origins, rays.directions, medium.radius, medium.top)
+    if above > LIMB * top:  # a limb is seen where there is next to nothing, too
+        top = medium.top
     low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.radius, top)
     if low != low:  # not a number: every ray passes by
         low = high = 0.0
-    zenith = window(low, high, reach(medium.radius, top))
+    zenith = window(low, high, reach(medium.radius, top), reach(medium.radius, above))
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     field = solve_range(scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress)
     return Context(field, table)
