@@ -70,7 +70,7 @@ def test_furnace_in_random_rooms_by_walks(first: int, scenes: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, *(pytest.param(200 + k, marks=pytest.mark.slow) for k in range(8))])
+@pytest.mark.parametrize("seed", [0, *(200 + k for k in range(8))])
 def test_furnace_in_random_rooms_by_photons(seed: int) -> None:
     """The same; light straight from the walls by photons, for glass has no lamps to aim at."""
 
@@ -120,9 +120,7 @@ def received(scene: SurfaceScene, plate: int, seed: int, count: int) -> tuple[fl
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("first", "scenes", "count"), [(0, 3, 4000), pytest.param(50, 24, 16_000, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("first", "scenes", "count"), [(0, 3, 4000), (50, 24, 16_000)])
 @pytest.mark.filterwarnings("ignore:lamps are so small")
 def test_lamp_and_eye_change_places(first: int, scenes: int, count: int) -> None:
     """The flux between two equal plates is the same both ways, whatever lies between (Helmholtz)."""

@@ -166,8 +166,9 @@ def test_blue_air_is_told_from_fog():
     fixed = fit_picture(pictures.veiled(clear, "air"), PictureOptions(alpha=4.0))
     assert fixed.alpha == pytest.approx(4.0)
     expected = (np.array([600.0, 545.0, 465.0]) / 550.0) ** -4
-    # means over the posterior of depths: ratios of thick and of thin veils differ a little
-    np.testing.assert_allclose(fixed.ratio, expected, rtol=0.1)
+    # means over the posterior of depths, whose ratios are not those of the mean depth: the second order of its width,
+    # some per cent of the excess of the blue
+    np.testing.assert_allclose(fixed.ratio, expected, rtol=0.02)
 
 
 def test_clouds_keep_their_structure_and_are_flagged():

@@ -111,7 +111,12 @@ def test_against_an_independent_mie_calculation(reference: Path) -> None:
     np.testing.assert_allclose(scattering[optical] / np.interp(0.55, micron, scattering), 1.0, atol=0.05)
     # Small grains absorb: PAHs and their 217.5 nm feature are not in the recomputation.
     np.testing.assert_allclose(ours.albedo, albedo, atol=0.07)
-    np.testing.assert_allclose(ours.cross_section / MIXTURES["milky-way-3.1"].per_hydrogen * 10, chi, rtol=0.25)
+    ratio = ours.cross_section / MIXTURES["milky-way-3.1"].per_hydrogen * 10 / chi
+    # The mass per hydrogen, which differs, moves all of it by one factor; a fifth where no small grains absorb,
+    # and no more than that where they do.
+    infrared = (micron > 1.0) & (micron < 5.0)
+    np.testing.assert_allclose(ratio[infrared], 0.8, rtol=0.04)
+    np.testing.assert_allclose(ratio, 1.0, rtol=0.21)
 
 
 @pytest.mark.parametrize("mixture", MIXTURES)
