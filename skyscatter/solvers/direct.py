@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
@@ -11,6 +12,20 @@ from skyscatter.solvers.kernels.optics import SceneTable
 #: Zenith cosines over which columns are tabulated across the disk: seen through a planet's air from space, they change
 #: by a factor of 20 there.
 DISK_STEPS = 193
+
+
+def outward_profile(columns: ColumnTable, altitudes: ArrayLike = (0.0,), mu: float = 1.0) -> Array:
+    """Columns [m] from altitudes (altitude,) [m] to the top under a zenith cosine, straight up if not said.
+
+    Returns
+    -------
+    ndarray, shape (altitude, component)
+    """
+    height = np.asarray(altitudes, float)
+    out = np.zeros((height.size, columns.value.shape[2]))
+    for k, h in enumerate(height):
+        outward_columns(columns, h, mu, out[k])
+    return out
 
 
 def slant_columns(columns: ColumnTable, altitude: float, mu: float) -> Array | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.kernels.lookup import outward_columns
+from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.sweeps import ORDERS_SHARE, Problem
 
 #: Orders and minutes of one processor beyond which a solution is refused.
@@ -29,8 +29,7 @@ def expected_orders(problem: Problem, tolerance: float) -> Array:
     the second has to have gone.
     """
     diffuse = problem.diffuse
-    column = np.zeros(len(diffuse.sigma_t))
-    outward_columns(problem.table.columns, 0.0, 1.0, column)
+    column = outward_profile(problem.table.columns)[0]
     scattering = 4 * np.pi * diffuse.greek[0, :, 0]
     forward = 4 * np.pi / 3 * diffuse.greek[0, :, 1] if diffuse.greek.shape[2] > 1 else 0 * scattering
     total = np.maximum(column @ diffuse.sigma_t, 1e-12)
@@ -66,9 +65,7 @@ def check_effort(problem: Problem, wavelengths: Array, tolerance: float, max_ord
     minutes = expected_minutes(problem, float(expected[k]))
     if expected[k] <= MOST_ORDERS and minutes <= MOST_MINUTES:
         return
-    optics, column = problem.table.optics, np.zeros(len(problem.diffuse.sigma_t))
-    outward_columns(problem.table.columns, 0.0, 1.0, column)
-    depth = float(column @ optics.sigma_t[:, k])
+    depth = float(outward_profile(problem.table.columns)[0] @ problem.table.optics.sigma_t[:, k])
     raise DomainError(
         "optical depth", f"{depth:.3g} at {wavelengths[k]:g} nm",
         f"less for solver orders at a tolerance of {tolerance:g}: it would need some {expected[k]:.2g} orders of "

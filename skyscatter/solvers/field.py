@@ -19,11 +19,11 @@ from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
-from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, sum_orders, view
@@ -113,10 +113,7 @@ def scattering_top(table: SceneTable) -> float:
     """Altitude above which there is a thousandth of what scatters at any wavelength [m]."""
     columns = table.columns
     altitude = np.linspace(0, columns.top, 400)
-    vertical = np.zeros((altitude.size, len(table.optics.sigma_s)))
-    for k, h in enumerate(altitude):
-        outward_columns(columns, h, 1.0, vertical[k])
-    depth = vertical @ table.optics.sigma_s
+    depth = outward_profile(columns, altitude) @ table.optics.sigma_s
     matters = (depth > 1e-3 * depth[0]).any(axis=1)
     return float(altitude[min(int(matters.sum()), altitude.size - 1)])
 

@@ -16,9 +16,8 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
-from skyscatter.solvers.direct import slant_columns
+from skyscatter.solvers.direct import outward_profile, slant_columns
 from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
-from skyscatter.solvers.kernels.lookup import outward_columns
 from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.solvers.kernels.polar import make_polar
 from skyscatter.solvers.single import single_parts, single_polarisation
@@ -77,8 +76,7 @@ def warn_of_rare_walks(scene: Scene, tables: Tables, options: Options) -> None:
                 stacklevel=2,
             )
         return
-    column = np.zeros(len(tables.scene.optics.sigma_s))
-    outward_columns(tables.scene.columns, 0.0, 1.0, column)
+    column = outward_profile(tables.scene.columns)[0]
     scattered = column @ tables.scene.optics.sigma_s
     forward = (column * tables.scene.optics.mean_cosine) @ tables.scene.optics.sigma_s
     if scene.sun.elevation_deg < 0 and np.any(forward > TWILIGHT * scattered):
@@ -118,9 +116,7 @@ def thin_layers(scene: Scene, tables: Tables) -> list[tuple[str, float]]:
     """Components that scatter much within little height, and their columns over their largest densities [m]."""
     columns, sigma_s = tables.scene.columns, tables.scene.optics.sigma_s
     height = np.linspace(0.0, columns.top, LOOKS)
-    above = np.zeros((LOOKS, len(sigma_s)))
-    for k, h in enumerate(height):
-        outward_columns(columns, h, 1.0, above[k])
+    above = outward_profile(columns, height)
     densest = np.max(-np.diff(above, axis=0), axis=0) / height[1]
     thickness = above[0] / np.maximum(densest, 1e-300)
     thin = (thickness < SHEET) & np.any(above[0][:, None] * sigma_s > SHEET_DEPTH, axis=1)
@@ -130,9 +126,7 @@ def thin_layers(scene: Scene, tables: Tables) -> list[tuple[str, float]]:
 def transport_depth(scene: Scene, tables: Tables) -> tuple[float, str]:
     """Scatterings of a vertical way through the air, forward ones counted as none, and the component with most."""
     table = tables.scene
-    columns = np.zeros(len(table.optics.sigma_s))
-    outward_columns(table.columns, 0.0, 1.0, columns)
-    depths = (columns * (1 - table.optics.mean_cosine))[:, None] * table.optics.sigma_s
+    depths = (outward_profile(table.columns)[0] * (1 - table.optics.mean_cosine))[:, None] * table.optics.sigma_s
     worst = int(np.argmax(depths.sum(axis=0)))
     return float(depths[:, worst].sum()), scene.medium.components[int(np.argmax(depths[:, worst]))].name
 

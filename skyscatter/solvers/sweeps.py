@@ -24,10 +24,11 @@ from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.estimate import levelness
 from skyscatter.solvers.kernels.bundle import Field
 from skyscatter.solvers.kernels.course import Diffuse
-from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
+from skyscatter.solvers.kernels.lookup import ColumnTable
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
@@ -154,12 +155,11 @@ def level_share(table: SceneTable, sun_zenith: float) -> Array:
 
     Nought while the Sun stands high.
     """
-    columns, longest = table.columns, np.zeros(len(table.optics.sigma_s))
-    column = np.zeros_like(longest)
-    for altitude in sample_altitudes(columns):
-        outward_columns(columns, altitude, 0.0, column)
-        longest = np.maximum(longest, column)
-    return np.asarray(levelness(sun_zenith) * -np.expm1(-longest[:, None] * table.optics.sigma_s))
+    how_level, sigma_s = float(levelness(sun_zenith)), table.optics.sigma_s
+    if how_level == 0.0:
+        return np.zeros_like(sigma_s)
+    longest = outward_profile(table.columns, sample_altitudes(table.columns), 0.0).max(axis=0)
+    return np.asarray(how_level * -np.expm1(-longest[:, None] * sigma_s))
 
 
 def make_problem(
@@ -187,8 +187,7 @@ def make_problem(
     chi = expand(matrix, most + 1)
     scatters = np.asarray((optics.sigma_s > 0).any(axis=1))
     chi = chi * scatters[:, None, None, None]
-    column = np.zeros(len(chi))
-    outward_columns(table.columns, 0.0, 1.0, column)
+    column = outward_profile(table.columns)[0]
     level = level_share(table, sun_zenith[1])
     kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance, level) if degree is None else degree
     peak = chi[:, 0, kept + 1]
@@ -301,10 +300,7 @@ def make_grid(
     """The grid for a medium and a range of zenith angles of the Sun."""
     columns = table.columns
     altitude = sample_altitudes(columns)
-    vertical = np.zeros((altitude.size, len(sigma_t)))
-    for k, h in enumerate(altitude):
-        outward_columns(columns, h, 1.0, vertical[k])
-    depth = vertical @ sigma_t
+    depth = outward_profile(columns, altitude) @ sigma_t
     nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance)
     mean = depth.mean(axis=1)
     # Of the two decades from the ground: haze near it says little of where light comes from after sunset.
