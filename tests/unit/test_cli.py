@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 import subprocess
 import sys
 import types
@@ -513,6 +514,14 @@ def test_importing_the_package_loads_nothing_heavy():
 
 def test_version(capsys):
     assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"skyscatter {skyscatter.__version__}\n"
+
+
+def test_the_package_runs_as_a_module(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["skyscatter", "--version"])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_module("skyscatter", run_name="__main__")
+    assert end.value.code == 0
     assert capsys.readouterr().out == f"skyscatter {skyscatter.__version__}\n"
 
 
