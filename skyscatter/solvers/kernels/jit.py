@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,21 +31,34 @@ def _source(name: str, root: Path) -> Path | None:
     return None
 
 
-def _imported(source: bytes, package: str, root: Path) -> set[Path]:
-    """Files of this package that a source imports, also inside functions; relative ones start at `package`."""
+def _imports(source: bytes) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Import statements of a source, wherever a statement may stand; expressions, most of a source, hold none."""
+    waiting: list[ast.AST] = [ast.parse(source)]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield node
+        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+            inner = getattr(node, block, None)
+            if isinstance(inner, list):  # a lambda's body is an expression
+                waiting += inner
+
+
+@cache
+def _imported(file: Path, root: Path) -> frozenset[Path]:
+    """Files of this package that a source imports, also inside functions."""
+    package = file.parent.relative_to(root).parts if file.is_relative_to(root) else ()
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in _imports(file.read_bytes()):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            parts = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            parts = package[: len(package) + 1 - node.level] if node.level else ()
             base = ".".join([*parts, *([node.module] if node.module else [])])
             # A name may be a module of the package or something in it; its own file counts in either case.
             names = [base, *(f"{base}.{alias.name}" for alias in node.names)]
-        else:
-            continue
         found |= {_source(name, root) for name in names if name.split(".")[0] == PACKAGE and name != PACKAGE}
-    return {path for path in found if path is not None}
+    return frozenset(path for path in found if path is not None)
 
 
 def closure(first: Path, root: Path = ROOT) -> list[Path]:
@@ -56,8 +69,7 @@ def closure(first: Path, root: Path = ROOT) -> list[Path]:
     found, waiting = {first}, [first]
     while waiting:
         file = waiting.pop()
-        package = ".".join(file.parent.relative_to(root).parts) if file.is_relative_to(root) else ""
-        new = _imported(file.read_bytes(), package, root) - found
+        new = _imported(file, root) - found
         found |= new
         waiting += new
     return sorted(found)
