@@ -16,7 +16,7 @@ from skyscatter.ground import Ground
 from skyscatter.media.arrays import unwritten
 from skyscatter.media.medium import Component, Medium
 from skyscatter.record import UNKNOWN, Record
-from skyscatter.scene import Scene, Star, Sun
+from skyscatter.scene import Scene, Site, Star, Sun
 from skyscatter.units import Metres
 
 
@@ -93,10 +93,12 @@ class Model(Record):
 
     def scene_at(self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0) -> Scene:
         """A scene for a place on Earth [degree] and a time (ISO 8601 text, UTC; or a datetime)."""
-        from skyscatter.geometry.sun import sun_position
+        from skyscatter.geometry.sun import iso_utc, sun_position
 
-        sun = sun_position(latitude_deg, longitude_deg, time)
-        return self.scene(sun.elevation_deg, sun.azimuth_deg, sun.distance_au, altitude)
+        scene = self.scene(altitude=altitude)
+        sun = sun_position(latitude_deg, longitude_deg, time, scene.altitude)
+        site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time))
+        return scene.model_copy(update={"sun": Sun(**sun._asdict(), site=site)})
 
     def to_toml(self) -> str:
         """The model as TOML text, which `load_model` reads back to an equal model."""

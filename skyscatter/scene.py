@@ -69,6 +69,22 @@ class Star(Record):
         return limb_darkening(mu, wavelengths_nm) / disk_mean(wavelengths_nm)
 
 
+class Site(Record):
+    """The place on Earth and the time that a Sun position was computed for; files say it, solvers do not use it.
+
+    Parameters
+    ----------
+    latitude_deg, longitude_deg : float
+        Geodetic, north and east positive [degree].
+    time : str
+        UTC, ISO 8601.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    time: str
+
+
 class Sun(Record):
     """Where the star stands in the observer's sky.
 
@@ -80,11 +96,14 @@ class Sun(Record):
         From north through east [degree].
     distance_au : float, optional
         Distance [au]; the model's when not given.
+    site : Site, optional
+        Place and time for which the Sun stands there, where they are known.
     """
 
     elevation_deg: float = 30.0
     azimuth_deg: float = 180.0
     distance_au: float | None = None
+    site: Site | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Sun:

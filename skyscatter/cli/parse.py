@@ -223,6 +223,10 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
     """The path, if a file of a known kind can be written there; nothing is left behind."""
     if path.suffix.lower() not in suffixes:
         raise DomainError("output", str(path), f"the extension must be one of {', '.join(suffixes)}")
+    if path.suffix.lower() == ".nc":
+        from skyscatter.netcdf import check_writable
+
+        check_writable()
     if path.is_dir():
         raise DomainError("output", str(path), "this is a folder; add a file name")
     if not path.parent.is_dir():

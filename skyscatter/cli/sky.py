@@ -202,15 +202,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         )
     if model.planet.name.lower() != "earth":
         raise DomainError("model", request.model, "place and time mean Earth; give --sun-elevation here")
-    from skyscatter.geometry.sun import sun_position
-
-    sun = sun_position(*request.place, request.time, request.altitude)
-    return model, model.scene(
-        sun_elevation_deg=sun.elevation_deg,
-        sun_azimuth_deg=sun.azimuth_deg,
-        sun_distance_au=sun.distance_au,
-        altitude=request.altitude,
-    )
+    return model, model.scene_at(*request.place, request.time, request.altitude)
 
 
 def run(request: Request, arguments: list[str]) -> int:

@@ -195,10 +195,17 @@ class PlanetView(Pinhole):
         return focal, *camera_frame(0.0, -90.0)
 
 
+#: Cameras by their kind, as recipes name them.
+CAMERAS: dict[str, Any] = {
+    "panorama": Panorama, "fisheye": Fisheye, "perspective": Perspective, "planet": PlanetView, "telescope": Telescope,
+}  # fmt: skip
+
 Camera = Annotated[Panorama | Fisheye | Perspective | PlanetView | Telescope, Field(discriminator="kind")]
 
-VIEWS = "panorama, panorama-upper, fisheye, fisheye-equisolid, perspective:AZIMUTH,ELEVATION,FOV, planet"
-
+VIEWS = (
+    "panorama[:AZIMUTH], panorama-upper[:AZIMUTH], fisheye, fisheye-equisolid, "
+    "perspective:AZIMUTH,ELEVATION,FOV, planet"
+)
 
 def camera_from_view(
     view: str, width: int, height: int, sun_azimuth_deg: float = 180.0
@@ -208,8 +215,9 @@ def camera_from_view(
     Parameters
     ----------
     view : str
-        ``panorama`` and ``panorama-upper`` (centred on the Sun's azimuth), ``fisheye``, ``fisheye-equisolid``,
-        ``perspective:AZIMUTH,ELEVATION,FOV`` [degree] or ``planet``.
+        ``panorama`` and ``panorama-upper`` (centred on the Sun's azimuth, or on that after a colon: ``panorama:0`` has
+        north in the middle), ``fisheye``, ``fisheye-equisolid``, ``perspective:AZIMUTH,ELEVATION,FOV`` [degree] or
+        ``planet``.
     width, height : int
         Size of the picture [pixel].
     sun_azimuth_deg : float
@@ -231,11 +239,13 @@ def camera_from_view(
                 "view", view, "give perspective:AZIMUTH,ELEVATION,FOV in degrees, for instance perspective:90,10,60"
             ) from None
         return Perspective(**size, azimuth_deg=azimuth, elevation_deg=elevation, fov_deg=fov)
-    if rest == "" and ":" not in view:
-        if name == "panorama":
-            return Panorama(**size, centre_azimuth_deg=centre)
-        if name == "panorama-upper":
-            return Panorama(**size, centre_azimuth_deg=centre, elevation_min_deg=0.0)
+    if name in ("panorama", "panorama-upper"):
+        try:
+            centre = float(rest) % 360.0 if ":" in view else centre
+        except ValueError:
+            raise DomainError("view", view, f"give the azimuth in degrees, such as {name}:0, or {name} alone") from None
+        return Panorama(**size, centre_azimuth_deg=centre, elevation_min_deg=0.0 if name == "panorama-upper" else -90.0)
+    if ":" not in view:
         if name == "fisheye":
             return Fisheye(**size)
         if name == "fisheye-equisolid":

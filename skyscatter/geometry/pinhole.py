@@ -76,6 +76,10 @@ class Pinhole(CameraBase):
         """Focal length [pixel], forward, right, up."""
         raise NotImplementedError
 
+    def focal_length(self, observer: ObserverLike | None = None) -> float:
+        """Distance of the picture's plane [pixel]."""
+        return float(self._view(observer)[0])
+
     def through(self, x: ArrayLike, y: ArrayLike, observer: ObserverLike | None = None) -> Array:
         """Unit vectors (east, north, up) through points of the picture's plane, shape (..., 3)."""
         focal, forward, right, up = self._view(observer)

@@ -70,6 +70,13 @@ def sun_position(latitude_deg: float, longitude_deg: float, time: Any, altitude_
     return SunPosition(90.0 - math.degrees(zenith_angle), math.degrees(azimuth) % 360.0, float(astrom["em"]))
 
 
+def iso_utc(time: Any) -> str:
+    """A moment, as `sun_position` takes it, as ISO 8601 text in UTC to the microsecond: ``2026-06-21T18:30:00``."""
+    if hasattr(time, "utc") and hasattr(time, "isot"):  # an astropy Time
+        return str(time.utc.isot)
+    return _as_utc(time).replace(tzinfo=None).isoformat()
+
+
 def _check_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
     if not -90.0 <= latitude_deg <= 90.0:
         raise DomainError("latitude", latitude_deg, "must lie between -90 and 90 degrees, north positive")

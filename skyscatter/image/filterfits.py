@@ -19,9 +19,18 @@ from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.image.filterimage import FilterImage
 from skyscatter.image.filters import FilterCurve
-from skyscatter.image.fits import cube_of, flipped, open_fits, read_recipe, recipe_table, stamp
-from skyscatter.image.spectral import UNITS
-from skyscatter.image.wcs import celestial_cards, read_celestial
+from skyscatter.image.fits import (
+    cube_of,
+    fill,
+    flipped,
+    main_image,
+    open_fits,
+    pack,
+    read_recipe,
+    recipe_table,
+    stamp,
+)
+from skyscatter.image.wcs import Card, axes_cards, read_celestial
 
 if TYPE_CHECKING:
     from astropy.io import fits
@@ -29,18 +38,19 @@ if TYPE_CHECKING:
 _TABLE = "FILTERS"
 
 
-def _fill(hdu: Any, image: FilterImage, comment: str) -> None:
-    height, width, planes = image.radiance.shape
-    axis = [("CTYPE3", "FILTER", "number of the filter"), ("CRPIX3", 1.0, ""), ("CRVAL3", 1.0, ""), ("CDELT3", 1.0, "")]
-    hdu.header["BUNIT"] = UNITS
-    hdu.header["WCSAXES"] = (3, "x, y, filter")
-    for card in (*axis, *celestial_cards(image.sky, width, height)):
-        hdu.header[card[0]] = card[1:]
-    for number in range(planes):
-        curve = image.filters[number]
-        hdu.header[f"FILTER{number + 1}"] = (curve.name, f"plane {number + 1}, about {curve.centre:.6g} nm")
-    hdu.header["COMMENT"] = comment
-    hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
+def _cards(image: FilterImage) -> list[Card]:
+    """Axes, and the names of the planes."""
+    cards: list[Card] = [
+        ("WCSAXES", 3, "x, y, filter"),
+        ("CTYPE3", "FILTER", "number of the filter"),
+        ("CRPIX3", 1.0, ""),
+        ("CRVAL3", 1.0, ""),
+        ("CDELT3", 1.0, ""),
+        *axes_cards(image),
+    ]
+    for number, curve in enumerate(image.filters, start=1):
+        cards.append((f"FILTER{number}", curve.name, f"plane {number}, about {curve.centre:.6g} nm"))
+    return cards
 
 
 def _filter_table(image: FilterImage) -> Any:
@@ -60,21 +70,23 @@ def _filter_table(image: FilterImage) -> Any:
     return fits.BinTableHDU.from_columns(columns, name=_TABLE)
 
 
-def write(image: FilterImage, path: Path) -> None:
+def write(image: FilterImage, path: Path, dtype: str | None = None, compress: bool = False) -> None:
     """Write a FITS file with checksums."""
     from astropy.io import fits
 
+    cards = _cards(image)
     primary = fits.PrimaryHDU(flipped(image.radiance))
-    _fill(primary, image, "Spectral radiance, averaged over the band of each filter.")
-    stamp(primary)
-    hdus = fits.HDUList([primary])
+    fill(primary, cards, "Spectral radiance, averaged over the band of each filter.")
+    stamp(primary, image.recipe)
+    images = [primary]
     if image.standard_error is not None:
-        hdus.append(fits.ImageHDU(flipped(image.standard_error), name="STDERR"))
-        _fill(hdus[-1], image, "Standard error of the radiance in the primary array.")
+        images.append(fits.ImageHDU(flipped(image.standard_error), name="STDERR"))
+        fill(images[-1], cards, "Standard error of the radiance in the primary array.")
     for number, (name, cube) in enumerate(image.layers.items(), start=1):
-        hdus.append(fits.ImageHDU(flipped(cube), name=f"LAYER{number}"))
-        hdus[-1].header["LAYER"] = (name, "name of the layer")
-        _fill(hdus[-1], image, "A part of the radiance in the primary array.")
+        images.append(fits.ImageHDU(flipped(cube), name=f"LAYER{number}"))
+        images[-1].header["LAYER"] = (name, "name of the layer")
+        fill(images[-1], cards, "A part of the radiance in the primary array.")
+    hdus = pack(images, dtype, compress)
     hdus.append(_filter_table(image))
     hdus.append(recipe_table(image.recipe))
     with atomic_path(path) as temporary:
@@ -82,17 +94,17 @@ def write(image: FilterImage, path: Path) -> None:
 
 
 def _image(hdus: fits.HDUList, path: Path) -> FilterImage:
-    if _TABLE not in hdus or hdus[0].data is None or hdus[0].data.ndim != 3:
+    if _TABLE not in hdus or main_image(hdus, path).header["NAXIS"] != 3:
         raise DomainError(
             "image file", str(path), "holds no planes of filters; spectra are read with SpectralImage.load"
         )
     table = hdus[_TABLE].data
     return FilterImage(
-        cube_of(hdus[0]),
+        cube_of(main_image(hdus, path)),
         [FilterCurve(**json.loads(str(text))) for text in table["CURVE"]],
         cube_of(hdus["STDERR"]) if "STDERR" in hdus else None,
         coverage=[float(share) for share in table["COVERAGE"]],
-        sky=read_celestial(hdus[0].header),
+        sky=read_celestial(main_image(hdus, path).header),
         recipe=read_recipe(hdus),
         layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
     )

@@ -90,11 +90,20 @@ class FilterImage:
             raise DomainError("filter", name, f"one of {', '.join(self.names)}")
         return self.radiance[..., self.names.index(name)]
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a ``.fits`` file with a cube (filter, y, x), its standard error and the filters."""
+    def save(self, path: str | os.PathLike[str], *, dtype: str | None = None, compress: bool = False) -> None:
+        """Write a ``.fits`` file with a cube (filter, y, x), its standard error and the filters.
+
+        Parameters
+        ----------
+        path : path-like
+        dtype : {"float32", "float64"}, optional
+            Of the arrays in the file; as they are when not given.
+        compress : bool
+            Compress tiles of the image, without loss.
+        """
         if Path(path).suffix.lower() != ".fits":
             raise DomainError("output file", str(path), "pictures with a plane per filter go to .fits files")
-        importlib.import_module("skyscatter.image.filterfits").write(self, Path(path))
+        importlib.import_module("skyscatter.image.filterfits").write(self, Path(path), dtype, compress)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> FilterImage:

@@ -10,6 +10,10 @@
 - Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
 - An image with a celestial frame (`SkyFrame`) has RA---TAN and DEC--TAN as first two axes in every image extension, the
   reference pixel in the middle of the picture, ``RADESYS``, ``OBJECT`` and ``DISTANCE`` (pc).
+- A sky with a camera in its recipe has azimuth and elevation there, ``ALON`` and ``ALAT`` in the projection of the
+  camera: ``CAR`` (panorama), ``ARC``, ``ZEA`` (fisheye) or ``TAN``; ``SUNAZIM`` and ``SUNELEV``, ``ALT-OBS`` and, where
+  place and time are known, ``OBSGEO-B/L/H`` (and ``X/Y/Z``), ``DATE-OBS`` and ``MJD-OBS``.
+- Compressed files (tiles, GZIP_2, without loss) have an empty primary array and the radiance in ``RADIANCE``.
 - Extension ``RECIPE`` holds the recipe as JSON in a table of one cell, where length and characters are free.
 """
 
@@ -17,6 +21,7 @@ from __future__ import annotations
 
 import json
 import warnings
+import zlib
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,13 +35,15 @@ from skyscatter.errors import DomainError
 from skyscatter.image.filterimage import through
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.spectral import UNITS, SpectralImage
-from skyscatter.image.wcs import celestial_cards, read_celestial
+from skyscatter.image.wcs import Card, axes_cards, read_celestial
 
 if TYPE_CHECKING:
     from astropy.io import fits
 
 _TABLE = "WCS-TABLE"
 _COLUMN = "WAVELENGTH"
+_MAIN = "RADIANCE"
+DTYPES = ("float32", "float64")
 
 
 def _is_uniform(wavelengths: NDArray[np.float64]) -> bool:
@@ -68,13 +75,13 @@ def _axes(wavelengths: NDArray[np.float64]) -> list[tuple[str, Any, str]]:
     ]
 
 
-def _fill(hdu: Any, image: SpectralImage, comment: str) -> None:
-    hdu.header["BUNIT"] = UNITS
-    height, width, _ = image.shape
-    for card in (*_axes(image.wavelengths), *celestial_cards(image.sky, width, height)):
+def fill(hdu: Any, cards: list[Card], comment: str, unit: str = UNITS) -> None:
+    """Unit, axes and remarks of an image extension."""
+    hdu.header["BUNIT"] = unit
+    for card in cards:
         hdu.header[card[0]] = card[1:]
     hdu.header["COMMENT"] = comment
-    hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN lies outside the camera's field."
+    hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN is outside the field."
 
 
 def _stokes_extension(name: str) -> str:
@@ -101,10 +108,56 @@ def flipped(cube: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(np.moveaxis(cube, -1, 0)[:, ::-1, :])
 
 
-def stamp(primary: Any) -> None:
+def stamp(primary: Any, recipe: dict[str, Any]) -> None:
     """When and by what the file was written."""
-    primary.header["DATE"] = (datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "when this file was written (UTC)")
-    primary.header["CREATOR"] = "skyscatter"
+    from skyscatter import __version__
+
+    header, camera = primary.header, recipe.get("camera")
+    header["DATE"] = (datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "when this file was written (UTC)")
+    header["CREATOR"] = (f"skyscatter {__version__}", "program that wrote this file")
+    header["TELESCOP"] = ("simulated", "computed, not observed")
+    if isinstance(camera, dict) and camera.get("kind"):
+        header["INSTRUME"] = (str(camera["kind"]), "camera")
+    if recipe.get("solver"):
+        header["SOLVER"] = (str(recipe["solver"]), "solver of radiative transfer")
+
+
+def pack(hdus: list[Any], dtype: str | None, compress: bool) -> fits.HDUList:
+    """Image extensions, the first of them the main one, as they go into a file.
+
+    Parameters
+    ----------
+    hdus : list of HDU
+        The first is a primary one.
+    dtype : {"float32", "float64"}, optional
+        Of all arrays; as they are when not given.
+    compress : bool
+        Tiles compressed without loss; the main array then stands in the first extension, for a primary one cannot be.
+    """
+    from astropy.io import fits
+
+    images = [fits.ImageHDU(_cast(hdu.data, dtype), hdu.header) for hdu in hdus]
+    if not compress:
+        return fits.HDUList([fits.PrimaryHDU(images[0].data, hdus[0].header), *images[1:]])
+    primary = fits.PrimaryHDU()
+    for keyword in ("DATE", "CREATOR", "TELESCOP", "INSTRUME", "SOLVER"):
+        if keyword in hdus[0].header:
+            primary.header[keyword] = (hdus[0].header[keyword], hdus[0].header.comments[keyword])
+    images[0].name = _MAIN
+    lossless = {"compression_type": "GZIP_2", "quantize_level": 0.0}
+    return fits.HDUList([primary, *(fits.CompImageHDU(hdu.data, hdu.header, **lossless) for hdu in images)])
+
+
+def _cast(cube: NDArray[Any], dtype: str | None) -> NDArray[Any]:
+    if dtype is None:
+        return cube
+    if dtype not in DTYPES:
+        raise DomainError("dtype", dtype, f"choose one of {', '.join(DTYPES)}")
+    with np.errstate(over="ignore"):
+        cast = cube.astype(dtype)
+    if np.isinf(cast).any():
+        raise DomainError("radiance", float(np.nanmax(np.abs(cube))), "is too large for float32")
+    return cast
 
 
 def recipe_table(recipe: dict[str, Any]) -> Any:
@@ -121,24 +174,33 @@ def read_recipe(hdus: fits.HDUList) -> dict[str, Any]:
     return json.loads(str(hdus["RECIPE"].data["JSON"][0])) if "RECIPE" in hdus else {}
 
 
-def _hdus(image: SpectralImage) -> fits.HDUList:
+def _images(image: SpectralImage) -> list[Any]:
+    """Radiance, its error and the layers."""
     from astropy.io import fits
 
+    cards = [*_axes(image.wavelengths), *axes_cards(image)]
     primary = fits.PrimaryHDU(flipped(image.radiance))
-    _fill(primary, image, "Spectral radiance.")
-    stamp(primary)
-    hdus = fits.HDUList([primary])
+    fill(primary, cards, "Spectral radiance.")
+    stamp(primary, image.recipe)
+    hdus = [primary]
     if image.error is not None:
         name, sort = ("ESTERR", "Estimated") if image.error_kind == "estimated" else ("STDERR", "Standard")
         hdus.append(fits.ImageHDU(flipped(image.error), name=name))
-        _fill(hdus[-1], image, f"{sort} error of the radiance in the primary array.")
+        fill(hdus[-1], cards, f"{sort} error of the radiance in the primary array.")
     for number, (name, cube) in enumerate(image.layers.items(), start=1):
         stokes = image.polarised and name in (*STOKES, *STOKES_ERRORS)
         hdus.append(fits.ImageHDU(flipped(cube), name=_stokes_extension(name) if stokes else f"LAYER{number}"))
         hdus[-1].header["LAYER"] = (name, "name of the layer")
-        _fill(hdus[-1], image, _layer_comment(name, stokes))
+        fill(hdus[-1], cards, _layer_comment(name, stokes))
         if stokes:
             _fill_frame(hdus[-1], name)
+    return hdus
+
+
+def _hdus(image: SpectralImage, dtype: str | None, compress: bool) -> fits.HDUList:
+    from astropy.io import fits
+
+    hdus = pack(_images(image), dtype, compress)
     n = image.wavelengths.size
     column = fits.Column(_COLUMN, f"{n}D", unit="nm", dim=f"(1,{n})", array=image.wavelengths.reshape(1, n, 1))
     table = fits.BinTableHDU.from_columns([column], name=_TABLE)
@@ -148,20 +210,26 @@ def _hdus(image: SpectralImage) -> fits.HDUList:
     return hdus
 
 
-def write(image: SpectralImage, path: Path, filters: str | Iterable[Any] | None = None) -> None:
+def write(
+    image: SpectralImage,
+    path: Path,
+    filters: str | Iterable[Any] | None = None,
+    dtype: str | None = None,
+    compress: bool = False,
+) -> None:
     """Write a FITS file with checksums; with `filters` a plane for each instead of the spectra."""
     if filters is not None:
-        through(image, filters).save(path)
+        through(image, filters).save(path, dtype=dtype, compress=compress)
         return
     with atomic_path(path) as temporary:
-        _hdus(image).writeto(temporary, overwrite=True, checksum=True)
+        _hdus(image, dtype, compress).writeto(temporary, overwrite=True, checksum=True)
 
 
 def _wavelengths(hdus: fits.HDUList, path: Path) -> NDArray[np.float64]:
     """From our table if it is there, else from the linear axis of the header."""
     if _TABLE in hdus and _COLUMN in hdus[_TABLE].columns.names:
         return np.asarray(hdus[_TABLE].data[_COLUMN], dtype=np.float64).ravel()
-    header = hdus[0].header
+    header = main_image(hdus, path).header
     if header.get("CTYPE3", "").strip() != "WAVE" or "CDELT3" not in header:
         raise DomainError("image file", str(path), "has no wavelength axis (CTYPE3 = 'WAVE', or a table WCS-TABLE)")
     scale = {"m": 1e9, "um": 1e3, "nm": 1.0, "angstrom": 0.1}.get(header.get("CUNIT3", "m").strip().lower())
@@ -171,6 +239,14 @@ def _wavelengths(hdus: fits.HDUList, path: Path) -> NDArray[np.float64]:
     return np.asarray((header.get("CRVAL3", 0.0) + index * header["CDELT3"]) * scale, dtype=np.float64)
 
 
+def main_image(hdus: fits.HDUList, path: Path) -> Any:
+    """The first image of a file that has pixels: the primary one, or, where that is empty, an extension."""
+    for hdu in hdus:
+        if hdu.is_image and hdu.header.get("NAXIS", 0) > 0:
+            return hdu
+    raise DomainError("image file", str(path), "has no image")
+
+
 def cube_of(hdu: Any) -> NDArray[Any]:
     """Array (y, x, plane) of an image extension, the first row on top, in this machine's byte order."""
     values = np.moveaxis(hdu.data[:, ::-1, :], 0, -1)
@@ -178,37 +254,52 @@ def cube_of(hdu: Any) -> NDArray[Any]:
 
 
 def _image(hdus: fits.HDUList, path: Path) -> SpectralImage:
-    if hdus[0].data is None or hdus[0].data.ndim != 3:
-        raise DomainError("image file", str(path), "its primary array is no cube (wavelength, y, x)")
+    main = main_image(hdus, path)
+    if main.header["NAXIS"] != 3:
+        raise DomainError("image file", str(path), "its image is no cube (wavelength, y, x)")
     if "FILTERS" in hdus:
         raise DomainError("image file", str(path), "has a plane per filter, no spectra; read it with FilterImage.load")
     return SpectralImage(
-        cube_of(hdus[0]),
+        cube_of(main),
         _wavelengths(hdus, path),
         next((cube_of(hdus[name]) for name in ("ESTERR", "STDERR") if name in hdus), None),
         recipe=read_recipe(hdus),
         layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
-        sky=read_celestial(hdus[0].header),
+        sky=read_celestial(main.header),
     )
 
 
 def open_fits(path: Path, build: Callable[[fits.HDUList, Path], Any]) -> Any:
-    """What `build` makes of an opened FITS file; damage becomes one clear line."""
+    """What `build` makes of an opened FITS file; damage becomes one clear line.
+
+    Data that do not match their DATASUM are damage.  A header that does not match its CHECKSUM is none: programs edit
+    headers without a thought for it.
+    """
     from astropy.io import fits
+    from astropy.utils.exceptions import AstropyUserWarning
 
     with path.open("rb") as file:
         if file.read(6) != b"SIMPLE":
             raise DomainError("image file", str(path), "is not a FITS file")
-    try:
-        with warnings.catch_warnings():
-            # A cut file is refused below, where its data are read; the warning before it would be said twice.
-            warnings.filterwarnings("ignore", "File may have been truncated")
-            with fits.open(path, memmap=False) as hdus:
-                return build(hdus, path)
-    except DomainError:
-        raise
-    except (OSError, ValueError, TypeError, KeyError, IndexError, fits.VerifyError) as error:
-        raise DomainError("image file", str(path), f"is a damaged FITS file ({error})") from error
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", AstropyUserWarning)
+        try:
+            with fits.open(path, memmap=False, checksum=True) as hdus:
+                made = build(hdus, path)
+            problem: Exception | None = None
+        except (OSError, ValueError, TypeError, KeyError, IndexError, zlib.error, fits.VerifyError) as error:
+            problem = error
+    if any("Datasum verification failed" in str(warning.message) for warning in said):
+        remedy = "is damaged: its data do not match their checksum; take another copy, or make it again"
+        raise DomainError("image file", str(path), remedy) from problem
+    if isinstance(problem, DomainError):
+        raise problem
+    if problem is not None:
+        raise DomainError("image file", str(path), f"is a damaged FITS file ({problem})") from problem
+    for warning in said:
+        if "Checksum verification failed" not in str(warning.message):
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return made
 
 
 def read(path: Path) -> SpectralImage:

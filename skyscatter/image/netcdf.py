@@ -1,6 +1,8 @@
 """netCDF files, and the labelled form of an image that they hold.
 
-Written with h5netcdf (netCDF-4, compressed) where that is installed, else with scipy (netCDF-3).
+netCDF-4, compressed, by h5netcdf.  A sky whose recipe has its camera carries azimuth, elevation, scattering angle and
+solid angle of every pixel, the place of the Sun and the height of the observer, and, where they are known, latitude,
+longitude and time, as coordinates by the CF conventions.
 """
 
 from __future__ import annotations
@@ -10,17 +12,21 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
+from skyscatter.image.horizon import sky_view
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.skyframe import read_sky
 from skyscatter.image.spectral import UNITS, SpectralImage
+from skyscatter.netcdf import save_dataset
 
 if TYPE_CHECKING:
     import xarray
 
 _DIMS = ("y", "x", "wavelength")
+_PIXELS = ("y", "x")
 _LAYER = "layer_"
+_NORTH = "from north through east"
+_SOLID_ANGLE = {"units": "sr", "long_name": "solid angle of the pixel"}
 #: Variable of each Stokes layer.
 _STOKES_VARIABLES = {
     **{name: f"stokes_{name}" for name in STOKES},
@@ -49,7 +55,11 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
     wavelength = {"units": "nm", "standard_name": "radiation_wavelength", "long_name": "wavelength in vacuum"}
     return xarray.Dataset(
         variables,
-        coords={"wavelength": ("wavelength", image.wavelengths, wavelength), **_sky_coordinates(image)},
+        coords={
+            "wavelength": ("wavelength", image.wavelengths, wavelength),
+            **_sky_coordinates(image),
+            **_horizontal_coordinates(image),
+        },
         attrs={
             "Conventions": "CF-1.11",
             "title": "Spectral image",
@@ -68,9 +78,60 @@ def _sky_coordinates(image: SpectralImage) -> dict[str, Any]:
     height, width, _ = image.shape
     ra, dec = image.sky.coordinates(width, height)
     return {
-        "ra": (("y", "x"), ra, {"units": "degree", "long_name": "right ascension (ICRS)"}),
-        "dec": (("y", "x"), dec, {"units": "degree", "long_name": "declination (ICRS)"}),
+        "ra": (_PIXELS, ra, {"units": "degree", "long_name": "right ascension (ICRS)"}),
+        "dec": (_PIXELS, dec, {"units": "degree", "long_name": "declination (ICRS)"}),
+        "solid_angle": (_PIXELS, image.sky.pixel_solid_angle(width, height), _SOLID_ANGLE),
     }
+
+
+def _horizontal_coordinates(image: SpectralImage) -> dict[str, Any]:
+    """Where the pixels of a planet's sky look, and where Sun and observer stand."""
+    view = sky_view(image)
+    if view is None:
+        return {}
+    azimuth, elevation, scattering = view.angles()
+    sun = view.scene.sun
+    return {
+        "azimuth": (_PIXELS, azimuth, {"units": "degree", "long_name": f"azimuth of the line of sight, {_NORTH}"}),
+        "elevation": (
+            _PIXELS,
+            elevation,
+            {"units": "degree", "long_name": "elevation of the line of sight above the horizontal, not refracted"},
+        ),
+        "scattering_angle": (
+            _PIXELS,
+            scattering,
+            {
+                "units": "degree",
+                "standard_name": "scattering_angle",
+                "long_name": "angle between the line of sight and the direction to the Sun's middle",
+            },
+        ),
+        "solid_angle": (_PIXELS, view.solid_angle(), _SOLID_ANGLE),
+        "sun_elevation": _scalar(sun.elevation_deg, "degree", "solar_elevation_angle", "elevation, not refracted"),
+        "sun_azimuth": _scalar(sun.azimuth_deg % 360.0, "degree", "solar_azimuth_angle", f"azimuth, {_NORTH}"),
+        "sun_distance": _scalar(view.scene.star_distance, "m", None, "distance of the star"),
+        "observer_altitude": _scalar(view.scene.altitude, "m", "height", "of the observer", positive="up"),
+        **_site_coordinates(sun.site),
+    }
+
+
+def _site_coordinates(site: Any) -> dict[str, Any]:
+    """Latitude, longitude and time, where they are known."""
+    if site is None:
+        return {}
+    import numpy as np
+
+    return {
+        "latitude": _scalar(site.latitude_deg, "degrees_north", "latitude", "of the observer"),
+        "longitude": _scalar(site.longitude_deg, "degrees_east", "longitude", "of the observer"),
+        "time": ((), np.datetime64(site.time, "ns"), {"standard_name": "time", "long_name": "time (UTC)"}),
+    }
+
+
+def _scalar(value: float, units: str, standard_name: str | None, long_name: str, **more: str) -> Any:
+    name = {} if standard_name is None else {"standard_name": standard_name}
+    return ((), float(value), {"units": units, **name, "long_name": long_name, **more})
 
 
 def _polarisation(image: SpectralImage) -> dict[str, Any]:
@@ -134,17 +195,11 @@ def _native(values: Any) -> Any:
     return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
-def write(image: SpectralImage, path: Path) -> None:
-    """Write the image as netCDF."""
-    dataset = image.dataset
-    # Made in memory: the HDF5 library crashes when the disk fills up under it.
-    if importlib.util.find_spec("h5netcdf") is not None:
-        encoding = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in dataset.data_vars}
-        data = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
-    else:
-        data = dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT")
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
+def write(image: SpectralImage, path: Path, dtype: str | None = None) -> None:
+    """Write the image as netCDF-4; with `dtype` "float32" the pixels at half the size."""
+    if dtype not in (None, "float32", "float64"):
+        raise DomainError("dtype", dtype, "choose float32 or float64")
+    save_dataset(image.dataset, path, dtype)
 
 
 def read(path: Path) -> SpectralImage:

@@ -37,8 +37,8 @@ _PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral",)),
     ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
-    ".fits": ("fits", ("filters",)),
-    ".nc": ("netcdf", ()),
+    ".fits": ("fits", ("filters", "dtype", "compress")),
+    ".nc": ("netcdf", ("dtype",)),
 }
 _READERS = tuple(ext for ext in _WRITERS if ext != ".png")
 _LAYER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
@@ -292,8 +292,9 @@ class SpectralImage:
         ----------
         path : path-like
             ``.exr`` (RGB and spectral layers; option ``spectral=False`` for RGB alone), ``.png`` (options ``space``,
-            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (option ``filters``: a plane for each
-            instead of the spectra, see `through`) or ``.nc`` (netCDF).  A ``.png`` may also show three filters as red,
+            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (options ``filters``: a plane for each
+            instead of the spectra, see `through`; ``dtype="float32"``; ``compress=True``: tiles without loss) or
+            ``.nc`` (netCDF-4; option ``dtype``).  A ``.png`` may also show three filters as red,
             green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
             ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
             polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
+from skyscatter.geometry.camera import CAMERAS
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.image.filterimage import FilterImage
 from skyscatter.image.spectral import SpectralImage
@@ -27,17 +27,14 @@ PIXELS = 400
 STAR_PIXELS = 3
 #: Angle from the Sun's middle within which its disk can be seen from a planet [degree].
 SUN_SIZE = 0.5
-_CAMERAS = {
-    "panorama": Panorama, "fisheye": Fisheye, "perspective": Perspective, "planet": PlanetView, "telescope": Telescope,
-}  # fmt: skip
 
 
 def camera_of(recipe: dict[str, Any], name: str) -> Any:
     """The camera that a picture's recipe names."""
     content = recipe.get("camera")
-    if not isinstance(content, dict) or content.get("kind") not in _CAMERAS:
+    if not isinstance(content, dict) or content.get("kind") not in CAMERAS:
         raise DomainError("data", name, "the picture does not say with which camera it was taken; it has no recipe")
-    return _CAMERAS[content["kind"]](**content)
+    return CAMERAS[content["kind"]](**content)
 
 
 def sky_image(
@@ -85,7 +82,7 @@ def sky_image(
     scene = picture.recipe.get("scene", {})
     if "planet_radius" not in scene.get("medium", {}):
         raise DomainError("data", name, "is no picture of a sky; for nebulae use nebula_image")
-    sun = {k: v for k, v in scene.get("sun", {}).items() if v is not None}
+    sun = {k: v for k, v in scene.get("sun", {}).items() if v is not None and k != "site"}
     given = {"elevation_deg": sun_elevation_deg, "azimuth_deg": sun_azimuth_deg}
     sun |= {k: float(v) for k, v in given.items() if v is not None}
     height = float(scene.get("altitude", 0.0) if altitude is None else altitude)

@@ -419,7 +419,10 @@ class RadianceField:
         """The scene's Sun, moved."""
         given = {"elevation_deg": elevation_deg, "azimuth_deg": azimuth_deg}
         changed = {name: float(value) for name, value in given.items() if value is not None}
-        return Sun(**(self.scene.sun.model_dump() | changed))
+        if not changed:
+            return self.scene.sun
+        # A Sun that was moved is that of no known place and time.
+        return Sun(**(self.scene.sun.model_dump(exclude={"site"}) | changed))
 
     def check_coverage(self, origins: Array, directions: Array, sun: Sun) -> None:
         """Refuse rays on which the Sun stands where the field was not solved."""

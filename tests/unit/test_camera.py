@@ -294,6 +294,8 @@ def test_cameras_can_be_written_and_read_back(camera):
 
 def test_views_of_the_command_line():
     assert camera_from_view("panorama", 8, 4, 250) == Panorama(width=8, height=4, centre_azimuth_deg=250)
+    assert camera_from_view("panorama:0", 8, 4, 250).centre_azimuth_deg == 0
+    assert camera_from_view("panorama-upper:-90", 8, 4, 250).centre_azimuth_deg == 270
     upper = camera_from_view("panorama-upper", 8, 4)
     assert (upper.elevation_min_deg, upper.centre_azimuth_deg) == (0, 180)
     assert camera_from_view("fisheye", 8, 4) == Fisheye(width=8, height=4)
@@ -303,9 +305,15 @@ def test_views_of_the_command_line():
     assert camera_from_view("perspective:90,-10,45", 8, 4) == expected
 
 
-@pytest.mark.parametrize("view", ["", "globe", "panorama:3", "fisheye:", "Planet"])
+@pytest.mark.parametrize("view", ["panorama:", "panorama:north", "panorama-upper:1,2"])
+def test_the_middle_of_a_panorama_is_an_azimuth(view):
+    with pytest.raises(DomainError, match="give the azimuth in degrees, such as panorama"):
+        camera_from_view(view, 8, 4)
+
+
+@pytest.mark.parametrize("view", ["", "globe", "panoramas:3", "fisheye:", "Planet"])
 def test_unknown_views_list_the_choices(view):
-    with pytest.raises(DomainError, match="panorama-upper, fisheye, fisheye-equisolid"):
+    with pytest.raises(DomainError, match=r"panorama-upper\[:AZIMUTH\], fisheye, fisheye-equisolid"):
         camera_from_view(view, 8, 4)
 
 

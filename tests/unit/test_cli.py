@@ -20,6 +20,7 @@ from skyscatter.cli import sky as sky_module
 from skyscatter.cli.main import main
 from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_tolerance, parse_wavelengths
 from skyscatter.errors import DomainError, ModelFileError
+from skyscatter.geometry.sun import sun_position
 from skyscatter.image.colour import xyz_weights
 from skyscatter.optics.base import Coefficients
 from skyscatter.record import Record
@@ -98,11 +99,15 @@ def fake(monkeypatch, tmp_path):
             star_distance=options.get("sun_distance_au", 1.5) * 149597870700.0,
         )
 
+    def scene_at(latitude, longitude, time, altitude):
+        sun = sun_position(latitude, longitude, time, altitude)
+        return scene(**{f"sun_{name}": value for name, value in sun._asdict().items()}, altitude=altitude)
+
     def load_model(name):
         if name not in ("earth", "mars"):
             raise ModelFileError(name, "no such model; choose earth or mars")
         planet = SimpleNamespace(name=name.capitalize())
-        return SimpleNamespace(name=name, command="sky", planet=planet, scene=scene)
+        return SimpleNamespace(name=name, command="sky", planet=planet, scene=scene, scene_at=scene_at)
 
     def render(scene, camera, wavelengths, **options):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}

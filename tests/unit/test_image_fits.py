@@ -97,3 +97,51 @@ def test_cubes_by_others(tmp_path: Path) -> None:
     fits.PrimaryHDU(np.ones((2, 2))).writeto(tmp_path / "flat.fits")
     with pytest.raises(DomainError, match="no cube"):
         SpectralImage.load(tmp_path / "flat.fits")
+
+
+def test_damaged_data_are_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "sky.fits"
+    for compress in (False, True):
+        sample("uniform").save(path, compress=compress)
+        whole = bytearray(path.read_bytes())
+        with fits.open(path) as hdus:
+            places = [hdu.fileinfo()["datLoc"] + 40 for hdu in hdus if hdu.fileinfo()["datSpan"]]
+        assert len(places) >= 5  # radiance, error, two layers, wavelengths, recipe
+        for place in places:
+            damaged = whole.copy()
+            damaged[place] ^= 1
+            path.write_bytes(damaged)
+            with pytest.raises(DomainError, match="do not match their checksum") as error:
+                SpectralImage.load(path)
+            assert "\n" not in str(error.value)
+        path.write_bytes(whole)
+        assert SpectralImage.load(path).shape == (4, 7, 32)
+
+
+def test_edited_headers_are_no_damage(tmp_path: Path) -> None:
+    path = tmp_path / "sky.fits"
+    sample("uniform").save(path)
+    path.write_bytes(path.read_bytes().replace(b"'simulated'", b"'my camera'", 1))
+    assert SpectralImage.load(path).shape == (4, 7, 32)
+
+
+@pytest.mark.parametrize("grid", ["uniform", "uneven"])
+def test_compressed_and_in_single_precision(tmp_path: Path, grid: str) -> None:
+    made = sample(grid)
+    made.save(tmp_path / "sky.fits", dtype="float32", compress=True)
+    back = SpectralImage.load(tmp_path / "sky.fits")
+    np.testing.assert_array_equal(back.radiance, made.radiance.astype(np.float32))
+    np.testing.assert_array_equal(back.standard_error, made.standard_error.astype(np.float32))
+    np.testing.assert_array_equal(back.wavelengths, made.wavelengths)
+    assert list(back.layers) == list(made.layers)
+    assert back.recipe == made.recipe
+    with fits.open(tmp_path / "sky.fits", disable_image_compression=True) as hdus:
+        assert hdus[1].header["ZCMPTYPE"] == "GZIP_2"
+    made.save(tmp_path / "plain.fits", dtype="float32")
+    with fits.open(tmp_path / "plain.fits") as hdus:
+        assert {hdu.header["BITPIX"] for hdu in hdus if hdu.is_image} == {-32}
+    with pytest.raises(DomainError, match="float32, float64"):
+        made.save(tmp_path / "sky.fits", dtype="float16")
+    bright = SpectralImage(np.full((1, 1, 1), 1e39), [500.0])
+    with pytest.raises(DomainError, match="too large for float32"):
+        bright.save(tmp_path / "sky.fits", dtype="float32")

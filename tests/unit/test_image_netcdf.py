@@ -1,4 +1,4 @@
-"""netCDF, through h5netcdf where installed and through scipy where not."""
+"""netCDF-4 by h5netcdf, and never anything else in its place."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray
 
+from skyscatter.cli.parse import check_output
 from skyscatter.errors import DomainError
 from skyscatter.image import SpectralImage
 from skyscatter.image.netcdf import from_dataset
@@ -22,24 +23,11 @@ def sample(dtype: type) -> SpectralImage:
     return SpectralImage(radiance, [400.1, 500.0, 700.7], 0.1 * radiance, recipe=recipe, layers=layers)
 
 
-@pytest.fixture(params=["h5netcdf", "scipy"])
-def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Make the writer see, or not see, h5netcdf."""
-    find = importlib.util.find_spec
-    if request.param == "scipy":
-        monkeypatch.setattr(
-            importlib.util, "find_spec", lambda name, *a: None if name == "h5netcdf" else find(name, *a)
-        )
-    elif find("h5netcdf") is None:
-        pytest.skip("h5netcdf is not installed")
-    return str(request.param)
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_round_trip_is_exact(tmp_path: Path, engine: str, dtype: type) -> None:
+def test_round_trip_is_exact(tmp_path: Path, dtype: type) -> None:
     made = sample(dtype)
     made.save(tmp_path / "sky.nc")
-    assert (tmp_path / "sky.nc").read_bytes().startswith(b"\x89HDF" if engine == "h5netcdf" else b"CDF\x02")
+    assert (tmp_path / "sky.nc").read_bytes().startswith(b"\x89HDF")
     back = SpectralImage.load(tmp_path / "sky.nc")
     assert back.radiance.dtype == dtype
     np.testing.assert_array_equal(back.radiance, made.radiance)
@@ -52,9 +40,9 @@ def test_round_trip_is_exact(tmp_path: Path, engine: str, dtype: type) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["sky.nc"]
 
 
-def test_attributes_survive(tmp_path: Path, engine: str) -> None:
+def test_attributes_survive(tmp_path: Path) -> None:
     sample(np.float64).save(tmp_path / "sky.nc")
-    with xarray.open_dataset(tmp_path / "sky.nc", engine=engine) as data:
+    with xarray.open_dataset(tmp_path / "sky.nc", engine="h5netcdf") as data:
         assert data.attrs["Conventions"] == "CF-1.11"
         assert data["radiance"].attrs["units"] == "W m-2 sr-1 nm-1"
         assert data["radiance"].attrs["ancillary_variables"] == "radiance_standard_error"
@@ -65,6 +53,33 @@ def test_netcdf4_without_its_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None)
     with pytest.raises(DomainError, match="install h5netcdf"):
         SpectralImage.load(tmp_path / "sky.nc")
+
+
+def test_without_its_library_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None)
+    with pytest.raises(DomainError, match=r"pip install h5netcdf"):
+        sample(np.float64).save(tmp_path / "sky.nc")
+    with pytest.raises(DomainError, match="needs h5netcdf"):  # before any work
+        check_output(tmp_path / "sky.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_older_files_are_read(tmp_path: Path) -> None:
+    made = sample(np.float32)
+    made.dataset.to_netcdf(tmp_path / "sky.nc", engine="scipy", format="NETCDF3_64BIT")
+    back = SpectralImage.load(tmp_path / "sky.nc")
+    np.testing.assert_array_equal(back.radiance, made.radiance)
+    assert back.recipe == made.recipe
+
+
+def test_single_precision_on_request(tmp_path: Path) -> None:
+    made = sample(np.float64)
+    made.save(tmp_path / "sky.nc", dtype="float32")
+    back = SpectralImage.load(tmp_path / "sky.nc")
+    np.testing.assert_array_equal(back.radiance, made.radiance.astype(np.float32))
+    assert back.radiance.dtype == back.layers["Ground"].dtype == np.float32
+    with pytest.raises(DomainError, match="float32 or float64"):
+        made.save(tmp_path / "sky.nc", dtype="int8")
 
 
 def test_datasets_of_another_form() -> None:
