@@ -14,7 +14,7 @@ from skyscatter.image.colour import spectrum_to_xyz
 
 width = int(os.environ.get("SKYSCATTER_EXAMPLE_SIZE", "192"))
 
-wavelengths = np.arange(380, 781, 10)
+wavelengths = np.arange(380, 781, 20)
 scene = skyscatter.load_model("earth").scene(sun_elevation_deg=-6, sun_azimuth_deg=270)
 bare = scene.model_copy(update={"medium": scene.medium.without("ozone")})
 camera = skyscatter.Fisheye(width=width, height=width)

@@ -32,7 +32,11 @@ def test_every_example_is_tested_and_listed() -> None:
     assert [name for name in sorted(scripts) if f"`{name}`" not in text] == []
 
 
-@pytest.mark.parametrize("name", sorted(WRITES))
+#: Half a minute each; what they show is tested elsewhere.
+LONG = {"clear_ground.py", "twilight_sequence.py"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in sorted(WRITES)])
 def test_example_runs_and_its_number_is_right(name: str, tmp_path: Path) -> None:
     source = EXAMPLES / name
     # The package under test, wherever it comes from; 32 pixels keep each script to a few seconds.

@@ -19,7 +19,7 @@ EARTH = 6371e3
 #: Wavelength [nm]: all is grey.
 GREY = [550.0]
 #: Quick scenes, and the hundred.
-COUNTS = [4, pytest.param(100, marks=pytest.mark.slow)]
+COUNTS = [2, pytest.param(100, marks=pytest.mark.slow)]
 
 
 def components(rng: np.random.Generator, white: bool) -> tuple[Component, ...]:

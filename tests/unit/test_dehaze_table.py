@@ -202,6 +202,7 @@ def test_polynomials_pass_unchanged(n: int) -> None:
         np.testing.assert_array_equal(table.polynomial_weights(nodes, [0.0, 9.0]), np.eye(n)[[0, -1]])
 
 
+@pytest.mark.slow
 def test_one_direction_is_solved_on_the_grid_of_the_thickest_haze() -> None:
     """Thick haze needs the finer grid; on that of clear air its path reflectance in the blue was a tenth too dark."""
     atmosphere = Atmosphere(aerosol="urban")

@@ -85,6 +85,7 @@ def test_derivatives_are_those_of_path() -> None:
     assert error[0] < 0.03 * abs(expected[0])
 
 
+@pytest.mark.slow
 def test_a_little_more_where_there_is_nothing() -> None:
     """Walks go through empty places too: what scattering there would bring is all of their derivative."""
     filled = cloud() * (FRAME.middles()[..., 0] > 0)
