@@ -1,8 +1,6 @@
 """``python -m skyscatter``: the program, where its script is not on the path."""
 
-import sys
-
-from skyscatter.cli.main import main
+from skyscatter.cli.start import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

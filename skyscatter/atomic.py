@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import glob
 import os
 import secrets
 from collections.abc import Iterator
@@ -22,6 +23,22 @@ _REMEDY = {
     errno.EDQUOT: "the disk quota is used up; free some space or choose another disk",
     errno.ENAMETOOLONG: "the file name is too long; choose a shorter one",
 }
+
+#: Files that are being written, under their temporary names.
+_unfinished: set[Path] = set()
+
+
+def discard_unfinished() -> None:
+    """Remove what is being written at this moment: for a process that is about to end without unwinding."""
+    for path in tuple(_unfinished):
+        remove_beginnings(path)
+
+
+def remove_beginnings(temporary: Path) -> None:
+    """Remove a temporary file and what libraries have made beside it under its name."""
+    for left in temporary.parent.glob(f"{glob.escape(temporary.stem)}*"):
+        with suppress(OSError):
+            left.unlink()
 
 
 def _explain(path: Path, error: OSError) -> SkyscatterError:
@@ -63,8 +80,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         # Unlike tempfile.mkstemp, this leaves the permissions to the user's umask.
+        _unfinished.add(temporary)
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as error:
+        _unfinished.discard(temporary)
         raise _explain(shown, error) from error
     try:
         yield temporary
@@ -75,3 +94,5 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         if isinstance(error, OSError) and not isinstance(error, SkyscatterError):
             raise _explain(shown, error) from error
         raise
+    finally:
+        _unfinished.discard(temporary)

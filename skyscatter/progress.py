@@ -1,21 +1,45 @@
-"""Progress with the time left, on stderr."""
+"""Progress with the time left, on stderr, and words for what is being done."""
 
 from __future__ import annotations
 
+import logging
 import sys
+import threading
 import time
 from types import TracebackType
-from typing import Any, Self, TextIO
+from typing import Any, Literal, Self, TextIO, get_args
 
-#: Seconds between two lines where there is no terminal to redraw one on.
-LINE_INTERVAL = 10.0
+from skyscatter.errors import DomainError
+
+Mode = Literal["auto", "bar", "log", "none"]
+MODES: tuple[str, ...] = get_args(Mode)
+
+#: Seconds before the first line, and between the others: so many per cent of the time that has gone, within limits.
+LINE_INTERVAL, LINE_SHARE, LONGEST_INTERVAL = 10.0, 0.1, 60.0
+#: Seconds of work after which its pace is trusted, and work that is worth a word at once [s].
+TRIAL, WORTH_A_WORD = 2.0, 60.0
+#: Seconds between two looks at whether a line is due.
+TICK = 0.2
+#: What is said while functions are compiled.
+COMPILING = "compiling, which is kept for the next time"
+
+_log = logging.getLogger("skyscatter")
+#: What is shown at this moment.
+_shown: list[Progress] = []
+
+
+def say(words: str) -> None:
+    """Tell what is done from now on: the log, and the progress that is shown."""
+    _log.info(words)
+    for progress in tuple(_shown):
+        progress.phase(words)
 
 
 class Progress:
     """How much of a task is done and how long the rest will take.
 
-    On a terminal it is a bar that redraws itself (rich, imported only then); elsewhere, when it is forced, a line at
-    most every ten seconds.
+    A bar that redraws itself (rich, imported only then), or lines: at first every ten seconds, later every minute, and
+    at once where more than a minute of work is ahead.
 
     Parameters
     ----------
@@ -23,38 +47,52 @@ class Progress:
         Amount of work, in any unit; positive.
     label : str
         What is being done.
-    enabled : bool, optional
-        Show it or not; by default only when the stream is a terminal.
+    mode : {"auto", "bar", "log", "none"}, optional
+        How to show it; auto is a bar on a terminal, and lines elsewhere.
     stream : text stream, optional
         Where to write; by default ``sys.stderr``.
     """
 
-    def __init__(self, total: float, label: str, enabled: bool | None = None, stream: TextIO | None = None) -> None:
+    def __init__(self, total: float, label: str, mode: str = "auto", stream: TextIO | None = None) -> None:
         if not total > 0:
             raise ValueError(f"total = {total!r}: the amount of work must be positive")
+        if mode not in MODES:
+            raise DomainError("progress", mode, f"choose one of {', '.join(MODES)}")
         self.total, self.label = float(total), label
         self.done = 0.0
+        self.words = ""
         self._stream = sys.stderr if stream is None else stream
-        self._terminal = self._stream.isatty()
-        self.enabled = self._terminal if enabled is None else enabled
+        self.mode = mode if mode != "auto" else "bar" if self._stream.isatty() else "log"
         self._bar: Any = None
         self._task: Any = None
-        self._started = self._last_line = time.monotonic()
+        self._compiling = _Compiling()
+        self._said = False
+        self._lock, self._end = threading.RLock(), threading.Event()
+        self._began = self._started = self._last_line = time.monotonic()
 
     def __enter__(self) -> Self:
-        self._started = self._last_line = time.monotonic()
-        if self.enabled and self._terminal:
+        self._began = self._started = self._last_line = time.monotonic()
+        if self.mode == "none":
+            return self
+        if self.mode == "bar":
             self._start_bar()
+        _shown.append(self)
+        threading.Thread(target=self._watch, name="progress", daemon=True).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
-        elif self.enabled and kind is None and self.done >= self.total:
-            self._line(f"done in {format_seconds(time.monotonic() - self._started)}")
+        self._end.set()
+        if self in _shown:
+            _shown.remove(self)
+        self._compiling.leave()
+        with self._lock:
+            if self._bar is not None:
+                self._bar.stop()
+                self._bar = None
+            elif self.mode == "log" and kind is None and self._last_line > self._began:
+                self._line(f"done in {format_seconds(time.monotonic() - self._began)}")
 
     def update(self, n: float = 1.0) -> None:
         """Another `n` of `total` is done."""
@@ -63,19 +101,47 @@ class Progress:
     def to(self, done: float) -> None:
         """`done` of `total` is done by now; it never goes back, nor past the total."""
         self.done = min(max(self.done, float(done)), self.total)
-        if self._bar is not None:
-            self._bar.update(self._task, completed=self.done)
-        elif self.enabled and not self._terminal and time.monotonic() - self._last_line >= LINE_INTERVAL:
-            self._last_line = time.monotonic()
-            left = self.seconds_left()
-            rest = "" if left is None else f", {format_seconds(left)} left"
-            self._line(f"{100 * self.done / self.total:.0f} %{rest}")
+
+    def phase(self, words: str) -> None:
+        """Something else is done from now on, whose share and time count from nought."""
+        self.words, self.done, self._started, self._said = words, 0.0, time.monotonic(), False
 
     def seconds_left(self) -> float | None:
         """Time left [s] if the rest goes at the mean pace so far; None before any work is done."""
         if self.done <= 0:
             return None
         return (time.monotonic() - self._started) * (self.total - self.done) / self.done
+
+    def look(self) -> None:
+        """Redraw the bar, or write a line if one is due."""
+        with self._lock:
+            if self._bar is not None:
+                self._bar.update(self._task, completed=self.done, description=self._title())
+            elif self.mode == "log" and self._is_due():
+                self._last_line = time.monotonic()
+                left = self.seconds_left()
+                rest = "" if left is None else f", {format_seconds(left)} left"
+                self._line(f"{self._doing()}{100 * self.done / self.total:.0f} %{rest}")
+
+    def _is_due(self) -> bool:
+        now, left = time.monotonic(), self.seconds_left()
+        long = left is not None and left > WORTH_A_WORD and now - self._started >= TRIAL
+        if long and not self._said:
+            self._said = True
+            return True
+        return now - self._last_line >= min(max(LINE_INTERVAL, LINE_SHARE * (now - self._began)), LONGEST_INTERVAL)
+
+    def _watch(self) -> None:
+        while not self._end.wait(TICK):
+            self._compiling.listen()
+            self.look()
+
+    def _doing(self) -> str:
+        words = COMPILING if self._compiling.depth > 0 else self.words
+        return f"{words}: " if words else ""
+
+    def _title(self) -> str:
+        return f"{self.label}: {self._doing()}".rstrip(": ")
 
     def _line(self, text: str) -> None:
         self._stream.write(f"{self.label}: {text}\n")
@@ -91,10 +157,36 @@ class Progress:
             BarColumn(),
             TaskProgressColumn(),
             TimeRemainingColumn(elapsed_when_finished=True),
-            console=Console(file=self._stream),
+            console=Console(file=self._stream, force_terminal=True),
         )
         self._task = self._bar.add_task(self.label, total=self.total)
         self._bar.start()
+
+
+class _Compiling:
+    """Whether functions are being compiled at this moment, as numba tells; it is not loaded for it."""
+
+    def __init__(self) -> None:
+        self.depth = 0
+        self._events: Any = None
+
+    def listen(self) -> None:
+        """Listen from when numba has been loaded."""
+        events: Any = sys.modules.get("numba.core.event")
+        if self._events is None and hasattr(events, "Listener"):
+            self._events = events
+            events.Listener.register(_Compiling)
+            events.register("numba:compile", self)
+
+    def leave(self) -> None:
+        """Listen no more."""
+        if self._events is not None:
+            self._events.unregister("numba:compile", self)
+            self._events = None
+
+    def notify(self, event: Any) -> None:
+        """A function begins or ends to be compiled; they are nested."""
+        self.depth = max(self.depth + (1 if event.is_start else -1), 0)
 
 
 def format_seconds(seconds: float) -> str:

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import json
+import logging
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from skyscatter.cli import parse
+from skyscatter.cli import parse, stopping
 from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.progress import MODES
 from skyscatter.units import metres
+
+if TYPE_CHECKING:
+    from skyscatter.image.spectral import SpectralImage
+    from skyscatter.solvers.state import Checkpoint
 
 Wavelengths = Annotated[
     str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
@@ -57,7 +64,17 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as one JSO
 Resume = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Go on from the .partial.npz that an interrupted run left.")
 ]
+Every = Annotated[
+    str | None,
+    typer.Option("--checkpoint", metavar="TIME", help="Keep what is finished this often: 30s, 10min; else 3min."),
+]
+NoClobber = Annotated[bool, typer.Option("--no-clobber", help="Refuse, before any work, to replace a file.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Nothing on stderr but errors.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say on stderr what is done.")]
+ProgressMode = Annotated[
+    str,
+    typer.Option("--progress", metavar="HOW", help="bar, log (lines on stderr), none or auto: a bar on a terminal."),
+]
 
 
 @dataclass(frozen=True)
@@ -78,7 +95,9 @@ class RunRequest:
     outputs: list[Path]
     json: bool
     quiet: bool
+    progress: str
     resume: Path | None
+    every: float | None
 
 
 def run_options(**texts: Any) -> dict[str, Any]:
@@ -95,8 +114,22 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
         "json": texts["as_json"],
         "quiet": texts["quiet"],
+        "progress": talk(texts["quiet"], texts["verbose"], texts["progress"]),
+        "every": None if texts["every"] is None else parse.parse_time(texts["every"], "checkpoint"),
         "resume": None if texts["resume"] is None else parse.check_input(texts["resume"], "checkpoint"),
     }
+
+
+def talk(quiet: bool, verbose: bool, progress: str) -> str:
+    """How progress is shown, after the log has been told how much to say."""
+    if progress not in MODES:
+        raise DomainError("progress", progress, f"choose one of {', '.join(MODES)}")
+    if quiet and (verbose or progress != "auto"):
+        name = "verbose" if verbose else "progress"
+        raise DomainError(name, True if verbose else progress, "contradicts --quiet; leave one of them out")
+    level = logging.ERROR if quiet else logging.INFO if verbose else logging.WARNING
+    logging.getLogger("skyscatter").setLevel(level)
+    return "none" if quiet else progress
 
 
 def photon_options(photons: str | None, radius: str | None, estimator: str | None) -> dict[str, Any]:
@@ -169,31 +202,90 @@ def check_development(space: str, tone: str, bits: int) -> None:
 
 
 def stoppable(run: Callable[[], int]) -> int:
-    """Exit status of a run; 130 after Ctrl-C outside of the rendering."""
+    """Exit status of a run; that of an interrupted one where nothing was finished."""
     try:
         return run()
     except KeyboardInterrupt:
         print("skyscatter: interrupted", file=sys.stderr)
-        return 130
+        return stopping.status()
+
+
+def partial_path(path: Path) -> Path:
+    """Where an unfinished picture goes: ``sky.partial.png`` beside ``sky.png``."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
+def checkpoint_path(outputs: list[Path], otherwise: str = "skyscatter") -> Path:
+    """Where a run is kept: ``sky.png.partial.npz`` beside its first output."""
+    first = outputs[0] if outputs else Path(otherwise)
+    return first.with_name(f"{first.name}.partial.npz")
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A picture, or as much of it as was finished.
+
+    Attributes
+    ----------
+    image : SpectralImage
+    finished : float
+        Share of the work; 1 unless interrupted.
+    outputs : list of Path
+        Files to write: those that were asked for, or those of an unfinished picture.
+    """
+
+    image: SpectralImage
+    finished: float
+    outputs: list[Path]
+    request: RunRequest
+    arguments: list[str]
+    checkpoint: Checkpoint
+
+    @contextmanager
+    def writing(self) -> Iterator[list[Path]]:
+        """Write the files in the body; the checkpoint goes when they are there, and stays if they are not."""
+        try:
+            if self.finished < 1.0:
+                with stopping.undisturbed():
+                    yield self.outputs
+                return
+            yield self.outputs
+        except BaseException as error:
+            if self.finished < 1.0 and isinstance(error, SkyscatterError):
+                print(f"skyscatter: the unfinished picture is not kept: {error}", file=sys.stderr)
+                return
+            keep(self.checkpoint, self.arguments)
+            raise
+        self.checkpoint.remove()
+        if self.request.resume is not None:
+            for path in self.outputs:
+                with suppress(FileNotFoundError):
+                    partial_path(path).unlink()
 
 
 def render_request(
     request: RunRequest, scene: Any, camera: Any, label: str, arguments: list[str], **more: Any
-) -> tuple[Any, float]:
-    """Render with progress; after Ctrl-C keep what is needed to go on.
+) -> Rendered:
+    """Render with progress; what is finished is kept on the way, and when a signal ends it.
 
-    Returns
-    -------
-    image : SpectralImage
-    finished : float
-        Share of the pixels; 1 unless interrupted.
+    Raises
+    ------
+    KeyboardInterrupt
+        If it is interrupted before anything is finished.
     """
     import skyscatter
     from skyscatter.progress import Progress
     from skyscatter.solvers.run import Interrupted
+    from skyscatter.solvers.state import EVERY, Checkpoint
 
+    # One that is resumed is also where it is kept from then on.
+    checkpoint = Checkpoint(request.resume or checkpoint_path(request.outputs), request.every or EVERY)
+    if request.resume is None and checkpoint.path.is_file():
+        logging.getLogger("skyscatter").warning(
+            "%s of an interrupted run will be replaced; --resume it to go on with that run", checkpoint.path
+        )
     try:
-        with Progress(1.0, label, enabled=False if request.quiet else None) as progress:
+        with stopping.keeping(lambda: keep(checkpoint, arguments)), Progress(1.0, label, request.progress) as progress:
             image = skyscatter.render(
                 scene,
                 camera,
@@ -207,26 +299,34 @@ def render_request(
                 threads=request.threads,
                 progress=progress.to,
                 resume=request.resume,
+                checkpoint=checkpoint,
                 **more,
             )
     except Interrupted as stop:
-        _keep(stop, request, arguments)
+        with stopping.undisturbed():
+            keep(checkpoint, arguments)
+        if stop.state.share <= 0.0:
+            raise KeyboardInterrupt from None
         # never 1: what `report` says of an interrupted run
-        return stop.partial, min(stop.state.share, np.nextafter(1.0, 0.0))
-    return image, 1.0
+        finished = min(stop.state.share, np.nextafter(1.0, 0.0))
+        outputs = [partial_path(path) for path in request.outputs]
+        return Rendered(stop.partial, finished, outputs, request, arguments, checkpoint)
+    except KeyboardInterrupt:
+        keep(checkpoint, arguments)
+        raise
+    return Rendered(image, 1.0, request.outputs, request, arguments, checkpoint)
 
 
-def _keep(interrupted: Any, request: RunRequest, arguments: list[str]) -> None:
+def keep(checkpoint: Checkpoint, arguments: list[str]) -> None:
     """Save what is needed to go on, and say how."""
-    first = request.outputs[0] if request.outputs else Path("skyscatter")
-    checkpoint = first.with_name(first.name + ".partial.npz")
-    try:
-        interrupted.state.save(checkpoint)
-    except SkyscatterError as error:
-        print(f"skyscatter: the finished part could not be kept: {error}", file=sys.stderr)
-        return
-    command = shlex.join(["skyscatter", *without_resume(arguments), "--resume", str(checkpoint)])
-    print(f"skyscatter: interrupted; the finished part is in {checkpoint}; go on with:\n  {command}", file=sys.stderr)
+    if checkpoint.save():
+        say_how_to_go_on(checkpoint.path, arguments)
+
+
+def say_how_to_go_on(state: Path, arguments: list[str]) -> None:
+    """Where the finished part is, and the command that goes on with it."""
+    command = shlex.join(["skyscatter", *without_resume(arguments), "--resume", str(state)])
+    print(f"skyscatter: stopped; the finished part is in {state}; go on with:\n  {command}", file=sys.stderr)
 
 
 def without_resume(arguments: list[str]) -> list[str]:
@@ -249,10 +349,10 @@ def report(request: RunRequest, summary: dict[str, Any], describe: Callable[[dic
         typer.echo(json.dumps(summary, allow_nan=False))
     elif not request.quiet:
         typer.echo(describe(summary), err=True)
-    return 0 if summary["complete"] else 130
+    return 0 if summary["complete"] else stopping.status()
 
 
-def summary_of_run(request: RunRequest, model: Any, seconds: float, finished: float) -> dict[str, Any]:
+def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: Rendered) -> dict[str, Any]:
     """The part of a summary that all rendering commands have."""
     import skyscatter
 
@@ -265,9 +365,9 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, finished: fl
         "seed": (request.seed or 0) if request.solver in ("path", "photons") else None,
         "tolerance": request.tolerance,
         "seconds": round(seconds, 3),
-        "complete": finished >= 1.0,
-        "finished": finished,
-        "outputs": [str(path) for path in request.outputs],
+        "complete": rendered.finished >= 1.0,
+        "finished": rendered.finished,
+        "outputs": [str(path) for path in rendered.outputs],
     }
 
 

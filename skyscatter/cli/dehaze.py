@@ -31,8 +31,9 @@ class Request:
     sigma: Path | None
     mask: Path | None
     quicklook: Path | None
-    json: str | None
+    json: bool
     quiet: bool
+    progress: str
     dtype: str | None
     compression: str
     #: Options of the entrances that were given, by name.
@@ -79,9 +80,7 @@ def dehaze(
     quicklook: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a picture of before and after, side by side: .png.")
     ] = None,
-    as_json: Annotated[
-        str | None, typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - is stdout.")
-    ] = None,
+    as_json: common.AsJson = False,
     sensor: Annotated[
         str | None, typer.Option(metavar="NAME", help="sentinel-2a, landsat-8, ..., if the file does not say.")
     ] = None,
@@ -148,7 +147,10 @@ def dehaze(
     compression: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of .tif: deflate (the default), zstd, lzw or none.")
     ] = None,
+    no_clobber: common.NoClobber = False,
     quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
+    progress: common.ProgressMode = "auto",
 ) -> int:
     """Take the haze off a satellite image.
 
@@ -170,11 +172,13 @@ def dehaze(
     }
     files = {"output": output, "haze_map": haze_map, "sigma": sigma, "mask": mask, "quicklook": quicklook}
     _check_files(image, files, as_json, dtype, compression)
+    parse.check_new(files.values() if no_clobber else ())
     request = Request(
         image=image,
         **files,
         json=as_json,
         quiet=quiet,
+        progress=common.talk(quiet, verbose, progress),
         dtype=dtype,
         compression=compression or "deflate",
         given={name: value for name, value in given.items() if value is not None},
@@ -223,7 +227,7 @@ def _dehaze_options(**values: Any) -> Any:
 
 
 def _check_files(
-    image: Path, files: dict[str, Path | None], as_json: str | None, dtype: str | None, compression: str | None
+    image: Path, files: dict[str, Path | None], as_json: bool, dtype: str | None, compression: str | None
 ) -> None:
     """Refuse what cannot be written, what would be written twice, and runs of which nothing would be kept."""
     if not image.exists():
@@ -231,20 +235,18 @@ def _check_files(
     known = {"output": RASTERS + PICTURES, "quicklook": (".png",)}
     seen = {image.resolve(): "the image itself"}
     written = {name: path for name, path in files.items() if path is not None}
-    if as_json not in (None, "-"):
-        written["json"] = Path(str(as_json))
     for name, path in written.items():
-        parse.check_output(path, known.get(name, RASTERS) if name != "json" else (path.suffix.lower(),))
+        parse.check_output(path, known.get(name, RASTERS))
         if path.resolve() in seen:
             raise DomainError(name, str(path), f"is {seen[path.resolve()]}; give another name")
         seen[path.resolve()] = f"the file of --{name.replace('_', '-')}"
-    if not written and as_json is None:
-        raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json -")
+    if not written and not as_json:
+        raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json")
     if files["output"] is None:
         for name, value in (("quicklook", files["quicklook"]), ("dtype", dtype)):
             if value is not None:
                 raise DomainError(name, str(value), "needs the result: name a file with -o")
-    rasters = any(path.suffix.lower() in RASTERS for name, path in written.items() if name != "json")
+    rasters = any(path.suffix.lower() in RASTERS for path in written.values())
     if compression is not None and not rasters:
         raise DomainError("compression", compression, "is for .tif files; leave it out")
 
@@ -308,8 +310,7 @@ def run(request: Request) -> int:
             shown_bands(source)  # refuses what could not be shown, before any time is spent
         if any(path.suffix.lower() in RASTERS for path in request.files.values()):
             stack.enter_context(environment())
-        shown = None if not request.quiet else False
-        progress = Progress(1.0, f"dehazing {request.image.name}", enabled=shown)
+        progress = Progress(1.0, f"dehazing {request.image.name}", request.progress)
         with together(open_sinks(request, source)) as sinks, progress:
             summary = dehaze_raster(source, sinks, request.options, progress.to)
         if request.quicklook is not None and request.output is not None:
@@ -322,7 +323,6 @@ def run(request: Request) -> int:
 def report(request: Request, source: Any, summary: Any, seconds: float) -> int:
     """Say what was done, for programs and for people; returns the exit status."""
     import skyscatter
-    from skyscatter.atomic import atomic_path
     from skyscatter.progress import format_seconds
 
     outputs = [str(path) for path in (*request.files.values(), request.quicklook) if path is not None]
@@ -339,13 +339,9 @@ def report(request: Request, source: Any, summary: Any, seconds: float) -> int:
         "outputs": outputs,
         **summary.to_json(),
     }
-    text = json.dumps(whole, allow_nan=False)
-    if request.json == "-":
-        typer.echo(text)
-    elif request.json is not None:
-        with atomic_path(request.json) as path:
-            path.write_text(f"{text}\n", encoding="utf-8")
-    if not request.quiet and request.json != "-":
+    if request.json:
+        typer.echo(json.dumps(whole, allow_nan=False))
+    elif not request.quiet:
         for note in source.notes:
             typer.echo(f"note: {note}", err=True)
         for note in whole.get("remarks", ()):

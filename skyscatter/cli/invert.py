@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 import sys
 import time as clock
 from contextlib import suppress
@@ -14,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skyscatter.cli import common, parse
+from skyscatter.cli import common, parse, stopping
 from skyscatter.errors import DomainError
 from skyscatter.units import metres, nanometres
 
@@ -35,9 +34,10 @@ class Request:
     corner: Path | None
     residual: Path | None
     save_model: Path | None
-    json: str | None
+    json: bool
     resume: Path | None
     quiet: bool
+    progress: str
     #: Of `skyscatter.inversion.read_observation`: what files do not say, and what of them to use.
     place: dict[str, Any]
     #: Of `skyscatter.fit`.
@@ -135,13 +135,12 @@ def invert(
     save_model: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The model with the estimate in it: .toml.")
     ] = None,
-    as_json: Annotated[
-        str | None, typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - is stdout.")
-    ] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Go on from the .partial.npz that an interrupted run left.")
-    ] = None,
+    as_json: common.AsJson = False,
+    resume: common.Resume = None,
+    no_clobber: common.NoClobber = False,
     quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
+    progress: common.ProgressMode = "auto",
 ) -> int:
     """Find parameters of a model from what was measured.
 
@@ -161,6 +160,7 @@ def invert(
         json=as_json,
         resume=None if resume is None else parse.check_input(resume, "checkpoint"),
         quiet=quiet,
+        progress=common.talk(quiet, verbose, progress),
         place=_place(
             sun_elevation, sun_azimuth, altitude, place=place, bandwidth=bandwidth, pixels=pixels,
             wavelengths=wavelengths,
@@ -173,8 +173,7 @@ def invert(
     )  # fmt: skip
     if not request.data:
         raise DomainError("data", "", "name a file with measurements: --data FILE")
-    if as_json not in (None, "-"):
-        _file(Path(str(as_json)), (".json",))
+    parse.check_new(request.files if no_clobber else ())
     if request.files != list(dict.fromkeys(request.files)):
         raise DomainError("output", str(request.files[0]), "two outputs have one name; give each its own")
     return common.stoppable(lambda: run(request, list(context.obj or [])))
@@ -277,35 +276,35 @@ def run(request: Request, arguments: list[str]) -> int:
     options = dict(request.options)
     noise = options.pop("noise", None)
     observations = [read_observation(path, noise=noise, **request.place) for path in request.data]
-    state = request.resume or _checkpoint(request)
+    state = request.resume or common.checkpoint_path(request.files, "skyscatter-invert")
     if request.resume is None:
         with suppress(FileNotFoundError):
             state.unlink()
     try:
-        with Progress(1.0, f"{model.name} fit", enabled=False if request.quiet else None) as progress:
+        with (
+            stopping.keeping(lambda: _say_how_to_go_on(state, arguments)),
+            Progress(1.0, f"{model.name} fit", request.progress) as progress,
+        ):
             result = skyscatter.fit(
                 model, observations, request.free, progress=progress.to, resume=state, **options
             )  # fmt: skip
-    except KeyboardInterrupt:
-        _say_how_to_go_on(state, arguments)
-        return 130
-    _write(request, result)
+        _write(request, result)
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) or state.is_file():
+            _say_how_to_go_on(state, arguments)
+        if isinstance(error, KeyboardInterrupt):
+            return stopping.status()
+        raise
     with suppress(FileNotFoundError):
         state.unlink()
     return _report(request, result, clock.monotonic() - started)
-
-
-def _checkpoint(request: Request) -> Path:
-    first = request.files[0] if request.files else Path("skyscatter-invert")
-    return first.with_name(first.name + ".partial.npz")
 
 
 def _say_how_to_go_on(state: Path, arguments: list[str]) -> None:
     if not state.is_file():
         print("skyscatter: interrupted before anything was finished", file=sys.stderr)
         return
-    command = shlex.join(["skyscatter", *common.without_resume(arguments), "--resume", str(state)])
-    print(f"skyscatter: interrupted; the state is in {state}; go on with:\n  {command}", file=sys.stderr)
+    common.say_how_to_go_on(state, arguments)
 
 
 def _write(request: Request, result: Any) -> None:
@@ -322,7 +321,7 @@ def _write(request: Request, result: Any) -> None:
 def _report(request: Request, result: Any, seconds: float) -> int:
     import skyscatter
 
-    if request.json is not None:
+    if request.json:
         content = result.to_json()
         dropped = ("coordinates", "model", "samples_z", "measured", "noise", "fitted", "model_error")
         summary = {
@@ -332,14 +331,7 @@ def _report(request: Request, result: Any, seconds: float) -> int:
             "seconds": round(seconds, 3),
             "outputs": [str(path) for path in request.files],
         }
-        text = json.dumps(summary, allow_nan=False)
-        if request.json == "-":
-            typer.echo(text)
-        else:
-            from skyscatter.atomic import atomic_path
-
-            with atomic_path(request.json) as temporary:
-                temporary.write_text(text + "\n", encoding="utf-8")
+        typer.echo(json.dumps(summary, allow_nan=False))
     if not request.quiet:
         typer.echo(str(result), err=True)
     return 0

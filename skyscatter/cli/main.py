@@ -1,23 +1,26 @@
 """``skyscatter``: the program and what its exit status means.
 
-Exit status: 0 done, 1 an error in skyscatter itself, 2 something in the command or its files is wrong, 130 interrupted.
-Errors are one line on stderr.
+Exit status: 0 done, 1 an error in skyscatter itself, 2 something in the command or its files is wrong, 130 interrupted
+by Ctrl-C, 143 by SIGTERM.  Errors are one line on stderr.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from typing import Annotated, TextIO
 
 import typer
 from pydantic import ValidationError
 
 import skyscatter
-from skyscatter.cli import dehaze, info, invert, models, nebula, render, sky
-from skyscatter.errors import SkyscatterError
+from skyscatter.cli import dehaze, info, invert, models, nebula, render, sky, stopping
+from skyscatter.errors import DomainError, SkyscatterError
 
 app = typer.Typer(
     name="skyscatter",
@@ -56,9 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     warnings.showwarning = _warn
     try:
-        result = app(args=arguments, prog_name="skyscatter", standalone_mode=False, obj=arguments)
+        _check_json(arguments)
+        with _log_on_stderr():
+            result = app(args=arguments, prog_name="skyscatter", standalone_mode=False, obj=arguments)
     except (KeyboardInterrupt, typer.Abort):
-        return _say("interrupted", 130)
+        return _say("interrupted", stopping.status())
     except ValidationError as error:
         return _say(f"error: {describe_validation(error)}", 2)
     except SkyscatterError as error:
@@ -81,6 +86,44 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"internal error: {type(error).__name__}: {error} (SKYSCATTER_TRACEBACK=1 shows where; please report it)", 1
         )
     return result if isinstance(result, int) else 0
+
+
+def _check_json(arguments: Sequence[str]) -> None:
+    """``--json`` is a flag in all commands; what looks like a file after it would be taken for an argument."""
+    for word, following in pairwise([*arguments, ""]):
+        looks_like_file = following == "-" or following.lower().endswith(".json")
+        if word.startswith("--json=") or (word == "--json" and looks_like_file):
+            file = word.partition("=")[2] or following
+            raise DomainError("json", file, "--json takes no file, it prints on stdout; write --json > FILE")
+
+
+class _Stderr(logging.StreamHandler[TextIO]):
+    """Lines on what stderr is at the time, which a progress bar replaces."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.stream = sys.stderr
+        super().emit(record)
+
+
+@contextmanager
+def _log_on_stderr() -> Iterator[None]:
+    """Show what the log says; `common.talk` chooses how much."""
+    log, handler = logging.getLogger("skyscatter"), _Stderr()
+    handler.setFormatter(_Words())
+    log.addHandler(handler)
+    before, log.propagate = log.level, False
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.propagate = True
+        log.setLevel(before)
+
+
+class _Words(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        kind = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
+        return f"skyscatter: {kind}{' '.join(record.getMessage().split())}"
 
 
 def describe_validation(error: ValidationError) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from skyscatter.cli import parse
+from skyscatter.cli import common, parse
 from skyscatter.errors import ModelFileError, SkyscatterError
 from skyscatter.plotting import plot_model, vertical_optical_depth
 
@@ -47,12 +47,12 @@ def _list(context: typer.Context) -> None:
 def show(
     name: Annotated[str, typer.Argument(help="Name of a shipped model or a TOML file.")],
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)] = None,
+    no_clobber: common.NoClobber = False,
 ) -> None:
     """Print what a model consists of and where its numbers come from."""
     import skyscatter
 
-    if plot is not None:
-        parse.check_output(plot, parse.PLOT_SUFFIXES)
+    _check_plot(plot, no_clobber)
     model = skyscatter.load_model(name)
     typer.echo(describe_model(model))
     if plot is not None:
@@ -63,12 +63,12 @@ def show(
 def check(
     file: Annotated[str, typer.Argument(help="A TOML file, or the name of a shipped model.")],
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)] = None,
+    no_clobber: common.NoClobber = False,
 ) -> None:
     """Read a model file and evaluate each component once; an error names the field, the value and the remedy."""
     import skyscatter
 
-    if plot is not None:
-        parse.check_output(plot, parse.PLOT_SUFFIXES)
+    _check_plot(plot, no_clobber)
     model = skyscatter.load_model(file)
     if hasattr(model, "planet"):
         for component in model.components:
@@ -84,6 +84,12 @@ def check(
         typer.echo(check_nebula(file, model))
     if plot is not None:
         plot_model(model, plot)
+
+
+def _check_plot(plot: Path | None, no_clobber: bool) -> None:
+    if plot is not None:
+        parse.check_output(plot, parse.PLOT_SUFFIXES)
+        parse.check_new([plot] if no_clobber else ())
 
 
 def _check_component(file: str, component: Any) -> None:

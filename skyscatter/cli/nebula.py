@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -108,13 +109,18 @@ def nebula(
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
+    every: common.Every = None,
+    no_clobber: common.NoClobber = False,
     quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
+    progress: common.ProgressMode = "auto",
 ) -> int:
     """Render a nebula as a telescope sees it: north up, east left.
 
-    Position and distance are the model's.  Ctrl-C writes what is finished and says how to go on.
+    Position and distance are the model's.  Ctrl-C keeps what is finished, a picture as NAME.partial.EXT,
+    and says how to go on.
     """
-    outputs = parse.check_outputs(output or [])
+    outputs = parse.check_outputs(output or [], no_clobber)
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
@@ -143,6 +149,9 @@ def nebula(
             bits=bits,
             as_json=as_json,
             quiet=quiet,
+            verbose=verbose,
+            progress=progress,
+            every=every,
             resume=resume,
         ),
     )
@@ -195,25 +204,26 @@ def run(request: Request, arguments: list[str]) -> int:
     sky = SkyFrame.seen(scene.view, camera, model.name)
     names = ("orders", "sampling", "photons", "radius", "estimator")
     given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
-    image, finished = common.render_request(request, scene, camera, model.name, arguments, **given)
-    noise = common.median_error(image) if request.solver != "single" else None
-    image = image.placed(sky)
-    if request.observation:
-        from skyscatter.image.instrument import observe
+    rendered = common.render_request(request, scene, camera, model.name, arguments, **given)
+    noise = common.median_error(rendered.image) if request.solver != "single" else None
+    with rendered.writing() as outputs:
+        image = rendered.image.placed(sky)
+        if request.observation:
+            from skyscatter.image.instrument import observe
 
-        image = observe(image, **request.observation)
-    exposure = _write(request, image)
-    summary = summarise(request, model, scene, camera, noise, exposure, clock.monotonic() - started, finished)
+            image = observe(image, **request.observation)
+        exposure = _write(request, image, outputs)
+    summary = summarise(request, model, scene, camera, noise, exposure, clock.monotonic() - started, rendered)
     return common.report(request, summary, describe)
 
 
-def _write(request: Request, image: Any) -> float | None:
+def _write(request: Request, image: Any, outputs: list[Path]) -> float | None:
     """Write the files; returns the exposure value of a picture in natural colour."""
     png, exposure = dict(request.png), None
     if not {"palette", "filters"} & set(png):
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = image.auto_exposure() if stated == "auto" else float(stated)
-    for path in request.outputs:
+    for path in outputs:
         taken: dict[str, Any] = {}
         if path.suffix.lower() == ".png":
             taken = {**png, "bits": request.bits}
@@ -231,7 +241,7 @@ def summarise(
     noise: float | None,
     exposure: float | None,
     seconds: float,
-    finished: float,
+    rendered: common.Rendered,
 ) -> dict[str, Any]:
     """What ``--json`` prints."""
     view = scene.view
@@ -241,7 +251,7 @@ def summarise(
         for name, value in request.observation.items()
     }
     return {
-        **common.summary_of_run(request, model, seconds, finished),
+        **common.summary_of_run(request, model, seconds, rendered),
         "view": {"distance_pc": float(view.distance) / PARSEC, **{name: float(getattr(view, name)) for name in angles}},
         "pixel_scale_arcsec": 3600.0 * camera.pixel_scale_deg,
         "noise": noise,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -243,9 +244,17 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
     return path
 
 
-def check_outputs(paths: list[Path]) -> list[Path]:
-    """All paths, each writable and each only once."""
+def check_new(paths: Iterable[Path | None]) -> None:
+    """Refuse to replace a file (--no-clobber)."""
+    for path in paths:
+        if path is not None and path.exists():
+            raise DomainError("output", str(path), "exists; choose another name, or leave out --no-clobber")
+
+
+def check_outputs(paths: list[Path], no_clobber: bool = False) -> list[Path]:
+    """All paths, each writable and each only once; with `no_clobber` none of them there."""
     seen: set[Path] = set()
+    check_new(paths if no_clobber else ())
     for path in paths:
         check_output(path)
         if path.resolve() in seen:

@@ -88,14 +88,18 @@ def render(
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
+    every: common.Every = None,
+    no_clobber: common.NoClobber = False,
     quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
+    progress: common.ProgressMode = "auto",
 ) -> int:
     """Render a scene of surfaces, media and lamps.
 
-    Camera and viewpoint are the model's where nothing else is said.  Ctrl-C writes what is finished and says how to go
-    on.
+    Camera and viewpoint are the model's where nothing else is said.  Ctrl-C keeps what is finished, a picture as
+    NAME.partial.EXT, and says how to go on.
     """
-    outputs = parse.check_outputs(output or [])
+    outputs = parse.check_outputs(output or [], no_clobber)
     development = {"exposure": exposure, "tone": tone, "space": space}
     common.check_png_options(outputs, {**development, "bits": bits})
     whole = parse.parse_integer
@@ -117,7 +121,8 @@ def render(
         outputs=outputs,
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            threads=threads, bits=bits, as_json=as_json, quiet=quiet, resume=resume,
+            threads=threads, bits=bits, as_json=as_json, quiet=quiet, verbose=verbose, progress=progress,
+            every=every, resume=resume,
         ),
     )  # fmt: skip
     common.check_solver(request, MEANINGLESS, REMEDY)
@@ -176,25 +181,27 @@ def run(request: Request, arguments: list[str]) -> int:
     common.check_command(model, request.model, "render")
     scene, camera = model.scene(**request.seen), build_camera(request, model)
     request = replace(request, size=(camera.width, camera.height), solver=choose(request, scene))
-    image, finished = common.render_request(request, scene, camera, model.name, arguments, **request.more)
-    exposure = image.auto_exposure() if request.png["exposure"] == "auto" else float(request.png["exposure"])
-    png = {**request.png, "exposure": exposure, "bits": request.bits}
-    for path in request.outputs:
-        image.save(path, **(png if path.suffix.lower() == ".png" else {}))
-    summary = summarise(request, model, scene, image, exposure, clock.monotonic() - started, finished)
+    rendered = common.render_request(request, scene, camera, model.name, arguments, **request.more)
+    with rendered.writing() as outputs:
+        image = rendered.image
+        exposure = image.auto_exposure() if request.png["exposure"] == "auto" else float(request.png["exposure"])
+        png = {**request.png, "exposure": exposure, "bits": request.bits}
+        for path in outputs:
+            image.save(path, **(png if path.suffix.lower() == ".png" else {}))
+    summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 
 
 def summarise(
-    request: Request, model: Any, scene: Any, image: Any, exposure: float, seconds: float, finished: float
+    request: Request, model: Any, scene: Any, rendered: common.Rendered, exposure: float, seconds: float
 ) -> dict[str, Any]:
     """What ``--json`` prints."""
     viewpoint = scene.viewpoint
     return {
-        **common.summary_of_run(request, model, seconds, finished),
+        **common.summary_of_run(request, model, seconds, rendered),
         "viewpoint": {"position_m": list(viewpoint.position), "target_m": list(viewpoint.target)},
         "subpixels": request.subpixels or 1,
-        "noise": common.median_error(image),
+        "noise": common.median_error(rendered.image),
         "exposure_ev": float(exposure),
     }
 

@@ -112,15 +112,19 @@ def sky(
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
+    every: common.Every = None,
+    no_clobber: common.NoClobber = False,
     quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
+    progress: common.ProgressMode = "auto",
 ) -> int:
     """Render the sky of a model.
 
-    The Sun stands where --place and --time put it, or at --sun-elevation and --sun-azimuth.  Ctrl-C writes what is
-    finished and says how to go on.
+    The Sun stands where --place and --time put it, or at --sun-elevation and --sun-azimuth.  Ctrl-C keeps what is
+    finished, a picture as NAME.partial.EXT, and says how to go on.
     """
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth)
-    outputs = parse.check_outputs(output or [])
+    outputs = parse.check_outputs(output or [], no_clobber)
     shown, shown_wavelength = parse.parse_show(show)
     development = {"exposure": exposure, "tone": tone, "space": space}
     common.check_png_options(outputs, {**development, "bits": bits, "show": show})
@@ -153,6 +157,9 @@ def sky(
             bits=bits,
             as_json=as_json,
             quiet=quiet,
+            verbose=verbose,
+            progress=progress,
+            every=every,
             resume=resume,
         ),
     )
@@ -214,11 +221,13 @@ def run(request: Request, arguments: list[str]) -> int:
     camera = camera_from_view(request.view, *request.size, sun_azimuth_deg=scene.sun.azimuth_deg)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
     polarised = {"stokes": True} if request.stokes else {}
-    image, finished = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **polarised)
-    exposure = image.auto_exposure() if request.exposure == "auto" else float(request.exposure)
-    for path in request.outputs:
-        image.save(path, **(_png_options(request, exposure) if path.suffix.lower() == ".png" else {}))
-    summary = summarise(request, model, scene, image, exposure, clock.monotonic() - started, finished)
+    rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **polarised)
+    with rendered.writing() as outputs:
+        image = rendered.image
+        exposure = image.auto_exposure() if request.exposure == "auto" else float(request.exposure)
+        for path in outputs:
+            image.save(path, **(_png_options(request, exposure) if path.suffix.lower() == ".png" else {}))
+    summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 
 
@@ -250,14 +259,14 @@ def polarisation_summary(image: Any, wavelength: float | None) -> dict[str, floa
 
 
 def summarise(
-    request: Request, model: Any, scene: Any, image: Any, exposure: float, seconds: float, finished: float
+    request: Request, model: Any, scene: Any, rendered: common.Rendered, exposure: float, seconds: float
 ) -> dict[str, Any]:
     """What ``--json`` prints."""
     from skyscatter.scene import AU
 
-    error = common.median_error(image)
+    error = common.median_error(rendered.image)
     return {
-        **common.summary_of_run(request, model, seconds, finished),
+        **common.summary_of_run(request, model, seconds, rendered),
         "sun": {
             "elevation_deg": float(scene.sun.elevation_deg),
             "azimuth_deg": float(scene.sun.azimuth_deg),
@@ -268,7 +277,7 @@ def summarise(
         # Chance and what a grid misses are not the same thing, and `single` states neither.
         "noise": error if request.solver == "path" else None,
         "estimated_error": error if request.solver == "orders" else None,
-        "polarisation": polarisation_summary(image, request.shown_wavelength),
+        "polarisation": polarisation_summary(rendered.image, request.shown_wavelength),
         "exposure_ev": float(exposure),
     }
 

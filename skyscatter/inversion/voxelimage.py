@@ -12,7 +12,6 @@ depths and transmittances are special cases of the optics: `VoxelOptics.columns`
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -24,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square, scene_frame
+from skyscatter.solvers.workers import Workers
 
 if TYPE_CHECKING:
     from skyscatter.inversion.kernels.march import MarchTable, Scratch
@@ -381,7 +381,7 @@ class VoxelModel:
         parts = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
         if count < FEW:
             return [work(part, k) for k, part in enumerate(parts)]
-        with ThreadPoolExecutor(max_workers=worker_count(self.threads)) as pool:
+        with Workers(max_workers=worker_count(self.threads)) as pool:
             return list(pool.map(work, parts, range(len(parts))))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +26,7 @@ from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, sum_orders, view
+from skyscatter.solvers.workers import Workers
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
@@ -290,7 +290,7 @@ class RadianceField:
         self.check_coverage(flat_o, flat_d, sun)
         workers = worker_count(threads)
         chunks = [slice(k, k + CHUNK) for k in range(0, len(flat_o), CHUNK)]
-        with ThreadPoolExecutor(workers) as pool:
+        with Workers(workers) as pool:
             answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts), chunks))
         empty = np.zeros((0, self.wavelengths.size))
         joined = (

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
 
 import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.state import RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.workers import GRACE, Workers
 
 #: With ``noise``, the answer is looked at after this many passes and whenever their number has doubled.
 FIRST_LOOK = 16
@@ -81,60 +82,78 @@ def solve_passes(
     state: RenderState,
     workers: int,
     progress: Callable[[float], None] | None,
+    checkpoint: Checkpoint | None = None,
 ) -> bool:
     """Make the passes that `state` lacks; False if interrupted, with all passes before the first unfinished one."""
-    total = module.passes(options)
-    stop = threading.Event()
-    held: dict[int, Answer] = {}
-    jobs: dict[Future[Answer | None], int] = {}
-
-    def work(number: int) -> Answer | None:
-        return None if stop.is_set() else module.solve_pass(context, rays, number, options)
-
-    def take(finished: set[Future[Answer | None]]) -> bool:
-        """Add what has come in, in order; True when it is enough."""
-        for job in finished:
-            number, answer = jobs.pop(job), job.result()
-            if answer is not None:
-                held[number] = answer
-        while state.passes in held:
-            add_pass(state, held.pop(state.passes))
-            if _enough(state, options, total, progress):
-                return True
-        return False
-
-    state.total = total
-    enough = _enough(state, options, total, progress) if state.passes else False
-    following = state.passes
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        try:
-            while not enough:
-                while following < min(total, state.passes + 2 * workers):
-                    jobs[pool.submit(work, following)] = following
-                    following += 1
-                enough = take(wait(jobs, return_when=FIRST_COMPLETED).done)
-            stop.set()
-            complete = True
-        except KeyboardInterrupt:
-            stop.set()
-            take(wait(jobs).done)
-            complete = False
-        except BaseException:
-            stop.set()
-            raise
-    sum_up(state)
+    series = _Series(module, context, rays, options, state, checkpoint.lock if checkpoint else threading.RLock())
+    tell = progress or (lambda share: None)
+    jobs: set[Future[None]] = set()
+    if state.passes:
+        tell(series.share)
+    try:
+        with Workers(workers) as pool:
+            while series.share < 1.0:
+                while series.following < min(series.total, state.passes + 2 * workers):
+                    jobs.add(pool.submit(series.work, series.following))
+                    series.following += 1
+                due = None if checkpoint is None else checkpoint.due_in()
+                finished, jobs = wait(jobs, due, return_when=FIRST_COMPLETED)
+                for job in finished:
+                    job.result()
+                    tell(series.share)
+                if checkpoint is not None:
+                    checkpoint.tick()
+            series.stop.set()
+            tell(series.share)
+        complete = True
+    except KeyboardInterrupt:
+        series.stop.set()
+        wait(jobs, GRACE)
+        complete = False
+    except BaseException:
+        series.stop.set()
+        raise
+    with series.lock:
+        series.closed = True
+        sum_up(state)
     return complete
 
 
-def _enough(state: RenderState, options: Options, total: int, progress: Callable[[float], None] | None) -> bool:
-    """Whether the passes so far will do; looks at the noise only after fixed numbers of them."""
+class _Series:
+    """Passes that threads make, and their sums.
+
+    Threads add them up themselves: Ctrl-C strikes the main thread only, and so never half-way through a sum.
+    """
+
+    def __init__(
+        self, module: Any, context: Any, rays: Rays, options: Options, state: RenderState, lock: threading.RLock
+    ) -> None:
+        self.module, self.context, self.rays, self.options, self.state = module, context, rays, options, state
+        self.total = state.total = module.passes(options)
+        self.following = state.passes
+        self.held: dict[int, Answer] = {}
+        self.stop, self.closed, self.lock = threading.Event(), False, lock
+        self.share = _share(state, options, self.total) if state.passes else 0.0
+
+    def work(self, number: int) -> None:
+        """Make a pass, and add up those that come next."""
+        if self.stop.is_set():
+            return
+        answer = self.module.solve_pass(self.context, self.rays, number, self.options)
+        with self.lock:
+            self.held[number] = answer
+            while self.state.passes in self.held and self.share < 1.0 and not self.closed:
+                add_pass(self.state, self.held.pop(self.state.passes))
+                self.share = max(self.share, _share(self.state, self.options, self.total))
+
+
+def _share(state: RenderState, options: Options, total: int) -> float:
+    """Share of the work that is done, 1 if the passes so far will do; the noise counts after fixed numbers of them."""
     share, n = state.passes / total, state.passes
     if options.noise is not None:
         if n < FIRST_LOOK or n & (n - 1):
-            return False
+            return 0.0
         sum_up(state)
         noise = worst_noise(state)
         share = 1.0 if noise < options.noise or n >= total else min((options.noise / noise) ** 2, 0.99)
-    if progress is not None:
-        progress(min(share, 1.0))
-    return share >= 1.0
+    return share

@@ -14,7 +14,7 @@ from skyscatter.geometry.telescope import Telescope
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
-from skyscatter.solvers.state import RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -48,6 +48,7 @@ def render(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
+    checkpoint: Checkpoint | str | os.PathLike[str] | None = None,
 ) -> SpectralImage:
     """Render a picture.
 
@@ -75,6 +76,9 @@ def render(
         Called with the finished share, 0 to 1.
     resume : path, optional
         Checkpoint of an interrupted render with the same arguments.
+    checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
+        File in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
+        Ctrl-C.
 
     Returns
     -------
@@ -109,7 +113,12 @@ def render(
         state = RenderState.empty(recipe, numbers.size, wl.size)
     else:
         state = RenderState.load(resume, recipe)
-    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap)
+    kept = checkpoint if checkpoint is None or isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
+    if kept is not None:
+        kept.begin(state)
+    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept)
+    if kept is not None and (kept.written or not complete):
+        kept.save()
     image = _picture(scene, camera, grid, inside, wl, state)
     if not complete:
         raise Interrupted(image, state)

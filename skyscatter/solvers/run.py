@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeGuard
 
@@ -17,7 +18,8 @@ from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
-from skyscatter.solvers.state import RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.workers import GRACE, Workers
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -30,6 +32,10 @@ if TYPE_CHECKING:
 TILE_RAYS = 128
 #: Tiles for each thread at least, as far as there are rays.
 TILES_PER_THREAD = 8
+#: The golden section: its multiples spread evenly, however many.
+GOLDEN = 0.6180339887498949
+#: Seconds after which the finished rays of a tile are kept, and the rays by which the pace is found.
+SLICE, FIRST_RAYS = 1.0, 4
 #: The modules of the solvers, by the sort of medium.
 SHELLS = {"orders": "orders", "path": "path", "single": "single"}
 VOLUMES = {"path": "volume_path", "single": "volume_single", "photons": "photons"}
@@ -119,6 +125,7 @@ def solve_rays(
     threads: int | None,
     progress: Callable[[float], None] | None,
     wrap: Callable[[Any], Any] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> bool:
     """Fill `state` tile by tile, or pass by pass; False if interrupted, with all in it that was finished.
 
@@ -134,51 +141,86 @@ def solve_rays(
         options.refuse(solver, "photons", "radius", "estimator", "direct")
     module.check(options)
     workers = worker_count(threads)
-    if by_passes:
-        try:
-            context = module.prepare(scene, rays, wavelengths, options, workers, progress)
-        except KeyboardInterrupt:
-            return False
-        return solve_passes(module, context, rays, options, state, workers, progress)
-    n = len(rays.origins)
-    count = getattr(module, "TILES", TILES_PER_THREAD * workers)
-    size = min(max(n // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
-    tiles = [slice(k, min(k + size, n)) for k in range(0, n, size)]
-    waiting = [tile for tile in tiles if not state.done[tile].all()]
-    if not waiting:
+    if state.done.all() and not by_passes:
         return True
     try:
         context = module.prepare(scene, rays, wavelengths, options, workers, progress)
     except KeyboardInterrupt:
         return False
-    stop = threading.Event()
+    if by_passes:
+        return solve_passes(module, context, rays, options, state, workers, progress, checkpoint)
+    return _solve_tiles(_Tiles(module, context, rays, options, state, checkpoint), workers, progress, checkpoint)
 
-    def work(tile: slice) -> tuple[slice, Answer] | None:
-        return None if stop.is_set() else (tile, module.solve(context, rays.part(tile), options))
 
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        jobs: set[Future[tuple[slice, Answer] | None]] = {pool.submit(work, tile) for tile in waiting}
-        try:
+def _solve_tiles(
+    tiles: _Tiles, workers: int, progress: Callable[[float], None] | None, checkpoint: Checkpoint | None
+) -> bool:
+    """Hand the tiles out; False if interrupted."""
+    jobs: set[Future[None]] = set()
+    try:
+        with Workers(workers) as pool:
+            jobs |= {pool.submit(tiles.work, tile) for tile in tiles.waiting(workers)}
             while jobs:
-                finished, jobs = wait(jobs, return_when=FIRST_COMPLETED)
-                _keep(finished, state)
+                # A tile may take long, and parts of it are finished before.
+                finished, jobs = wait(jobs, SLICE, return_when=FIRST_COMPLETED)
+                for job in finished:
+                    job.result()
                 if progress is not None:
-                    progress(float(state.done.mean()))
-            return True
-        except KeyboardInterrupt:
-            stop.set()
-            _keep(wait(jobs).done, state)
-            return False
-        except BaseException:
-            stop.set()
-            raise
+                    progress(float(tiles.state.done.mean()))
+                if checkpoint is not None:
+                    checkpoint.tick()
+        return True
+    except KeyboardInterrupt:
+        tiles.stop.set()
+        wait(jobs, GRACE)
+        return False
+    except BaseException:
+        tiles.stop.set()
+        raise
+    finally:
+        with tiles.lock:
+            tiles.closed = True
 
 
-def _keep(finished: set[Future[tuple[slice, Answer] | None]], state: RenderState) -> None:
-    for job in finished:
-        result = job.result()
-        if result is not None:
-            state.put(*result)
+class _Tiles:
+    """Rays in parts that threads solve, and what they keep of them.
+
+    Threads keep their answers themselves: Ctrl-C strikes the main thread only, and so never half-way.
+    """
+
+    def __init__(
+        self, module: Any, context: Any, rays: Rays, options: Options, state: RenderState, checkpoint: Checkpoint | None
+    ) -> None:
+        self.module, self.context, self.rays, self.options, self.state = module, context, rays, options, state
+        #: Rays of a tile may share work, and their last digits depend on all of it; where not, it may be cut.
+        self.whole = hasattr(module, "TILES")
+        self.stop, self.closed = threading.Event(), False
+        self.lock = threading.RLock() if checkpoint is None else checkpoint.lock
+        self.pace = 0.0  #: rays that a thread solves in a second
+
+    def waiting(self, workers: int) -> list[slice]:
+        """Tiles that are not finished, spread over the picture so that the first ones tell how long all take."""
+        n = len(self.rays.origins)
+        count = getattr(self.module, "TILES", TILES_PER_THREAD * workers)
+        size = min(max(n // count, 1), getattr(self.module, "TILE_RAYS", TILE_RAYS))
+        tiles = [slice(k, min(k + size, n)) for k in range(0, n, size)]
+        order = np.argsort(np.arange(len(tiles)) * GOLDEN % 1, kind="stable")
+        return [tiles[k] for k in order if not self.state.done[tiles[k]].all()]
+
+    def work(self, tile: slice) -> None:
+        """Solve what is not finished of a tile, and keep it part by part."""
+        first = tile.start if self.whole else tile.start + int(np.argmin(self.state.done[tile]))
+        while first < tile.stop and not self.stop.is_set():
+            rays = tile.stop - first if self.whole else max(int(self.pace * SLICE), FIRST_RAYS)
+            part = slice(first, min(first + rays, tile.stop))
+            began = time.monotonic()
+            answer = self.module.solve(self.context, self.rays.part(part), self.options)
+            with self.lock:
+                if self.closed:
+                    return
+                self.pace = (part.stop - part.start) / max(time.monotonic() - began, 1e-9)
+                self.state.put(part, answer)
+            first = part.stop
 
 
 def radiance(

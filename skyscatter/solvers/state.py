@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
+import threading
+import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +19,9 @@ from numpy.typing import NDArray
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.solvers.base import Answer, Array
+
+#: Seconds between two times at which a run is kept.
+EVERY = 180.0
 
 
 @dataclass
@@ -85,3 +92,66 @@ class RenderState:
                 raise DomainError("resume", str(path), f"was begun with other {name}; repeat the command as it was")
         state.recipe = recipe
         return state
+
+
+class Checkpoint:
+    """The file in which a run is kept while it goes on, so that little is lost however it ends.
+
+    Parameters
+    ----------
+    path : path-like
+    every : float
+        Seconds between two times at which it is written.
+
+    Attributes
+    ----------
+    state : RenderState or None
+        Of the run that it belongs to; None before that has begun.
+    written : bool
+        Whether the file is one of this run.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], every: float = EVERY) -> None:
+        if not every > 0:
+            raise DomainError("checkpoint_every", every, "a time above 0 [s]")
+        self.path, self.every = Path(path), float(every)
+        self.state: RenderState | None = None
+        self.written = False
+        #: Held by whoever changes the state, and while it is written.
+        self.lock = threading.RLock()
+        self._last = time.monotonic()
+        self._share = 0.0
+
+    def begin(self, state: RenderState) -> None:
+        """Belong to a run from now on."""
+        self.state, self._share, self._last = state, state.share, time.monotonic()
+
+    def due_in(self) -> float:
+        """Seconds until it is to be written."""
+        return max(self._last + self.every - time.monotonic(), 0.0)
+
+    def tick(self) -> None:
+        """Write it if it is time to; a disk that is full does not end the run."""
+        if self.due_in() == 0.0:
+            self.save()
+
+    def save(self) -> bool:
+        """Write what is finished; whether the file holds it.  Nothing is written where there is nothing new."""
+        with self.lock:
+            self._last = time.monotonic()
+            if self.state is None or self.state.share <= 0.0:
+                return False
+            if self.state.share <= self._share and self.path.is_file():
+                return True
+            try:
+                self.state.save(self.path)
+            except SkyscatterError as error:
+                logging.getLogger("skyscatter").warning("the finished part could not be kept: %s", error)
+                return False
+            self._share, self.written = self.state.share, True
+            return True
+
+    def remove(self) -> None:
+        """Take the file away: the run has come to its end."""
+        with suppress(FileNotFoundError):
+            self.path.unlink()

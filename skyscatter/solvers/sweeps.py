@@ -32,6 +32,7 @@ from skyscatter.solvers.kernels.lookup import ColumnTable
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
+from skyscatter.solvers.workers import Workers
 
 Array = NDArray[np.float64]
 
@@ -429,7 +430,7 @@ def sum_orders(
         If the series has not settled after `MOST_ORDERS` orders.
     """
     goal = ORDERS_SHARE * tolerance
-    with ThreadPoolExecutor(max_workers=sweeper.threads) as pool:
+    with Workers(max_workers=sweeper.threads) as pool:
         moments, flux = sweeper.first(pool)
         total, total_flux = moments.copy(), flux.copy()
         change_before, shrinks_before = 1.0, 1.0

@@ -39,22 +39,26 @@ def test_an_interrupted_run_goes_on_to_the_same_picture(interrupt_half_way, caps
     assert interrupt_half_way[0] < 1
     err = capsys.readouterr().err
     assert f"skyscatter {COMMAND} -o sky.fits -o sky.png --resume sky.fits.partial.npz" in err
-    part = SpectralImage.load("sky.fits").radiance
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "sky.fits.partial.npz", "sky.partial.fits", "sky.partial.png",
+    ]  # fmt: skip
+    part = SpectralImage.load("sky.partial.fits").radiance
     finished = np.isfinite(part).all(axis=-1)
     assert 0 < finished.sum() < finished.size
 
-    assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "sky.fits.partial.npz"]) == 0
+    capsys.readouterr()
+    other = COMMAND.replace("--seed 3", "--seed 4").split()
+    assert main([*other, "-o", "other.fits", "--resume", "sky.fits.partial.npz"]) == 2
+    assert capsys.readouterr().err.startswith("skyscatter: error: ")
+
+    assert main([*COMMAND.split(), "-o", "sky.fits", "-o", "sky.png", "--resume", "sky.fits.partial.npz"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sky.fits", "sky.png"]
     assert main([*COMMAND.split(), "-o", "whole.fits"]) == 0
     resumed, whole = SpectralImage.load("sky.fits"), SpectralImage.load("whole.fits")
     # same seed, same numbers: every bit
     np.testing.assert_array_equal(resumed.radiance, whole.radiance)
     np.testing.assert_array_equal(resumed.standard_error, whole.standard_error)
     np.testing.assert_array_equal(part[finished], whole.radiance[finished])
-
-    capsys.readouterr()
-    other = COMMAND.replace("--seed 3", "--seed 4").split()
-    assert main([*other, "-o", "other.fits", "--resume", "sky.fits.partial.npz"]) == 2
-    assert capsys.readouterr().err.startswith("skyscatter: error: ")
 
 
 def test_a_file_that_is_no_checkpoint_is_refused(capsys, monkeypatch, tmp_path):

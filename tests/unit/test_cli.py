@@ -19,7 +19,7 @@ from skyscatter.cli import common
 from skyscatter.cli import sky as sky_module
 from skyscatter.cli.main import main
 from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_tolerance, parse_wavelengths
-from skyscatter.errors import DomainError, ModelFileError
+from skyscatter.errors import DomainError, ModelFileError, SkyscatterError
 from skyscatter.geometry.sun import sun_position
 from skyscatter.image.colour import xyz_weights
 from skyscatter.optics.base import Coefficients
@@ -61,8 +61,7 @@ class PolarisedImage(Image):
 
 
 class State:
-    done = np.array([True, False])
-    share = 0.5
+    share = 0.0
 
     def save(self, path):
         Path(path).write_text("state")
@@ -76,7 +75,7 @@ class Interrupted(Exception):  # noqa: N818 - the name of what it stands for
 @pytest.fixture
 def fake(monkeypatch, tmp_path):
     """A model, a scene and a render function that record what they are asked for."""
-    calls = SimpleNamespace(scene=None, render=None, image=Image(), stop=False)
+    calls = SimpleNamespace(scene=None, render=None, image=Image(), stop=False, share=0.5)
 
     class Place(Record):
         altitude: float
@@ -113,7 +112,9 @@ def fake(monkeypatch, tmp_path):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
         options["progress"](1.0)
         if calls.stop:
-            raise Interrupted(calls.image, State())
+            options["checkpoint"].begin(State())
+            options["checkpoint"].state.share = calls.share
+            raise Interrupted(calls.image, options["checkpoint"].state)
         return calls.image
 
     monkeypatch.setattr(skyscatter, "load_model", load_model, raising=False)
@@ -402,10 +403,81 @@ def test_interruption_keeps_what_is_finished(fake, capsys, tmp_path):
     (tmp_path / "old.npz").write_text("state")
     assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.npz"]) == 130
     assert fake.render["resume"] == Path("old.npz")
-    assert (tmp_path / "my sky.png").exists()
-    assert (tmp_path / "my sky.png.partial.npz").read_text() == "state"
-    command = "skyscatter sky earth -o 'my sky.png' --resume 'my sky.png.partial.npz'"
-    assert command in capsys.readouterr().err
+    assert not (tmp_path / "my sky.png").exists()
+    assert (tmp_path / "my sky.partial.png").exists()
+    assert (tmp_path / "old.npz").read_text() == "state"
+    err = capsys.readouterr().err
+    assert "skyscatter sky earth -o 'my sky.png' --resume old.npz" in err
+    assert "interrupted with 50.0 %" in err
+    fake.stop = False
+    assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.npz"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"my sky.png"}
+
+
+def test_a_finished_picture_is_not_replaced_by_an_unfinished_one(fake, capsys, tmp_path):
+    fake.stop = True
+    (tmp_path / "sky.png").write_text("finished")
+    assert main(["sky", "-o", "sky.png"]) == 130
+    assert (tmp_path / "sky.png").read_text() == "finished"
+    assert (tmp_path / "sky.png.partial.npz").read_text() == "state"
+    assert "--resume sky.png.partial.npz" in capsys.readouterr().err
+    # Another run at the same place says what it will replace.
+    assert main(["sky", "-o", "sky.png"]) == 130
+    assert "sky.png.partial.npz of an interrupted run will be replaced" in capsys.readouterr().err
+
+
+def test_nothing_is_written_where_nothing_was_finished(fake, capsys, tmp_path):
+    fake.stop, fake.share = True, 0.0
+    assert main(["sky", "-o", "sky.png", "--json"]) == 130
+    assert list(tmp_path.iterdir()) == []
+    assert capsys.readouterr() == ("", "skyscatter: interrupted\n")
+
+
+def test_no_clobber_refuses_before_any_work(fake, capsys, tmp_path):
+    (tmp_path / "b.exr").write_text("old")
+    line = refused(capsys, ["sky", "-o", "a.png", "-o", "b.exr", "--no-clobber"])
+    assert "b.exr" in line
+    assert "--no-clobber" in line
+    assert fake.render is None
+    assert main(["sky", "-o", "a.png", "--no-clobber"]) == 0
+
+
+@pytest.mark.parametrize("words", [["--json", "out.json"], ["--json", "-"], ["--json=out.json"]])
+@pytest.mark.parametrize("command", [["sky"], ["dehaze", "in.tif"], ["invert", "earth"]])
+def test_json_is_a_flag_everywhere(capsys, command, words):
+    line = refused(capsys, [*command, *words])
+    assert "write --json > FILE" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--progress", "dots"], "choose one of auto, bar, log, none"),
+        (["--quiet", "--verbose"], "contradicts --quiet"),
+        (["--quiet", "--progress", "log"], "contradicts --quiet"),
+        (["--checkpoint", "5"], "give a time above 0 with its unit"),
+    ],
+)
+def test_what_is_said_and_kept_is_checked(fake, capsys, words, said):
+    assert said in refused(capsys, ["sky", "-o", "sky.png", *words])
+
+
+def test_a_picture_that_cannot_be_written_leaves_the_way_to_go_on(fake, capsys, monkeypatch, tmp_path):
+    def full(path, **options):
+        raise SkyscatterError("sky.png: cannot be written: the disk is full")
+
+    def render(scene, camera, wavelengths, **options):
+        options["checkpoint"].begin(State())
+        options["checkpoint"].state.share = 1.0
+        return fake.image
+
+    monkeypatch.setattr(skyscatter, "render", render)
+    monkeypatch.setattr(fake.image, "save", full)
+    assert main(["sky", "-o", "sky.png"]) == 2
+    err = capsys.readouterr().err
+    assert "the disk is full" in err
+    assert "--resume sky.png.partial.npz" in err
+    assert (tmp_path / "sky.png.partial.npz").exists()
 
 
 def test_interruption_without_outputs_keeps_a_checkpoint(fake, capsys, tmp_path):

@@ -65,7 +65,9 @@ def fake(monkeypatch, tmp_path):
         cube = 1e-9 * np.random.default_rng(2).random((camera.height, camera.width, len(wavelengths)))
         image = SpectralImage(cube, wavelengths, 0.02 * cube, recipe={"model": "orion"})
         if calls.stop:
-            raise Interrupted(image, State())
+            options["checkpoint"].begin(State())
+            options["checkpoint"].state.share = 0.5
+            raise Interrupted(image, options["checkpoint"].state)
         return image
 
     monkeypatch.setattr(skyscatter, "load_model", load_model, raising=False)
@@ -272,7 +274,8 @@ def test_interruption_keeps_what_is_finished(fake, capsys, tmp_path):
     error = capsys.readouterr().err
     assert "skyscatter nebula orion -o a.fits --resume a.fits.partial.npz" in error
     assert "interrupted with 50.0 %" in error
-    assert SpectralImage.load("a.fits").sky is not None
+    assert SpectralImage.load("a.partial.fits").sky is not None
+    assert not (tmp_path / "a.fits").exists()
 
 
 def test_angles_lengths_and_times():

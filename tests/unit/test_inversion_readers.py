@@ -153,7 +153,7 @@ def test_a_fit_on_the_command_line(csv: Path, tmp_path: Path, capsys: pytest.Cap
         "invert", "earth-hazy", "--data", str(csv), "--solver", "single", "--free", "haze.optical_depth=0:2",
         "--free", "haze.asymmetry", "--free", "calibration", "--prior", "calibration=1~0.02",
         "-o", str(out["fit.json"]), "--corner", str(out["corner.png"]), "--residual", str(out["residual.png"]),
-        "--save-model", str(out["fitted.toml"]), "--json", "-",
+        "--save-model", str(out["fitted.toml"]), "--json",
     ])  # fmt: skip
     captured = capsys.readouterr()
     assert status == 0, captured.err

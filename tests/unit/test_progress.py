@@ -1,15 +1,17 @@
-"""Progress: silent unless a terminal or forced; never goes back; says the time left."""
+"""Progress: a bar on a terminal, lines elsewhere; never goes back; says what is done and the time left."""
 
 from __future__ import annotations
 
 import io
 import subprocess
 import sys
+import time
 
 import pytest
 
 from skyscatter import progress
-from skyscatter.progress import Progress, format_seconds
+from skyscatter.errors import DomainError
+from skyscatter.progress import Progress, format_seconds, say
 
 
 class Terminal(io.StringIO):
@@ -30,56 +32,133 @@ def clock(monkeypatch):
     return fake
 
 
-def test_silent_where_there_is_no_terminal():
+@pytest.fixture
+def still(monkeypatch):
+    """No thread that looks by itself: the test does."""
+    monkeypatch.setattr(Progress, "_watch", lambda self: None)
+
+
+def test_what_is_soon_done_is_done_in_silence(still):
     stream = io.StringIO()
     with Progress(2, "sky", stream=stream) as bar:
-        bar.update()
-        bar.update()
+        for _ in range(2):
+            bar.update()
+            bar.look()
     assert stream.getvalue() == ""
     assert bar.done == 2
 
 
-def test_forced_lines_come_every_ten_seconds(clock):
+def lines(clock, seconds, mode="log"):
     stream = io.StringIO()
-    with Progress(100, "sky", enabled=True, stream=stream) as bar:
-        for second in range(1, 31):
+    with Progress(seconds, "sky", mode, stream) as bar:
+        for second in range(1, seconds + 1):
             clock.now = float(second)
             bar.to(second)
-        clock.now = 100.0
-        bar.to(100)
-    lines = stream.getvalue().splitlines()
-    assert lines[:3] == [
-        "sky: 10 %, 1 min 30 s left",
-        "sky: 20 %, 1 min 20 s left",
-        "sky: 30 %, 1 min 10 s left",
+            bar.look()
+    return stream.getvalue().splitlines()
+
+
+def test_lines_come_every_ten_seconds(clock, still):
+    assert lines(clock, 55) == [
+        *(f"sky: {100 * k / 55:.0f} %, {55 - k} s left" for k in range(10, 51, 10)),
+        "sky: done in 55 s",
     ]
-    assert lines[-1] == "sky: done in 1 min 40 s"
 
 
-def test_an_error_is_not_reported_as_done(clock):
+def test_long_work_is_told_at_once_and_then_less_and_less_often(clock, still):
+    found = lines(clock, 7200)
+    assert found[0] == "sky: 0 %, 1 h 59 min left"
+    assert found[-1] == "sky: done in 2 h 00 min"
+    assert 100 < len(found) < 200
+
+
+def test_nothing_is_shown_where_nothing_is_wanted(clock, still):
+    assert lines(clock, 100, "none") == []
+
+
+def test_unknown_ways_to_show_it_are_refused():
+    with pytest.raises(DomainError, match="choose one of auto, bar, log, none"):
+        Progress(1, "sky", "dots")
+
+
+def test_words_begin_a_share_and_a_time_of_their_own(clock, still):
+    stream = io.StringIO()
+    with Progress(1, "sky", "log", stream) as bar:
+        say("solving")
+        clock.now = 30.0
+        bar.to(0.5)
+        bar.look()
+        say("looking")
+        assert bar.done == 0
+        clock.now = 40.0
+        bar.to(0.25)
+        bar.look()
+    say("nobody hears")
+    assert stream.getvalue().splitlines()[:2] == ["sky: solving: 50 %, 30 s left", "sky: looking: 25 %, 30 s left"]
+
+
+def test_it_says_that_it_compiles(clock, still):
+    numba = pytest.importorskip("numba")
+    stream = io.StringIO()
+
+    def seen(x):
+        return x + 1
+
+    with Progress(1, "sky", "log", stream) as bar:
+        bar._compiling.listen()
+        notify, depths = type(bar._compiling).notify, []
+
+        def noted(event):
+            notify(bar._compiling, event)
+            depths.append(bar._compiling.depth)
+            clock.now += 20.0
+            bar.look()
+
+        bar._compiling.notify = noted
+        assert numba.njit(seen)(1) == 2
+    assert depths[0] == 1
+    assert depths[-1] == 0
+    assert "sky: compiling" in stream.getvalue()
+
+
+def test_lines_come_without_anyone_asking(monkeypatch):
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 0.05)
+    monkeypatch.setattr(progress, "TICK", 0.01)
+    stream = io.StringIO()
+    with Progress(1, "sky", "log", stream):
+        deadline = time.monotonic() + 10
+        while stream.getvalue().count("\n") < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert stream.getvalue().startswith("sky: 0 %\nsky: 0 %\n")
+
+
+def test_an_error_is_not_reported_as_done(clock, still):
     stream = io.StringIO()
 
     def fail():
-        with Progress(1, "sky", enabled=True, stream=stream) as bar:
+        with Progress(1, "sky", "log", stream=stream) as bar:
+            clock.now = 100.0
+            bar.look()
             bar.update()
             raise KeyError
 
     with pytest.raises(KeyError):
         fail()
-    assert stream.getvalue() == ""
+    assert stream.getvalue() == "sky: 0 %\n"
 
 
 def test_a_terminal_shows_a_bar_with_percent():
     stream = Terminal()
     with Progress(4, "sky", stream=stream) as bar:
         bar.to(4)
+        bar.look()
     assert "sky" in stream.getvalue()
     assert "100%" in stream.getvalue()
 
 
 def test_a_terminal_can_be_kept_quiet():
     stream = Terminal()
-    with Progress(4, "sky", enabled=False, stream=stream) as bar:
+    with Progress(4, "sky", "none", stream=stream) as bar:
         bar.update(4)
     assert stream.getvalue() == ""
 
@@ -117,7 +196,7 @@ def test_seconds_as_words(seconds, text):
 def test_rich_is_loaded_only_for_a_bar():
     code = (
         "import sys; from skyscatter.progress import Progress\n"
-        "with Progress(1, 'x') as p: p.update()\n"
+        "with Progress(1, 'x', 'log') as p: p.update()\n"
         "raise SystemExit('rich' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -11,7 +11,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.atomic import atomic_path
+from skyscatter.atomic import atomic_path, remove_beginnings
 from skyscatter.errors import DomainError, SkyscatterError
 
 
@@ -117,9 +117,7 @@ class PendingFile:
             self._open = False
             with suppress(_AbandonedError):
                 self._manager.__exit__(_AbandonedError, _AbandonedError(), None)
-        for left in self.path.parent.glob(f"{self.path.stem}*"):
-            with suppress(OSError):
-                left.unlink()
+        remove_beginnings(self.path)
 
     def explained(self, error: OSError) -> Exception:
         """Give the file up for an error of the operating system; the same error as one line with the remedy."""

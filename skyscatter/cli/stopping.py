@@ -1,0 +1,128 @@
+"""Ctrl-C and SIGTERM: answered within seconds whatever is running, with what is finished kept.
+
+The first of them raises `KeyboardInterrupt` in the main thread; later ones change nothing, so that they cannot cut off
+what is being kept.  Where the main thread is in compiled code, or something has swallowed the exception, a second
+thread keeps the finished part after `PATIENCE` seconds and ends the process.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any
+
+#: Seconds that the main thread has to come to an end by itself.
+PATIENCE = 3.5
+#: What is asked to end, and the usual exit status of a program that a signal has ended.
+SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143}
+
+
+class _Stop:
+    """What a signal has asked of the command that runs."""
+
+    def __init__(self) -> None:
+        self.status: int | None = None
+        self.keep: Callable[[], None] | None = None
+        #: Held while something is kept or written.
+        self.lock = threading.RLock()
+        self.ended = threading.Event()
+
+
+_now = _Stop()
+
+
+def status() -> int:
+    """The exit status of an interrupted command."""
+    return _now.status or SIGNALS[signal.SIGINT]
+
+
+def asked() -> bool:
+    """Whether a signal has asked the command to end."""
+    return _now.status is not None
+
+
+@contextmanager
+def keeping(keep: Callable[[], None]) -> Iterator[None]:
+    """`keep` is called if the process has to end while the body hangs."""
+    before, _now.keep = _now.keep, keep
+    try:
+        yield
+    finally:
+        _now.keep = before
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """The body is not given up for hanging: it keeps something."""
+    with _now.lock:
+        yield
+
+
+@contextmanager
+def answered() -> Iterator[None]:
+    """Answer signals while the body runs; what they did before comes back after it."""
+    global _now
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _now = stop = _Stop()
+    heard, told = socket.socketpair()
+    told.setblocking(False)
+    before: dict[Any, Any] = {}
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            before[number] = signal.signal(number, lambda got, frame: _raise(stop, got, frame))
+    woken = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(stop, heard), name="stopping", daemon=True).start()
+    try:
+        yield
+    finally:
+        stop.ended.set()
+        signal.set_wakeup_fd(woken)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        told.close()
+
+
+def _raise(stop: _Stop, number: int, frame: FrameType | None) -> None:
+    if stop.status is None:
+        stop.status = SIGNALS[signal.Signals(number)]
+        raise KeyboardInterrupt
+
+
+def _watch(stop: _Stop, heard: socket.socket) -> None:
+    """Wait for a signal, and for the end that should follow it; bring it about where it does not."""
+    with heard:
+        while (said := heard.recv(1)) and said[0] not in SIGNALS:
+            pass
+    if not said:
+        return
+    # The handler runs in the main thread only, and that may be in compiled code.
+    got = SIGNALS[signal.Signals(said[0])]
+    while not stop.ended.wait(PATIENCE):
+        if not stop.lock.acquire(blocking=False):
+            continue  # it is keeping something
+        stop.status = stop.status or got
+        end_now(stop.keep)
+
+
+def end_now(keep: Callable[[], None] | None = None) -> None:
+    """End the process without waiting for any thread; what is half written goes."""
+    from skyscatter.atomic import discard_unfinished
+
+    with suppress(Exception):
+        if keep is not None:
+            keep()
+    discard_unfinished()
+    if sys.stderr.isatty():
+        sys.stderr.write("\x1b[?25h")  # the cursor, which a bar hides
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(Exception):
+            stream.flush()
+    os._exit(status())
