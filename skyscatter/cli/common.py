@@ -57,9 +57,17 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="FILE",
-        help="File to write, by extension: .png, .exr, .fits, .nc; may be repeated; existing files are replaced.",
+        help="File to write, by extension: .png, .exr, .hdr, .fits, .nc; may be repeated; existing files are replaced.",
     ),
 ]
+Scale = Annotated[
+    str | None,
+    typer.Option(metavar="X", help="For the RGB of .exr and .hdr: value of a white of 1 cd m-2, else 1."),
+]
+Half = Annotated[bool, typer.Option("--half", help="For .exr: RGB as half floats.")]
+NoSpectra = Annotated[bool, typer.Option("--no-spectra", help="For .exr: RGB alone.")]
+Float32 = Annotated[bool, typer.Option("--float32", help="For .fits and .nc: numbers of 7 digits, half the size.")]
+Compress = Annotated[bool, typer.Option("--compress", help="For .fits: tiles compressed without loss.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as one JSON object on stdout.")]
 Resume = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Go on from the .partial.npz that an interrupted run left.")
@@ -93,6 +101,8 @@ class RunRequest:
     threads: int | None
     bits: int
     outputs: list[Path]
+    #: Options of the files by their extension, but for those of pictures.
+    file_options: dict[str, dict[str, Any]]
     json: bool
     quiet: bool
     progress: str
@@ -187,6 +197,30 @@ def check_png_options(outputs: list[Path], options: dict[str, Any]) -> None:
     for name, value in options.items():
         if value is not None:
             raise DomainError(name, value, "is for PNG files; name one with -o, or leave this out")
+
+
+def file_options(
+    outputs: list[Path], *, scale: str | None, half: bool, no_spectra: bool, float32: bool, compress: bool
+) -> dict[str, dict[str, Any]]:
+    """Options of files by their extension, from what was typed; those that no file has a use for are refused."""
+    factor = parse.parse_positive(scale, "scale")
+    given = (
+        ("scale", "scale", factor, (".exr", ".hdr")),
+        ("half", "half", half or None, (".exr",)),
+        ("no_spectra", "spectral", False if no_spectra else None, (".exr",)),
+        ("float32", "dtype", "float32" if float32 else None, (".fits", ".nc")),
+        ("compress", "compress", compress or None, (".fits",)),
+    )
+    found: dict[str, dict[str, Any]] = {}
+    for option, name, value, suffixes in given:
+        if value is None:
+            continue
+        if not has_suffix(outputs, *suffixes):
+            remedy = f"is for {' and '.join(suffixes)} files; name one with -o, or leave this out"
+            raise DomainError(option, True if factor is None or option != "scale" else factor, remedy)
+        for suffix in suffixes:
+            found.setdefault(suffix, {})[name] = value
+    return found
 
 
 def check_development(space: str, tone: str, bits: int) -> None:

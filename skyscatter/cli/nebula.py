@@ -106,6 +106,11 @@ def nebula(
     throughput: Annotated[
         str | None, typer.Option(metavar="SHARE", help="Share of the photons that are counted, else all: 30%.")
     ] = None,
+    scale: common.Scale = None,
+    half: common.Half = False,
+    no_spectra: common.NoSpectra = False,
+    float32: common.Float32 = False,
+    compress: common.Compress = False,
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
@@ -138,6 +143,9 @@ def nebula(
         png=options.png_options(png, space),
         observation=options.observation(psf, aperture, exposure_time, throughput, seed),
         outputs=outputs,
+        file_options=common.file_options(
+            outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
+        ),
         **common.run_options(
             wavelengths=DEFAULT_WAVELENGTHS if wavelengths is None else wavelengths,
             samples=samples,
@@ -224,11 +232,10 @@ def _write(request: Request, image: Any, outputs: list[Path]) -> float | None:
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = image.auto_exposure() if stated == "auto" else float(stated)
     for path in outputs:
-        taken: dict[str, Any] = {}
-        if path.suffix.lower() == ".png":
-            taken = {**png, "bits": request.bits}
-        elif path.suffix.lower() == ".fits" and request.filters is not None:
-            taken = {"filters": request.filters}
+        suffix = path.suffix.lower()
+        taken = {**png, "bits": request.bits} if suffix == ".png" else dict(request.file_options.get(suffix, {}))
+        if suffix == ".fits" and request.filters is not None:
+            taken["filters"] = request.filters
         image.save(path, **taken)
     return exposure
 

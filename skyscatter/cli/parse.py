@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from skyscatter.errors import DomainError, MissingDataError, UnitsError
 from skyscatter.units import metres, nanometres
 
-#: Formats by extension: picture, spectral layers, FITS cube, netCDF.
-OUTPUT_SUFFIXES = (".png", ".exr", ".fits", ".nc")
+#: Formats by extension: picture, spectral layers, RGB for lighting, FITS cube, netCDF.
+OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc")
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 MAX_WAVELENGTHS = 10_000
 

@@ -85,6 +85,11 @@ def render(
     tone: Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear.")] = None,
     space: common.Space = None,
     bits: common.Bits = None,
+    scale: common.Scale = None,
+    half: common.Half = False,
+    no_spectra: common.NoSpectra = False,
+    float32: common.Float32 = False,
+    compress: common.Compress = False,
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
@@ -119,6 +124,9 @@ def render(
             "space": "srgb" if space is None else space,
         },
         outputs=outputs,
+        file_options=common.file_options(
+            outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
+        ),
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
             threads=threads, bits=bits, as_json=as_json, quiet=quiet, verbose=verbose, progress=progress,
@@ -187,7 +195,8 @@ def run(request: Request, arguments: list[str]) -> int:
         exposure = image.auto_exposure() if request.png["exposure"] == "auto" else float(request.png["exposure"])
         png = {**request.png, "exposure": exposure, "bits": request.bits}
         for path in outputs:
-            image.save(path, **(png if path.suffix.lower() == ".png" else {}))
+            suffix = path.suffix.lower()
+            image.save(path, **(png if suffix == ".png" else request.file_options.get(suffix, {})))
     summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -36,6 +37,7 @@ class Request(common.RunRequest):
     sun_azimuth: float
     altitude: float
     view: str
+    sun_disk: bool
     exposure: float | str
     tone: str
     space: str
@@ -69,9 +71,18 @@ def sky(
         typer.Option(
             metavar="VIEW",
             help="panorama, panorama-upper, fisheye, fisheye-equisolid, perspective:AZIMUTH,ELEVATION,FOV or planet. "
-            "Panoramas are centred on the Sun.",
+            "Panoramas are centred on the Sun, or on an azimuth: panorama:90.",
         ),
     ] = "panorama",
+    north: Annotated[bool, typer.Option("--north", help="A panorama centred on north, wherever the Sun is.")] = False,
+    no_sun: Annotated[
+        bool,
+        typer.Option(
+            "--no-sun",
+            help="Leave out the Sun's disk; its direction and irradiance go into the files and, beside .exr and .hdr, "
+            "into FILE.sun.json.",
+        ),
+    ] = False,
     size: Annotated[
         str | None, typer.Option(metavar="WxH", help="Picture size [pixel]; by default one that suits the view.")
     ] = None,
@@ -109,6 +120,11 @@ def sky(
             "wavelengths weighted by luminous efficiency, or one [nm]: degree:550.",
         ),
     ] = None,
+    scale: common.Scale = None,
+    half: common.Half = False,
+    no_spectra: common.NoSpectra = False,
+    float32: common.Float32 = False,
+    compress: common.Compress = False,
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
@@ -136,7 +152,8 @@ def sky(
         sun_elevation=elevation,
         sun_azimuth=azimuth,
         altitude=metres(altitude, "altitude"),
-        view=view,
+        view=_view(view, north),
+        sun_disk=not no_sun,
         size=parse.parse_size(size, view),
         solver=solver,
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
@@ -146,6 +163,9 @@ def sky(
         show=shown,
         shown_wavelength=shown_wavelength,
         outputs=outputs,
+        file_options=common.file_options(
+            outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
+        ),
         **common.run_options(
             wavelengths=wavelengths,
             samples=samples,
@@ -178,6 +198,14 @@ def _sun_choice(place: str | None, time: str | None, elevation: str | None, azim
         parse.parse_degrees(elevation, "sun_elevation", 90.0, DEFAULT_SUN_ELEVATION),
         parse.parse_degrees(azimuth, "sun_azimuth", 360.0, DEFAULT_SUN_AZIMUTH),
     )
+
+
+def _view(view: str, north: bool) -> str:
+    if not north:
+        return view
+    if view not in ("panorama", "panorama-upper"):
+        raise DomainError("north", view, "is for --view panorama and panorama-upper; fisheyes have north on top anyway")
+    return f"{view}:0"
 
 
 def _check_development(show: str, options: dict[str, Any]) -> None:
@@ -220,15 +248,27 @@ def run(request: Request, arguments: list[str]) -> int:
     model, scene = build_scene(request)
     camera = camera_from_view(request.view, *request.size, sun_azimuth_deg=scene.sun.azimuth_deg)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
-    polarised = {"stokes": True} if request.stokes else {}
-    rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **polarised)
+    more = {"stokes": True} if request.stokes else {}
+    more |= {} if request.sun_disk else {"sun_disk": False}
+    rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **more)
     with rendered.writing() as outputs:
         image = rendered.image
         exposure = image.auto_exposure() if request.exposure == "auto" else float(request.exposure)
         for path in outputs:
-            image.save(path, **(_png_options(request, exposure) if path.suffix.lower() == ".png" else {}))
+            _save(request, image, path, exposure)
     summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
+
+
+def _save(request: Request, image: Any, path: Path, exposure: float) -> None:
+    """Write one file, and beside a dome without its Sun the lamp."""
+    suffix = path.suffix.lower()
+    options = request.file_options.get(suffix, {})
+    image.save(path, **(_png_options(request, exposure) if suffix == ".png" else options))
+    if suffix in (".exr", ".hdr") and not request.sun_disk:
+        from skyscatter.image.dome import write_lamp
+
+        write_lamp(image, path, options.get("scale", 1.0))
 
 
 def _png_options(request: Request, exposure: float) -> dict[str, Any]:

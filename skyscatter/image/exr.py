@@ -1,8 +1,9 @@
 """OpenEXR files: a picture for every viewer, and the spectra in the published layout for spectral images.
 
-Channels (all float32, ZIP):
+Channels (float32, ZIP; on request R, G, B and A as half floats):
 
-- ``R G B``: scene-linear, sRGB primaries; 1 is a white of 1 cd m-2, as the standard attribute ``whiteLuminance`` says.
+- ``R G B``: scene-linear, sRGB primaries; 1 is a white of 1 cd m-2, or of what the standard attribute
+  ``whiteLuminance`` says where another scale was asked for.
   Where the image has pixels outside the camera's field, these are black there and a channel ``A`` is 0 (else 1).
 - ``S0.550,000000nm``: radiance at 550 nm, in the layout of Fichet, Pacanowski and Wilkie (2021, J. Comput. Graph. Tech.
   10(3)).  Attributes ``spectralLayoutVersion`` and ``emissiveUnits``; the authors' library knows one string only for
@@ -79,16 +80,26 @@ def _groups(image: SpectralImage) -> dict[str, NDArray[Any]]:
     return groups
 
 
-def _float32(values: NDArray[Any]) -> NDArray[np.float32]:
+def _float32(values: NDArray[Any]) -> NDArray[Any]:
+    return _cast(values, np.float32, "is too large for the float32 of EXR files")
+
+
+def _cast(values: NDArray[Any], dtype: type, remedy: str) -> NDArray[Any]:
     with np.errstate(over="ignore"):
-        cast = np.ascontiguousarray(values, dtype=np.float32)
+        cast: NDArray[Any] = np.ascontiguousarray(values, dtype=dtype)
     if np.isinf(cast).any():
-        raise DomainError("radiance", float(np.nanmax(np.abs(values))), "is too large for the float32 of EXR files")
+        raise DomainError("radiance", float(np.nanmax(np.abs(values))), remedy)
     return cast
 
 
-def _spectral_channels(image: SpectralImage) -> dict[str, NDArray[np.float32]]:
-    channels: dict[str, NDArray[np.float32]] = {}
+def check_scale(scale: float) -> None:
+    """Refuse factors from cd m-2 to RGB that make no picture."""
+    if not 0.0 < scale < np.inf:
+        raise DomainError("scale", scale, "RGB of a white of 1 cd m-2: give a number above 0, such as 0.001")
+
+
+def _spectral_channels(image: SpectralImage) -> dict[str, NDArray[Any]]:
+    channels: dict[str, NDArray[Any]] = {}
     for group, cube in _groups(image).items():
         planes = _float32(np.moveaxis(cube, -1, 0))
         for wavelength, plane in zip(image.wavelengths, planes, strict=True):
@@ -99,19 +110,21 @@ def _spectral_channels(image: SpectralImage) -> dict[str, NDArray[np.float32]]:
     return channels
 
 
-def _colour_channels(image: SpectralImage) -> dict[str, NDArray[np.float32]]:
-    rgb = _float32(image.rgb("srgb"))
+def _colour_channels(image: SpectralImage, scale: float, half: bool) -> dict[str, NDArray[Any]]:
+    remedy = "is too large for half floats (65504 at most): give a smaller scale, or leave out the Sun"
+    rgb = image.rgb("srgb") * scale
+    rgb = _cast(rgb, np.float16, remedy) if half else _float32(rgb)
     outside = np.isnan(rgb).any(axis=-1)
     rgb[outside] = 0.0
-    channels: dict[str, NDArray[np.float32]] = {}
+    channels: dict[str, NDArray[Any]] = {}
     for c, name in enumerate("RGB"):
         channels[name] = np.ascontiguousarray(rgb[..., c])
     if outside.any():
-        channels["A"] = np.asarray(~outside, dtype=np.float32)
+        channels["A"] = np.asarray(~outside, dtype=rgb.dtype)
     return channels
 
 
-def _header(image: SpectralImage, spectral: bool) -> dict[str, Any]:
+def _header(image: SpectralImage, spectral: bool, scale: float) -> dict[str, Any]:
     import OpenEXR
 
     srgb = SPACES["srgb"]
@@ -119,7 +132,7 @@ def _header(image: SpectralImage, spectral: bool) -> dict[str, Any]:
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "chromaticities": (*srgb.red, *srgb.green, *srgb.blue, *srgb.white),
-        "whiteLuminance": 1.0,
+        "whiteLuminance": 1.0 / scale,
         "software": "skyscatter",
         "skyscatterRecipe": json.dumps(image.recipe),
     }
@@ -136,16 +149,29 @@ def _header(image: SpectralImage, spectral: bool) -> dict[str, Any]:
     return header
 
 
-def write(image: SpectralImage, path: Path, spectral: bool = True) -> None:
-    """Write an OpenEXR file; without `spectral` only R, G, B (and A)."""
+def write(image: SpectralImage, path: Path, spectral: bool = True, scale: float = 1.0, half: bool = False) -> None:
+    """Write an OpenEXR file.
+
+    Parameters
+    ----------
+    image : SpectralImage
+    path : Path
+    spectral : bool
+        False writes only R, G, B (and A).
+    scale : float
+        RGB of a white of 1 cd m-2.
+    half : bool
+        R, G, B and A as half floats; spectra stay float32.
+    """
     import OpenEXR
 
-    channels = _colour_channels(image)
+    check_scale(scale)
+    channels = _colour_channels(image, scale, half)
     if spectral:
         channels.update(_spectral_channels(image))
     with atomic_path(path) as temporary:
         try:
-            with OpenEXR.File(_header(image, spectral), channels) as file:
+            with OpenEXR.File(_header(image, spectral, scale), channels) as file:
                 file.write(str(temporary))
         except RuntimeError as error:  # the library's word for whatever the system refused
             raise OSError(str(error)) from error

@@ -35,12 +35,13 @@ UNITS = "W m-2 sr-1 nm-1"
 _PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
 #: Extension -> module and the options that its writer takes.
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
-    ".exr": ("exr", ("spectral",)),
+    ".exr": ("exr", ("spectral", "scale", "half")),
+    ".hdr": ("hdr", ("scale",)),
     ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
     ".fits": ("fits", ("filters", "dtype", "compress")),
     ".nc": ("netcdf", ("dtype",)),
 }
-_READERS = tuple(ext for ext in _WRITERS if ext != ".png")
+_READERS = tuple(ext for ext in _WRITERS if ext not in (".png", ".hdr"))
 _LAYER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
@@ -291,12 +292,13 @@ class SpectralImage:
         Parameters
         ----------
         path : path-like
-            ``.exr`` (RGB and spectral layers; option ``spectral=False`` for RGB alone), ``.png`` (options ``space``,
-            ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (options ``filters``: a plane for each
-            instead of the spectra, see `through`; ``dtype="float32"``; ``compress=True``: tiles without loss) or
-            ``.nc`` (netCDF-4; option ``dtype``).  A ``.png`` may also show three filters as red,
-            green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
-            ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
+            ``.exr`` (RGB and spectral layers; options ``spectral=False`` for RGB alone, ``scale``: RGB of a white of
+            1 cd m-2, ``half=True``: RGB as half floats), ``.hdr`` (RGB for lighting; option ``scale``), ``.png``
+            (options ``space``, ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (options
+            ``filters``: a plane for each instead of the spectra, see `through`; ``dtype="float32"``;
+            ``compress=True``: tiles without loss) or ``.nc`` (netCDF-4; option ``dtype``).  A ``.png`` may also show
+            three filters as red, green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear",
+            ``stretch``, ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
             polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)
             or ``show="angle"`` (0 to 180 degrees on the cyclic map twilight), of all wavelengths weighted by luminous
             efficiency or of one ``wavelength`` [nm]; transparent where undefined.

@@ -45,6 +45,7 @@ def render(
     orders: int = 0,
     stokes: bool = False,
     subpixels: int = 1,
+    sun_disk: bool = True,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
@@ -72,6 +73,10 @@ def render(
         pixels around a star as the radiance is.
     subpixels : int
         Send a square of so many by so many rays through each pixel, which share its samples (scenes of surfaces only).
+    sun_disk : bool
+        False leaves out what comes straight from the Sun's disk (skies of planets only), for domes that other programs
+        light together with a lamp of their own: the recipe then has that lamp as ``sun_lamp``, its ``direction`` (east,
+        north, up) and its ``irradiance`` on a plane that faces it [W m-2 nm-1].
     progress : callable, optional
         Called with the finished share, 0 to 1.
     resume : path, optional
@@ -100,6 +105,10 @@ def render(
     grid = camera.directions(scene.observer)
     wrap = _wrapper(scene, camera, grid, subpixels)
     recipe = _recipe(scene, camera, wl, solver, options, subpixels)
+    if not sun_disk:
+        if not isinstance(scene, Scene):
+            raise DomainError("sun_disk", sun_disk, "is for skies of planets; leave it out")
+        recipe["sun_disk"] = False
     if isinstance(camera, Telescope) and is_space(scene):
         from skyscatter.solvers.starlight import beside_stars
 
@@ -174,11 +183,12 @@ def _picture(
     layers = {name: spread(values) for name, values in state.layers.items()}
     if is_space(scene):
         return _space_picture(scene, camera, grid, cube, layers, spread(state.standard_error), wl, state)
-    correction = _sun_correction(scene, camera, grid, wl) if isinstance(scene, Scene) else None
-    if correction is not None:
-        for values in (cube, *(layers[name] for name in ("direct",) if name in layers)):
+    recipe = state.recipe
+    if isinstance(scene, Scene):
+        correction, recipe = _sun_correction(scene, camera, grid, wl, recipe)
+        for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
             values.reshape(-1, wl.size)[correction[0]] += correction[1]
-    return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers)
+    return SpectralImage(cube, wl, spread(state.standard_error), recipe=recipe, layers=layers)
 
 
 def _space_picture(
@@ -213,9 +223,18 @@ def _space_picture(
     return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=sky)
 
 
-def _sun_correction(scene: Scene, camera: Any, grid: Array, wl: Array) -> tuple[NDArray[np.intp], Array] | None:
-    """Pixels with the Sun, and what averaging its disk over them adds to the radiance along their middle."""
-    from skyscatter.solvers.compile import compile_scene
-    from skyscatter.solvers.sundisk import disk_correction
+def _sun_correction(
+    scene: Scene, camera: Any, grid: Array, wl: Array, recipe: dict[str, Any]
+) -> tuple[Any, dict[str, Any]]:
+    """Pixels with the Sun, and what averaging its disk over them, or leaving it out, adds to the radiance there.
 
-    return disk_correction(scene, compile_scene(scene, wl), camera, grid)
+    Without the disk the recipe gains the lamp in its place.
+    """
+    from skyscatter.solvers import sundisk
+    from skyscatter.solvers.compile import compile_scene
+
+    table = compile_scene(scene, wl)
+    if recipe.get("sun_disk", True):
+        return sundisk.disk_correction(scene, table, camera, grid), recipe
+    seen = sundisk.disk_along(scene, table, grid, wl)
+    return seen and (seen[0], -seen[1]), {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table)}

@@ -33,6 +33,9 @@ MOST_CELLS = 100_000
 #: Side of a cell on an edge [pixel] at most, so that edges look smooth.
 EDGE_SIDE = 0.25
 
+#: Rings and azimuths over which the disk is summed to a lamp.
+LAMP_RINGS, LAMP_TURNS = 64, 256
+
 #: Gauss-Legendre rule of 2 points on [0, 1], over the height of a cell on an edge.
 GAUSS = tuple(0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(2), (1.0, 0.0), strict=True))
 
@@ -95,6 +98,63 @@ def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple
     light = np.add.reduceat(_light(sight, _chosen(cells, order), table, position), first, axis=0)
     light /= camera.pixel_solid_angle(scene.observer).ravel()[touched, None]
     return touched, light - disk_light(table, position, grid.reshape(-1, 3)[touched])
+
+
+def disk_along(scene: Scene, table: Any, grid: Array, wavelengths: Array) -> tuple[NDArray[np.intp], Array] | None:
+    """Pixels whose middles may see the Sun's disk, and its radiance there, without the light of the background.
+
+    Asked of the kernel that all solvers take direct light from, so that next to nothing is left where it is taken away.
+    """
+    from skyscatter.columns import transmittance
+    from skyscatter.solvers.run import radiance
+
+    directions, position = grid.reshape(-1, 3), np.asarray(scene.observer.position)
+    with np.errstate(invalid="ignore"):
+        beside = np.linalg.norm(directions - table.optics.disk_axis, axis=1) <= 2 * math.sin(table.optics.disk_radius)
+    pixels = np.flatnonzero(beside)
+    if not pixels.size:
+        return None
+    seen = directions[pixels]
+    light = radiance(scene, position, seen, wavelengths, "single", parts=True).layers["direct"]
+    if table.optics.background.any():
+        away = 2 * float(np.linalg.norm(position)) + 2 * scene.medium.top
+        light = light - table.optics.background * transmittance(scene, position, position + away * seen, wavelengths)
+    return pixels, light
+
+
+def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
+    """The Sun as a lamp beside a picture without its disk, for recipes and other programs.
+
+    Parameters
+    ----------
+    scene : Scene
+    table : SceneTable
+        Of that scene.
+
+    Returns
+    -------
+    dict
+        ``azimuth_deg``, ``elevation_deg``, ``direction`` (east, north, up), ``angular_diameter_deg`` and
+        ``irradiance``, on a plane that faces the Sun, after the air [W m-2 nm-1], one number for each wavelength.
+    """
+    from skyscatter.geometry.vectors import camera_frame
+
+    sun, radius = scene.sun, float(table.optics.disk_radius)
+    # Rings of equal solid angle, so many that a horizon across the disk is met to a thousandth of its light.
+    square, turn = (np.arange(LAMP_RINGS) + 0.5) / LAMP_RINGS, 2 * np.pi * (np.arange(LAMP_TURNS) + 0.5) / LAMP_TURNS
+    angle = 2 * np.arcsin(np.sqrt(square) * math.sin(radius / 2))[:, None]
+    forward, right, up = camera_frame(sun.azimuth_deg, sun.elevation_deg)
+    across = np.cos(turn)[:, None] * right + np.sin(turn)[:, None] * up
+    points = np.cos(angle)[..., None] * forward + np.sin(angle)[..., None] * across
+    light = disk_light(table, np.asarray(scene.observer.position), points.reshape(-1, 3))
+    weight = 4 * np.pi * math.sin(radius / 2) ** 2 / light.shape[0] * np.repeat(np.cos(angle).ravel(), LAMP_TURNS)
+    return {
+        "azimuth_deg": float(sun.azimuth_deg % 360.0),
+        "elevation_deg": float(sun.elevation_deg),
+        "direction": [float(x) for x in sun.direction],
+        "angular_diameter_deg": math.degrees(2 * radius),
+        "irradiance": [float(x) for x in weight @ light],
+    }
 
 
 def cut_cells(sight: Sight) -> Cells:

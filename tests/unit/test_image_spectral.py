@@ -105,11 +105,11 @@ def test_given_exposure_equals_the_automatic_one() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("sky.tiff", {}, r"\.exr, \.png, \.fits, \.nc"),
-        ("sky", {}, r"\.exr, \.png, \.fits, \.nc"),
+        ("sky.tiff", {}, r"\.exr, \.hdr, \.png, \.fits, \.nc"),
+        ("sky", {}, r"\.exr, \.hdr, \.png, \.fits, \.nc"),
         ("sky.png", {"quality": 3}, "space, exposure, tone, bits"),
         ("sky.fits", {"bits": 8}, "files take filters"),
-        ("sky.nc", {"bits": 8}, "no options"),
+        ("sky.nc", {"bits": 8}, "files take dtype"),
         ("sky.png", {"bits": 12}, "8 or 16"),
         ("sky.png", {"space": "acescg"}, "srgb, display-p3, rec2020"),
         ("sky.png", {"space": "cmyk"}, "srgb, display-p3, rec2020, acescg"),
