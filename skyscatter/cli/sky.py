@@ -141,6 +141,7 @@ def sky(
     """
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth)
     outputs = parse.check_outputs(output or [], no_clobber)
+    parse.check_new(lamp_files(outputs) if no_clobber and no_sun else ())
     shown, shown_wavelength = parse.parse_show(show)
     development = {"exposure": exposure, "tone": tone, "space": space}
     common.check_png_options(outputs, {**development, "bits": bits, "show": show})
@@ -265,10 +266,15 @@ def _save(request: Request, image: Any, path: Path, exposure: float) -> None:
     suffix = path.suffix.lower()
     options = request.file_options.get(suffix, {})
     image.save(path, **(_png_options(request, exposure) if suffix == ".png" else options))
-    if suffix in (".exr", ".hdr") and not request.sun_disk:
+    for beside in () if request.sun_disk else lamp_files([path]):
         from skyscatter.image.dome import write_lamp
 
-        write_lamp(image, path, options.get("scale", 1.0))
+        write_lamp(image, beside, options.get("scale", 1.0))
+
+
+def lamp_files(outputs: list[Path]) -> list[Path]:
+    """Files with the Sun as a lamp, beside the domes among the outputs that leave it out."""
+    return [path.with_suffix(".sun.json") for path in outputs if path.suffix.lower() in (".exr", ".hdr")]
 
 
 def _png_options(request: Request, exposure: float) -> dict[str, Any]:

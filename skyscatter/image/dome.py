@@ -64,10 +64,8 @@ def lamp(image: SpectralImage, scale: float = 1.0) -> dict[str, Any]:
     }
 
 
-def write_lamp(image: SpectralImage, path: Path, scale: float = 1.0) -> Path:
-    """Write `lamp` as JSON beside a dome's file, as ``NAME.sun.json``; returns its path."""
-    beside = path.with_suffix(".sun.json")
+def write_lamp(image: SpectralImage, path: Path, scale: float = 1.0) -> None:
+    """Write `lamp` as JSON."""
     text = json.dumps(lamp(image, scale), indent=1, allow_nan=False)
-    with atomic_path(beside) as temporary:
+    with atomic_path(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
-    return beside

@@ -196,6 +196,16 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any(name.startswith("S0") for name in spec.channelnames)
 
 
+def test_a_lamp_is_not_replaced_either(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("dome.sun.json").write_text("mine")
+    assert main(["sky", "earth-simple", "--no-sun", "--no-clobber", "-o", "dome.exr"]) == 2
+    assert "dome.sun.json" in capsys.readouterr().err
+    assert Path("dome.sun.json").read_text() == "mine"
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
