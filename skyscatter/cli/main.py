@@ -19,7 +19,7 @@ import typer
 from pydantic import ValidationError
 
 import skyscatter
-from skyscatter.cli import dehaze, info, invert, models, nebula, render, sky, stopping
+from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping
 from skyscatter.errors import DomainError, SkyscatterError
 
 app = typer.Typer(
@@ -31,6 +31,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("sky")(sky.sky)
+app.command("flux")(flux.flux)
 app.command("nebula")(nebula.nebula)
 app.command("render")(render.render)
 app.command("dehaze")(dehaze.dehaze)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +65,26 @@ def parse_wavelengths(text: str) -> NDArray[np.float64]:
     if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0):
         raise DomainError("wavelengths", text, "wavelengths must be positive and increase")
     return values
+
+
+def parse_values(text: str, name: str, convert: Callable[[str], float], example: str) -> NDArray[np.float64]:
+    """``start:stop:step`` (both ends included) or a list with commas; each word as `convert` takes it."""
+    remedy = f"give START:STOP:STEP or a list with commas, such as {example}"
+    try:
+        numbers = [convert(word.strip()) for word in text.split(":" if ":" in text else ",")]
+    except ValueError as error:
+        raise DomainError(name, text, remedy) from error
+    if ":" in text:
+        if len(numbers) != 3 or not np.all(np.isfinite(numbers)) or not (numbers[1] - numbers[0]) * numbers[2] > 0:
+            raise DomainError(name, text, remedy)
+        start, stop, step = numbers
+        count = math.floor((stop - start) / step + 1e-9) + 1
+        numbers = (start + step * np.arange(min(count, MAX_WAVELENGTHS + 1))).tolist()
+    if not np.all(np.isfinite(numbers)) or len(set(numbers)) != len(numbers):
+        raise DomainError(name, text, f"give each value once; {remedy}")
+    if len(numbers) > MAX_WAVELENGTHS:
+        raise DomainError(name, text, f"at most {MAX_WAVELENGTHS} values are allowed")
+    return np.array(numbers, dtype=np.float64)
 
 
 def _check_count(text: str, count: int) -> None:

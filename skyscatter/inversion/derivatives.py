@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,9 @@ from skyscatter.errors import DomainError
 from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.stack import AnyScene, differences_forbid, stack
 from skyscatter.solvers.run import radiance
+
+if TYPE_CHECKING:
+    import xarray
 
 Array = NDArray[np.float64]
 
@@ -51,6 +54,61 @@ class Derivatives(Brief):
     standard_error: Array
     jacobian: Array
     jacobian_error: Array
+
+    def to_xarray(
+        self, wavelengths: ArrayLike, parameters: Sequence[str] | None = None, dims: Sequence[str] | None = None
+    ) -> xarray.Dataset:
+        """Label radiances and derivatives.
+
+        Parameters
+        ----------
+        wavelengths : array_like, shape (wavelength,)
+            Those that were asked for [nm].
+        parameters : sequence of str, optional
+            Names in the order of theta; their numbers when not given.
+        dims : sequence of str, optional
+            Names of the axes of the rays; ``ray``, or ``ray_0``, ``ray_1``, ..., when not given.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``radiance`` and ``radiance_error``, (..., wavelength); ``derivative`` and ``derivative_error``,
+            (parameter, ..., wavelength), of the radiance per unit of the parameter.
+
+        Raises
+        ------
+        DomainError
+            If the numbers of wavelengths, names or axes do not fit.
+        """
+        import xarray
+
+        rays = self.value.ndim - 1
+        names = list(range(len(self.jacobian))) if parameters is None else list(parameters)
+        axes = ["ray"] * rays if rays < 2 else [f"ray_{k}" for k in range(rays)]
+        axes = axes if dims is None else list(dims)
+        wl = np.atleast_1d(np.asarray(wavelengths, float))
+        if wl.shape != self.value.shape[-1:]:
+            raise DomainError("wavelengths", wl.shape, f"the {self.value.shape[-1]} that were asked for")
+        if len(names) != len(self.jacobian):
+            raise DomainError("parameters", names, f"one name for each of {len(self.jacobian)} parameters")
+        if len(axes) != rays or len({*axes, "wavelength", "parameter"}) != rays + 2:
+            raise DomainError("dims", axes, f"different names for the {rays} axes of the rays")
+        unit = "W m-2 sr-1 nm-1"
+        of, slope = (*axes, "wavelength"), ("parameter", *axes, "wavelength")
+        each = {"units": unit, "comment": "per unit of the parameter"}
+        radiance = {"units": unit, "long_name": "spectral radiance per wavelength"}
+        return xarray.Dataset(
+            {
+                "radiance": (of, self.value, {**radiance, "ancillary_variables": "radiance_error"}),
+                "radiance_error": (of, self.standard_error, {"units": unit, "long_name": "error of the radiance"}),
+                "derivative": (slope, self.jacobian, {**each, "long_name": "derivative of the radiance"}),
+                "derivative_error": (slope, self.jacobian_error, {**each, "long_name": "standard error of it"}),
+            },
+            coords={
+                "wavelength": ("wavelength", wl, {"units": "nm", "standard_name": "radiation_wavelength"}),
+                "parameter": ("parameter", names),
+            },
+        )
 
 
 def differentiate(

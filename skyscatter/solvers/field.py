@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -27,6 +27,9 @@ from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, sum_orders, view
 from skyscatter.solvers.workers import Workers
+
+if TYPE_CHECKING:
+    import xarray
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
@@ -336,6 +339,42 @@ class RadianceField:
             have = tuple(round(90 - float(np.degrees(z)), 1) for z in self.zenith[::-1])
             raise DomainError("sun_elevation_deg", elevation, f"the field covers {have}; solve a wider range")
         return fluxes(self.fine, h, zenith, self.coarse)
+
+    def flux_dataset(self, altitudes: ArrayLike = 0.0, sun_elevations_deg: ArrayLike | None = None) -> xarray.Dataset:
+        """Fluxes at every one of some altitudes under every one of some Suns, as an xarray Dataset.
+
+        Parameters
+        ----------
+        altitudes : array_like, shape (altitude,)
+            Above the ground, to the top of the atmosphere [m].
+        sun_elevations_deg : array_like, shape (sun_elevation,), optional
+            Of the Sun there [degree]; the scene's when not given.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``direct``, ``diffuse_down``, ``down``, ``up``, ``net`` and ``actinic`` [W m-2 nm-1] and their estimated
+            errors (``down_error`` and so on), each (altitude, sun_elevation, wavelength).
+
+        Raises
+        ------
+        DomainError
+            As `fluxes`.
+
+        Examples
+        --------
+        >>> field = skyscatter.solve(scene, [450, 550, 650])  # doctest: +SKIP
+        >>> field.flux_dataset([0, 10e3], [10, 30, 60]).net.sel(altitude=0)  # doctest: +SKIP
+        """
+        from skyscatter.solvers.fluxdata import to_dataset
+
+        elevations = self.scene.sun.elevation_deg if sun_elevations_deg is None else sun_elevations_deg
+        if hasattr(altitudes, "to_value"):
+            altitudes = altitudes.to_value("m")
+        h, e = (np.atleast_1d(np.asarray(values, float)) for values in (altitudes, elevations))
+        if h.ndim != 1 or e.ndim != 1:
+            raise DomainError("altitudes", h.shape, "lists of altitudes and of elevations; for other shapes use fluxes")
+        return to_dataset(self, self.fluxes(h[:, None], sun_elevation_deg=e), h, e)
 
     def irradiance(
         self,

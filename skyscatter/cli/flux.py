@@ -1,0 +1,163 @@
+"""``skyscatter flux``: spectral fluxes of a model at altitudes and under Suns, as a table or labelled data."""
+
+from __future__ import annotations
+
+import json
+import time as clock
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.cli import common, parse
+from skyscatter.errors import DomainError
+from skyscatter.units import metres
+
+SUFFIXES = (".nc", ".csv")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for, checked as far as that goes without a model."""
+
+    model: str
+    altitudes: NDArray[np.float64]
+    elevations: NDArray[np.float64]
+    wavelengths: NDArray[np.float64]
+    tolerance: float | None
+    max_order: int | None
+    threads: int | None
+    outputs: list[Path]
+    json: bool
+    quiet: bool
+    progress: str
+
+
+def flux(
+    model: Annotated[
+        str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")
+    ] = "earth",
+    altitude: Annotated[
+        str, typer.Option(metavar="LIST", help="Heights above the ground, START:STOP:STEP or a list: 0,1km,12km.")
+    ] = "0",
+    sun_elevation: Annotated[
+        str, typer.Option(metavar="LIST", help="Elevations of the Sun [degree], START:STOP:STEP or a list: 5,30,60.")
+    ] = "30",
+    wavelengths: common.Wavelengths = "300:1000:50",
+    tolerance: Annotated[
+        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at, 0.5% if nothing is said.")
+    ] = None,
+    max_order: Annotated[str | None, typer.Option(metavar="N", help="Highest order of scattering.")] = None,
+    threads: common.Threads = None,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="File to write, .nc or .csv; else the table goes to stdout."
+        ),
+    ] = None,
+    as_json: common.AsJson = False,
+    no_clobber: common.NoClobber = False,
+    quiet: common.Quiet = False,
+    verbose: common.Verbose = False,
+    progress: common.ProgressMode = "auto",
+) -> int:
+    """Compute fluxes of a planet's air: direct, diffuse, downward, upward, net and actinic, with estimated errors.
+
+    One solution serves all altitudes and Suns.  Units are W m-2 nm-1.
+    """
+    request = Request(
+        model=model,
+        altitudes=parse.parse_values(altitude, "altitude", lambda word: metres(word, "altitude"), "0,1km,12km"),
+        elevations=parse.parse_values(sun_elevation, "sun_elevation", float, "10:90:10 or 5,30,60"),
+        wavelengths=parse.parse_wavelengths(wavelengths),
+        tolerance=parse.parse_tolerance(tolerance),
+        max_order=parse.parse_integer(max_order, "max_order", 1, "give an order of scattering, 1 or more"),
+        threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
+        outputs=[parse.check_output(path, SUFFIXES) for path in output or []],
+        json=as_json,
+        quiet=quiet,
+        progress=common.talk(quiet, verbose, progress),
+    )
+    parse.check_new(request.outputs if no_clobber else ())
+    if not np.abs(request.elevations).max() <= 90.0:
+        raise DomainError("sun_elevation", sun_elevation, "give elevations between -90 and 90 degrees")
+    return common.stoppable(lambda: run(request))
+
+
+def run(request: Request) -> int:
+    """Solve, write, report; returns the exit status."""
+    import skyscatter
+    from skyscatter.progress import Progress
+    from skyscatter.solvers.field import DEFAULT_TOLERANCE
+    from skyscatter.solvers.fluxdata import to_csv
+
+    started = clock.monotonic()
+    model: Any = skyscatter.load_model(request.model)
+    common.check_command(model, request.model, "sky")
+    top = model.medium.top
+    if not (request.altitudes.min() >= 0.0 and request.altitudes.max() <= top):
+        beyond = float(request.altitudes[np.argmax(np.abs(request.altitudes - top / 2))])
+        raise DomainError("altitude", beyond, f"lies between 0 and the top of the air, {top:g} m")
+    tolerance = DEFAULT_TOLERANCE if request.tolerance is None else request.tolerance
+    with Progress(1.0, f"{model.name} fluxes", request.progress) as progress:
+        field = skyscatter.solve(
+            model.scene(),
+            request.wavelengths,
+            sun_elevations_deg=(float(request.elevations.min()), float(request.elevations.max())),
+            tolerance=tolerance,
+            max_order=request.max_order,
+            threads=request.threads,
+            progress=progress.to,
+        )
+        dataset = field.flux_dataset(request.altitudes, request.elevations)
+    for path in request.outputs:
+        _write(dataset, path)
+    if not request.outputs and not request.json:
+        typer.echo(to_csv(dataset), nl=False)
+    return _report(request, model, dataset, clock.monotonic() - started)
+
+
+def _write(dataset: Any, path: Path) -> None:
+    if path.suffix.lower() == ".nc":
+        from skyscatter.netcdf import save_dataset
+
+        save_dataset(dataset, path)
+        return
+    from skyscatter.solvers.fluxdata import to_csv
+
+    with atomic_path(path) as temporary:
+        temporary.write_text(to_csv(dataset), encoding="utf-8")
+
+
+def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
+    import skyscatter
+    from skyscatter.solvers.fluxdata import QUANTITIES
+
+    # Relative to what goes down at that place: net and upward fluxes may be near to nothing.
+    share = (dataset["net_error"] / dataset["down"].where(dataset["down"] > 0)).values
+    error = float(np.nanmedian(share)) if np.isfinite(share).any() else None
+    summary = {
+        "skyscatter": skyscatter.__version__,
+        "model": model.name,
+        "altitude_m": request.altitudes.tolist(),
+        "sun_elevation_deg": request.elevations.tolist(),
+        "wavelengths_nm": request.wavelengths.tolist(),
+        "estimated_error": error,
+        **({} if request.outputs else {name: dataset[name].values.tolist() for name in QUANTITIES}),
+        "seconds": round(seconds, 3),
+        "outputs": [str(path) for path in request.outputs],
+    }
+    if request.json:
+        typer.echo(json.dumps(summary, allow_nan=False))
+    elif not request.quiet:
+        from skyscatter.progress import format_seconds
+
+        accuracy = "" if error is None else f", median estimated error of the net flux {common.percent(error)} of down"
+        written = f"; wrote {', '.join(summary['outputs'])}" if request.outputs else ""
+        done = f"{dataset['net'].size} places, Suns and wavelengths{accuracy}; {format_seconds(seconds)}{written}"
+        typer.echo(f"{model.name}: {done}", err=True)
+    return 0
