@@ -18,8 +18,8 @@ HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
 #: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
 DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
-#: Cosine of the Sun's zenith angle below which steps in optical depth shrink with it, and how far.
-STEEP_SUN, LEAST_SLANT = 0.7, 0.6
+#: Cosine of the Sun's zenith angle below which steps shrink with it, and how far: those in optical depth, in height.
+STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
@@ -88,9 +88,9 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float
     slope = -np.gradient(depth, altitude, axis=0)
     scale = np.where(slope > 0, depth / np.where(slope > 0, slope, 1.0), np.inf).min(axis=1)
     scale = np.clip(scale, top / 50, top / 5)
-    step = f * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
-    inside = np.minimum(depth, depth[0] - depth)
     slant = float(np.clip(lowest_sun / STEEP_SUN, LEAST_SLANT, 1.0))
+    step = f * max(slant, LEAST_RISE) * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
+    inside = np.minimum(depth, depth[0] - depth)
     by_depth = f * slant * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])

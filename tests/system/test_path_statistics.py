@@ -203,6 +203,13 @@ def test_a_word_before_walks_that_cannot_know_their_error() -> None:
     with pytest.warns(UserWarning, match=r"layer 'sheet' is at most .* m thick.*free-flight"):
         prepared(foggy, samples=1024)
     prepared(foggy, sampling="free-flight")
+    optics = Particles(optical_depth=0.5, phase=HenyeyGreenstein(g=0.3))
+    veil = skyscatter.Component(name="veil", density=Uniform(base=5e3, top=8e3), optics=optics)
+    medium = clear.medium.model_copy(update={"components": (*clear.medium.components, veil)})
+    veiled = clear.model_copy(update={"medium": medium})
+    with pytest.warns(UserWarning, match=r"sun_elevation_deg = -4.*a layer aloft, 'veil'.*take the solver orders"):
+        prepared(veiled.model_copy(update={"sun": skyscatter.Sun(elevation_deg=-4.0)}), samples=1024)
+    prepared(veiled, samples=1024)
     prepared(model(True).scene(sun_elevation_deg=-4.0), samples=16)
     # Neither where walks are many, nor in a clear sky.
     prepared(thick, samples=1024)
