@@ -67,6 +67,22 @@ Scale = Annotated[
 Half = Annotated[bool, typer.Option("--half", help="For .exr: RGB as half floats.")]
 NoSpectra = Annotated[bool, typer.Option("--no-spectra", help="For .exr: RGB alone.")]
 Float32 = Annotated[bool, typer.Option("--float32", help="For .fits and .nc: numbers of 7 digits, half the size.")]
+Filters = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="For FITS: a plane per filter instead of the spectra; U, B, V, R, I, halpha, hbeta, oiii, nii, sii or "
+        ".csv files, with commas between them.",
+    ),
+]
+Unit = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UNIT",
+        help="For .fits and .nc: brightness in Jy/sr, MJy/sr, ABmag/arcsec2, Vegamag/arcsec2 (of U, B, V, R, I); of "
+        "whole pixels in Jy, ABmag, Vegamag, and count where the telescope is given.",
+    ),
+]
 Compress = Annotated[bool, typer.Option("--compress", help="For .fits: tiles compressed without loss.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as one JSON object on stdout.")]
 Resume = Annotated[
@@ -200,7 +216,15 @@ def check_png_options(outputs: list[Path], options: dict[str, Any]) -> None:
 
 
 def file_options(
-    outputs: list[Path], *, scale: str | None, half: bool, no_spectra: bool, float32: bool, compress: bool
+    outputs: list[Path],
+    *,
+    scale: str | None,
+    half: bool,
+    no_spectra: bool,
+    float32: bool,
+    compress: bool,
+    unit: Any = None,
+    filters: str | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Options of files by their extension, from what was typed; those that no file has a use for are refused."""
     factor = parse.parse_positive(scale, "scale")
@@ -210,6 +234,8 @@ def file_options(
         ("no_spectra", "spectral", False if no_spectra else None, (".exr",)),
         ("float32", "dtype", "float32" if float32 else None, (".fits", ".nc")),
         ("compress", "compress", compress or None, (".fits",)),
+        ("unit", "unit", unit, (".fits", ".nc")),
+        ("filters", "filters", filters, (".fits",)),
     )
     found: dict[str, dict[str, Any]] = {}
     for option, name, value, suffixes in given:
@@ -217,10 +243,27 @@ def file_options(
             continue
         if not has_suffix(outputs, *suffixes):
             remedy = f"is for {' and '.join(suffixes)} files; name one with -o, or leave this out"
-            raise DomainError(option, True if factor is None or option != "scale" else factor, remedy)
-        for suffix in suffixes:
+            raise DomainError(option, True if value is False else value, remedy)
+        for suffix in {path.suffix.lower() for path in outputs} & set(suffixes):
             found.setdefault(suffix, {})[name] = value
     return found
+
+
+def check_brightness(options: Mapping[str, Mapping[str, Any]], wavelengths: NDArray[np.float64]) -> None:
+    """Refuse, before any time is spent, filters without light and units that the files could not have."""
+    asked = [taken for taken in options.values() if {"filters", "unit"} & set(taken)]
+    if not asked:
+        return
+    from skyscatter.image import SkyFrame, SpectralImage
+    from skyscatter.image.photometry import conversion
+
+    sky = SkyFrame(ra_deg=0.0, dec_deg=0.0, pixel_scale_deg=1.0)
+    for taken in asked:
+        dark: Any = SpectralImage(np.zeros((1, 1, wavelengths.size)), wavelengths, sky=sky)
+        if "filters" in taken:
+            dark = dark.through(taken["filters"])
+        if "unit" in taken:
+            conversion(dark, taken["unit"])
 
 
 def check_development(space: str, tone: str, bits: int) -> None:

@@ -69,14 +69,7 @@ def nebula(
     estimator: common.Estimator = None,
     seed: common.Seed = None,
     threads: common.Threads = None,
-    filters: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="For FITS: a plane per filter instead of the spectra; U, B, V, R, I, halpha, hbeta, oiii, nii, sii or "
-            ".csv files, with commas between them.",
-        ),
-    ] = None,
+    filters: common.Filters = None,
     palette: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="For PNG: sho, hubble, hos, hoo, rvb, or three filters: sii,halpha,V."),
@@ -111,6 +104,7 @@ def nebula(
     no_spectra: common.NoSpectra = False,
     float32: common.Float32 = False,
     compress: common.Compress = False,
+    unit: common.Unit = None,
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
@@ -129,6 +123,7 @@ def nebula(
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
+    observation = options.observation(psf, aperture, exposure_time, throughput, seed)
     request = Request(
         model=model,
         size=parse.parse_size(size, "telescope"),
@@ -141,10 +136,16 @@ def nebula(
         **common.photon_options(photons, radius, estimator),
         filters=filters,
         png=options.png_options(png, space),
-        observation=options.observation(psf, aperture, exposure_time, throughput, seed),
+        observation=observation,
         outputs=outputs,
         file_options=common.file_options(
-            outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
+            outputs,
+            scale=scale,
+            half=half,
+            no_spectra=no_spectra,
+            float32=float32,
+            compress=compress,
+            unit=options.brightness_unit(unit, observation),
         ),
         **common.run_options(
             wavelengths=DEFAULT_WAVELENGTHS if wavelengths is None else wavelengths,

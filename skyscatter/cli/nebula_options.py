@@ -91,6 +91,17 @@ def observation(
     }
 
 
+def brightness_unit(unit: str | None, observed: dict[str, Any]) -> Any:
+    """The unit as the writers take it; counts are those of the telescope that was described."""
+    if unit not in ("count", "counts"):
+        return unit
+    if "photon_noise" not in observed:
+        raise DomainError("unit", unit, "is a telescope's; give --aperture and --exposure-time")
+    from skyscatter.image.photometry import Counts
+
+    return Counts(**{name: observed[name] for name in ("collecting_area_m2", "exposure_s", "throughput")})
+
+
 def with_bands(request: Request) -> Request:
     """The request with wavelengths for the narrow bands that it names, so that lines are not mixed in one cell."""
     from skyscatter.image.filters import filter_curves, with_narrow_bands
@@ -116,6 +127,9 @@ def check(request: Request) -> None:
 
         for curve in filter_curves(request.filters):
             curve.weights(request.wavelengths)
+    of_fits = {} if request.filters is None else {"filters": request.filters}
+    files = {suffix: taken | (of_fits if suffix == ".fits" else {}) for suffix, taken in request.file_options.items()}
+    common.check_brightness(files, request.wavelengths)
     if not {"palette", "filters"} & set(request.png):
         png = request.png
         common.check_development(png.get("space", "srgb"), png.get("tone", "filmic"), request.bits)

@@ -125,6 +125,8 @@ def sky(
     no_spectra: common.NoSpectra = False,
     float32: common.Float32 = False,
     compress: common.Compress = False,
+    filters: common.Filters = None,
+    unit: common.Unit = None,
     output: common.Output = None,
     as_json: common.AsJson = False,
     resume: common.Resume = None,
@@ -165,7 +167,14 @@ def sky(
         shown_wavelength=shown_wavelength,
         outputs=outputs,
         file_options=common.file_options(
-            outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
+            outputs,
+            scale=scale,
+            half=half,
+            no_spectra=no_spectra,
+            float32=float32,
+            compress=compress,
+            unit=unit,
+            filters=filters,
         ),
         **common.run_options(
             wavelengths=wavelengths,
@@ -220,6 +229,7 @@ def _check_development(show: str, options: dict[str, Any]) -> None:
 
 def _check_picture(request: Request) -> None:
     common.check_development(request.space, request.tone, request.bits)
+    common.check_brightness(request.file_options, request.wavelengths)
     if request.show != "colour":
         from skyscatter.image.polarisation import band_weights
 

@@ -16,6 +16,7 @@ from skyscatter.image.filters import FilterCurve, filter_curves
 from skyscatter.image.polarisation import STOKES_ERRORS
 
 if TYPE_CHECKING:
+    from skyscatter.image.photometry import Counts
     from skyscatter.image.skyframe import SkyFrame
     from skyscatter.image.spectral import SpectralImage
 
@@ -90,7 +91,14 @@ class FilterImage:
             raise DomainError("filter", name, f"one of {', '.join(self.names)}")
         return self.radiance[..., self.names.index(name)]
 
-    def save(self, path: str | os.PathLike[str], *, dtype: str | None = None, compress: bool = False) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        dtype: str | None = None,
+        compress: bool = False,
+        unit: str | Counts | None = None,
+    ) -> None:
         """Write a ``.fits`` file with a cube (filter, y, x), its standard error and the filters.
 
         Parameters
@@ -100,14 +108,25 @@ class FilterImage:
             Of the arrays in the file; as they are when not given.
         compress : bool
             Compress tiles of the image, without loss.
+        unit : str or Counts, optional
+            Brightness in another unit than W m-2 sr-1 nm-1, such as ``"ABmag arcsec-2"``; see
+            `skyscatter.image.photometry`.  Layers are left out then.
         """
         if Path(path).suffix.lower() != ".fits":
             raise DomainError("output file", str(path), "pictures with a plane per filter go to .fits files")
-        importlib.import_module("skyscatter.image.filterfits").write(self, Path(path), dtype, compress)
+        importlib.import_module("skyscatter.image.filterfits").write(self, Path(path), dtype, compress, unit)
 
     @staticmethod
-    def load(path: str | os.PathLike[str]) -> FilterImage:
-        """Read a ``.fits`` file that `save` wrote.
+    def load(path: str | os.PathLike[str], filters: str | Iterable[Any] | None = None) -> FilterImage:
+        """Read a ``.fits`` file that `save` wrote, or a picture of two axes through one filter.
+
+        Parameters
+        ----------
+        path : path-like
+            Of a picture of two axes the card ``FILTER`` names the filter; ``BUNIT`` may be any unit of spectral
+            radiance that astropy knows, such as ``MJy/sr``, and is ours where it is absent.
+        filters : str or iterable, optional
+            Filters in place of those that the file names, as for `SpectralImage.through`.
 
         Raises
         ------
@@ -116,7 +135,7 @@ class FilterImage:
         """
         if not Path(path).is_file():
             raise MissingDataError(path, "there is no such file; check the path")
-        image: FilterImage = importlib.import_module("skyscatter.image.filterfits").read(Path(path))
+        image: FilterImage = importlib.import_module("skyscatter.image.filterfits").read(Path(path), filters)
         return image
 
 

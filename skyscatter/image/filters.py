@@ -111,6 +111,17 @@ class FilterCurve(Record):
         low, high = np.array(self.wavelengths[:1]), np.array(self.wavelengths[-1:])
         return float((_integral(self, low, high, power + 1) / _integral(self, low, high, power))[0])
 
+    @property
+    def pivot(self) -> float:
+        """Pivot wavelength [nm]: ``∫ T λ dλ / ∫ T / λ dλ`` is its square, T the share of photons that pass."""
+        power = 1 if self.weighting == "photon" else 0
+        return float(np.sqrt(_moment(self, power) / _moment(self, power - 2)))
+
+    @property
+    def photon_width(self) -> float:
+        """``∫ T λ dλ`` [nm2]; a response per energy counts as one per photon that agrees at the pivot wavelength."""
+        return _moment(self, 1) if self.weighting == "photon" else self.pivot * _moment(self, 0)
+
     def weights(self, wavelengths_nm: ArrayLike) -> tuple[Array, float]:
         """Share of each wavelength's cell in the band average, and the share of the filter that the cells cover.
 
@@ -164,6 +175,20 @@ def _integral(curve: FilterCurve, low: Array, high: Array, power: int) -> Array:
     pieces = np.diff(grid) / 6.0 * (value(grid[:-1]) + 4.0 * value(middle) + value(grid[1:]))
     total = np.concatenate([[0.0], np.cumsum(pieces)])
     return total[np.searchsorted(grid, stop)] - total[np.searchsorted(grid, start)]
+
+
+def _moment(curve: FilterCurve, power: int) -> float:
+    """``∫ R(λ) λ**power dλ`` over the whole filter, exact for the powers -2 to 1."""
+    nodes, response = np.array(curve.wavelengths), np.array(curve.response)
+    slope = np.diff(response) / np.diff(nodes)
+    start = response[:-1] - slope * nodes[:-1]
+
+    def integral(exponent: int) -> Array:
+        if exponent == -1:
+            return np.log(nodes[1:] / nodes[:-1])
+        return np.diff(nodes ** (exponent + 1.0)) / (exponent + 1.0)
+
+    return float(np.sum(start * integral(power) + slope * integral(power + 1)))
 
 
 def cells(wavelengths_nm: ArrayLike) -> tuple[Array, Array]:

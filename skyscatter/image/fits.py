@@ -40,6 +40,9 @@ from skyscatter.image.wcs import Card, axes_cards, read_celestial
 if TYPE_CHECKING:
     from astropy.io import fits
 
+    from skyscatter.image.filterimage import FilterImage
+    from skyscatter.image.photometry import Counts
+
 _TABLE = "WCS-TABLE"
 _COLUMN = "WAVELENGTH"
 _MAIN = "RADIANCE"
@@ -174,11 +177,31 @@ def read_recipe(hdus: fits.HDUList) -> dict[str, Any]:
     return json.loads(str(hdus["RECIPE"].data["JSON"][0])) if "RECIPE" in hdus else {}
 
 
-def _images(image: SpectralImage) -> list[Any]:
-    """Radiance, its error and the layers."""
+def brightness(image: SpectralImage | FilterImage, cards: list[Card], unit: str | Counts, error: str) -> list[Any]:
+    """Brightness in a unit of photometry and its error, the latter in an extension of the name `error`."""
+    from astropy.io import fits
+
+    from skyscatter.image.photometry import conversion
+
+    made = conversion(image, unit)
+    cards = [*cards, *([] if made.system is None else [("MAGSYS", made.system, "magnitude system")])]
+    primary = fits.PrimaryHDU(flipped(made.value(image.radiance)))
+    fill(primary, cards, "Brightness; magnitudes are NaN where there is no light.", made.unit)
+    stamp(primary, image.recipe)
+    if image.standard_error is None:
+        return [primary]
+    deviation = fits.ImageHDU(flipped(made.error(image.radiance, image.standard_error)), name=error)
+    fill(deviation, cards, "Error of the brightness.", made.unit)
+    return [primary, deviation]
+
+
+def _images(image: SpectralImage, unit: str | Counts | None) -> list[Any]:
+    """Radiance, its error and the layers; in another unit brightness and its error."""
     from astropy.io import fits
 
     cards = [*_axes(image.wavelengths), *axes_cards(image)]
+    if unit is not None:
+        return brightness(image, cards, unit, "ESTERR" if image.error_kind == "estimated" else "STDERR")
     primary = fits.PrimaryHDU(flipped(image.radiance))
     fill(primary, cards, "Spectral radiance.")
     stamp(primary, image.recipe)
@@ -197,10 +220,10 @@ def _images(image: SpectralImage) -> list[Any]:
     return hdus
 
 
-def _hdus(image: SpectralImage, dtype: str | None, compress: bool) -> fits.HDUList:
+def _hdus(image: SpectralImage, dtype: str | None, compress: bool, unit: str | Counts | None) -> fits.HDUList:
     from astropy.io import fits
 
-    hdus = pack(_images(image), dtype, compress)
+    hdus = pack(_images(image, unit), dtype, compress)
     n = image.wavelengths.size
     column = fits.Column(_COLUMN, f"{n}D", unit="nm", dim=f"(1,{n})", array=image.wavelengths.reshape(1, n, 1))
     table = fits.BinTableHDU.from_columns([column], name=_TABLE)
@@ -216,13 +239,14 @@ def write(
     filters: str | Iterable[Any] | None = None,
     dtype: str | None = None,
     compress: bool = False,
+    unit: str | Counts | None = None,
 ) -> None:
     """Write a FITS file with checksums; with `filters` a plane for each instead of the spectra."""
     if filters is not None:
-        through(image, filters).save(path, dtype=dtype, compress=compress)
+        through(image, filters).save(path, dtype=dtype, compress=compress, unit=unit)
         return
     with atomic_path(path) as temporary:
-        _hdus(image, dtype, compress).writeto(temporary, overwrite=True, checksum=True)
+        _hdus(image, dtype, compress, unit).writeto(temporary, overwrite=True, checksum=True)
 
 
 def _wavelengths(hdus: fits.HDUList, path: Path) -> NDArray[np.float64]:
@@ -247,9 +271,28 @@ def main_image(hdus: fits.HDUList, path: Path) -> Any:
     raise DomainError("image file", str(path), "has no image")
 
 
+def radiance_factors(header: Any, wavelengths: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    """What turns the unit of an image into W m-2 sr-1 nm-1 at wavelengths [nm], shape (wavelength,).
+
+    A file that states no unit is taken to be in that one.
+    """
+    stated = str(header.get("BUNIT", "")).strip()
+    if stated in ("", UNITS):
+        return np.ones(len(wavelengths))
+    from astropy import units
+
+    at = units.spectral_density(wavelengths * units.nm)
+    try:
+        return np.asarray(units.Unit(stated).to(UNITS, np.ones(len(wavelengths)), equivalencies=at))
+    except (ValueError, units.UnitConversionError) as error:
+        remedy = f"pictures are read in spectral radiance: {UNITS}, MJy/sr, erg/(s cm2 Angstrom arcsec2) and the like"
+        raise DomainError("BUNIT", stated, f"{path}: {remedy}") from error
+
+
 def cube_of(hdu: Any) -> NDArray[Any]:
-    """Array (y, x, plane) of an image extension, the first row on top, in this machine's byte order."""
-    values = np.moveaxis(hdu.data[:, ::-1, :], 0, -1)
+    """Array (y, x, plane) of an image of two or three axes, the first row on top, in this machine's byte order."""
+    planes = hdu.data if hdu.data.ndim == 3 else hdu.data[None]
+    values = np.moveaxis(planes[:, ::-1, :], 0, -1)
     return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
 
 
@@ -259,12 +302,19 @@ def _image(hdus: fits.HDUList, path: Path) -> SpectralImage:
         raise DomainError("image file", str(path), "its image is no cube (wavelength, y, x)")
     if "FILTERS" in hdus:
         raise DomainError("image file", str(path), "has a plane per filter, no spectra; read it with FilterImage.load")
+    wavelengths = _wavelengths(hdus, path)
+    factors = radiance_factors(main.header, wavelengths, path)
+
+    def cube(hdu: Any) -> NDArray[Any]:
+        values = cube_of(hdu)
+        return values if np.all(factors == 1.0) else values * factors
+
     return SpectralImage(
-        cube_of(main),
-        _wavelengths(hdus, path),
-        next((cube_of(hdus[name]) for name in ("ESTERR", "STDERR") if name in hdus), None),
+        cube(main),
+        wavelengths,
+        next((cube(hdus[name]) for name in ("ESTERR", "STDERR") if name in hdus), None),
         recipe=read_recipe(hdus),
-        layers={hdu.header["LAYER"]: cube_of(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
+        layers={hdu.header["LAYER"]: cube(hdu) for hdu in hdus[1:] if hdu.is_image and "LAYER" in hdu.header},
         sky=read_celestial(main.header),
     )
 

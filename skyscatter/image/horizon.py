@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from skyscatter.errors import SkyscatterError
+from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.geometry.camera import CAMERAS
 from skyscatter.geometry.vectors import azimuth_elevation_from_direction
 from skyscatter.scene import Scene
@@ -60,3 +60,20 @@ def sky_view(image: Any) -> SkyView | None:
     except (SkyscatterError, ValidationError):  # of another version, or a camera that this observer cannot have
         return None
     return view if (view.camera.height, view.camera.width) == tuple(image.radiance.shape[:2]) else None
+
+
+def pixel_solid_angle(image: Any, purpose: str) -> Array:
+    """Solid angle of each pixel [sr], shape (y, x), of an image with a celestial frame or of a planet's sky.
+
+    Raises
+    ------
+    DomainError
+        If the image says neither; `purpose` is what it was wanted for.
+    """
+    height, width = image.radiance.shape[:2]
+    if image.sky is not None:
+        return np.asarray(image.sky.pixel_solid_angle(width, height))
+    view = sky_view(image)
+    if view is None:
+        raise DomainError("sky", None, f"{purpose} needs the pixel scale: give the image a SkyFrame")
+    return view.solid_angle()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.image.filters import cells
+from skyscatter.image.horizon import pixel_solid_angle
 from skyscatter.image.polarisation import STOKES_ERRORS
 from skyscatter.image.psf import PointSpread, blurred, point_spread
 from skyscatter.image.skyframe import SkyFrame
@@ -34,7 +35,7 @@ def photons_per_radiance(
     Raises
     ------
     DomainError
-        For an image without a celestial frame, which alone gives the solid angle, and for values out of range.
+        For an image that does not say how large its pixels are, and for values out of range.
     """
     for name, value in (("collecting_area_m2", collecting_area_m2), ("exposure_s", exposure_s)):
         if not 0.0 < value < np.inf:
@@ -42,8 +43,7 @@ def photons_per_radiance(
     shares = evaluate(throughput, image.wavelengths)
     if not (np.all(shares > 0.0) and np.all(shares <= 1.0)):
         raise DomainError("throughput", (shares.min(), shares.max()), "above 0 and at most 1 at every wavelength")
-    height, width, _ = image.shape
-    omega = _sky(image, "photon noise").pixel_solid_angle(width, height)
+    omega = pixel_solid_angle(image, "photon noise")
     low, high = cells(image.wavelengths)
     energy = _PLANCK * _LIGHT / (image.wavelengths * 1e-9)
     per_steradian = shares * (high - low) / energy

@@ -22,6 +22,9 @@ from skyscatter.netcdf import save_dataset
 if TYPE_CHECKING:
     import xarray
 
+    from skyscatter.image.filterimage import FilterImage
+    from skyscatter.image.photometry import Counts
+
 _DIMS = ("y", "x", "wavelength")
 _PIXELS = ("y", "x")
 _LAYER = "layer_"
@@ -52,30 +55,35 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
             continue
         attributes = {"units": UNITS, "long_name": f"part of the spectral radiance: {name}", "layer": name}
         variables[_LAYER + name] = (_DIMS, values, attributes)
+    coords, attrs = coordinates(image)
+    return xarray.Dataset(variables, coords=coords, attrs=attrs)
+
+
+def coordinates(image: SpectralImage | FilterImage) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Coordinates of an image, and the attributes of the dataset that holds it."""
     wavelength = {"units": "nm", "standard_name": "radiation_wavelength", "long_name": "wavelength in vacuum"}
-    return xarray.Dataset(
-        variables,
-        coords={
-            "wavelength": ("wavelength", image.wavelengths, wavelength),
-            **_sky_coordinates(image),
-            **_horizontal_coordinates(image),
-        },
-        attrs={
-            "Conventions": "CF-1.11",
-            "title": "Spectral image",
-            "source": "skyscatter",
-            "comment": "The first row is the top of the picture; NaN lies outside the camera's field.",
-            "recipe": json.dumps(image.recipe),
-            **({} if image.sky is None else {"sky": image.sky.model_dump_json()}),
-        },
-    )
+    if isinstance(image, SpectralImage):
+        axis: dict[str, Any] = {"wavelength": ("wavelength", image.wavelengths, wavelength)}
+    else:
+        pivots = [curve.pivot for curve in image.filters]
+        long_name = {"long_name": "pivot wavelength in vacuum"}
+        axis = {"filter": list(image.names), "wavelength": ("filter", pivots, {**wavelength, **long_name})}
+    attributes = {
+        "Conventions": "CF-1.11",
+        "title": "Spectral image",
+        "source": "skyscatter",
+        "comment": "The first row is the top of the picture; NaN lies outside the camera's field.",
+        "recipe": json.dumps(image.recipe),
+        **({} if image.sky is None else {"sky": image.sky.model_dump_json()}),
+    }
+    return {**axis, **_sky_coordinates(image), **_horizontal_coordinates(image)}, attributes
 
 
-def _sky_coordinates(image: SpectralImage) -> dict[str, Any]:
+def _sky_coordinates(image: SpectralImage | FilterImage) -> dict[str, Any]:
     """Right ascension and declination of the pixel centres, for images that stand in the sky."""
     if image.sky is None:
         return {}
-    height, width, _ = image.shape
+    height, width = image.radiance.shape[:2]
     ra, dec = image.sky.coordinates(width, height)
     return {
         "ra": (_PIXELS, ra, {"units": "degree", "long_name": "right ascension (ICRS)"}),
@@ -84,7 +92,7 @@ def _sky_coordinates(image: SpectralImage) -> dict[str, Any]:
     }
 
 
-def _horizontal_coordinates(image: SpectralImage) -> dict[str, Any]:
+def _horizontal_coordinates(image: SpectralImage | FilterImage) -> dict[str, Any]:
     """Where the pixels of a planet's sky look, and where Sun and observer stand."""
     view = sky_view(image)
     if view is None:
@@ -163,6 +171,9 @@ def _polarisation(image: SpectralImage) -> dict[str, Any]:
 
 def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
     """Build the image that a dataset in the form of `to_dataset` describes."""
+    if "brightness" in dataset:
+        unit = dataset["brightness"].attrs.get("units")
+        raise DomainError("dataset", unit, "holds brightness for other programs; spectra are read in " + UNITS)
     for name in ("radiance", "wavelength"):
         if name not in dataset.variables:
             raise DomainError("dataset", list(map(str, dataset.variables)), f"has no variable named {name}")
@@ -195,10 +206,15 @@ def _native(values: Any) -> Any:
     return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
-def write(image: SpectralImage, path: Path, dtype: str | None = None) -> None:
-    """Write the image as netCDF-4; with `dtype` "float32" the pixels at half the size."""
+def write(image: SpectralImage, path: Path, dtype: str | None = None, unit: str | Counts | None = None) -> None:
+    """Write the image as netCDF-4; with `dtype` "float32" the pixels at half the size, with a `unit` its brightness."""
     if dtype not in (None, "float32", "float64"):
         raise DomainError("dtype", dtype, "choose float32 or float64")
+    if unit is not None:
+        from skyscatter.image.photometry import photometric
+
+        save_dataset(photometric(image, unit), path, dtype)
+        return
     save_dataset(image.dataset, path, dtype)
 
 

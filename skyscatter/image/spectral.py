@@ -38,8 +38,8 @@ _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral", "scale", "half")),
     ".hdr": ("hdr", ("scale",)),
     ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
-    ".fits": ("fits", ("filters", "dtype", "compress")),
-    ".nc": ("netcdf", ("dtype",)),
+    ".fits": ("fits", ("filters", "dtype", "compress", "unit")),
+    ".nc": ("netcdf", ("dtype", "unit")),
 }
 _READERS = tuple(ext for ext in _WRITERS if ext not in (".png", ".hdr"))
 _LAYER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
@@ -296,7 +296,8 @@ class SpectralImage:
             1 cd m-2, ``half=True``: RGB as half floats), ``.hdr`` (RGB for lighting; option ``scale``), ``.png``
             (options ``space``, ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (options
             ``filters``: a plane for each instead of the spectra, see `through`; ``dtype="float32"``;
-            ``compress=True``: tiles without loss) or ``.nc`` (netCDF-4; option ``dtype``).  A ``.png`` may also show
+            ``compress=True``: tiles without loss; ``unit``: brightness in a unit of photometry, see
+            `skyscatter.image.photometry`) or ``.nc`` (netCDF-4; options ``dtype``, ``unit``).  A ``.png`` may also show
             three filters as red, green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear",
             ``stretch``, ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
             polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)

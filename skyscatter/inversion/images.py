@@ -172,9 +172,9 @@ def loaded(image: Any) -> SpectralImage | FilterImage:
         return image
     path = Path(image)
     if path.suffix.lower() == ".fits" and path.is_file():
-        from skyscatter.image.fits import open_fits
+        from skyscatter.image.fits import main_image, open_fits
 
-        if open_fits(path, lambda hdus, _: "FILTERS" in hdus):
+        if open_fits(path, lambda hdus, _: "FILTERS" in hdus or main_image(hdus, path).header["NAXIS"] == 2):
             return FilterImage.load(path)
     return SpectralImage.load(path)
 
