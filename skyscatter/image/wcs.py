@@ -78,11 +78,12 @@ def read_celestial(header: Any) -> SkyFrame | None:
         return None
     turned = any(header.get(f"{kind}{axes}") for kind in ("PC", "CD") for axes in ("1_2", "2_1"))
     middle = tuple((header.get(f"NAXIS{axis}", 0) + 1) / 2 for axis in (1, 2))
-    scale = header.get("CDELT2", 0.0) * header.get("PC2_2", 1.0)
-    across = header.get("CDELT1", 0.0) * header.get("PC1_1", 1.0)
+    # Either a step and a matrix or their product.
+    scale = header.get("CD2_2", header.get("CDELT2", 0.0) * header.get("PC2_2", 1.0))
+    across = header.get("CD1_1", header.get("CDELT1", 0.0) * header.get("PC1_1", 1.0))
     plain = (
         not turned
-        and "CD1_1" not in header
+        and ("CD1_1" in header) == ("CD2_2" in header)
         and (header.get("CRPIX1"), header.get("CRPIX2")) == middle
         and scale > 0.0
         and abs(across + scale) <= 1e-9 * scale

@@ -14,6 +14,7 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.camera import CAMERAS
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.image.filterimage import FilterImage
+from skyscatter.image.horizon import sky_view
 from skyscatter.image.spectral import SpectralImage
 from skyscatter.inversion.looks import Integers, Look, SpaceLook
 from skyscatter.inversion.observations import Array, checked_data, noise_of
@@ -89,8 +90,9 @@ def sky_image(
     from skyscatter.scene import Observer, Sun
 
     radius = float(scene["medium"]["planet_radius"])
-    # Cameras ask for the air's top only to frame a planet, which no measurement depends on.
-    directions = camera.directions(Observer(height, radius, height))
+    # A camera that frames a planet asks for the air's top, and for the height from which the picture was taken.
+    view = sky_view(picture)
+    directions = camera.directions(Observer(height, radius, height)) if view is None else view.directions
     towards = Sun(**sun).direction
     with np.errstate(invalid="ignore"):
         near = np.maximum(sun_exclusion_deg, SUN_SIZE + np.degrees(_reach(directions)))
@@ -186,7 +188,8 @@ def _telescope(picture: Any, name: str) -> Telescope:
             raise DomainError("data", name, "is no picture of a telescope; for skies use sky_image")
         return camera
     if picture.sky is None:
-        raise DomainError("data", name, "says neither its camera nor where it stands in the sky")
+        rule = "says neither its camera nor, by a TAN frame with north up about its middle, where it stands in the sky"
+        raise DomainError("data", name, f"{rule}; reproject it to such a frame")
     height, width = picture.radiance.shape[:2]
     return Telescope(width=width, height=height, pixel_scale_deg=picture.sky.pixel_scale_deg)
 

@@ -180,6 +180,16 @@ def test_coordinates_of_netcdf(tmp_path: Path, name: str) -> None:
     assert SpectralImage.load(tmp_path / "sky.nc").recipe == made.recipe
 
 
+def test_pictures_of_planets_are_data_too() -> None:
+    """Their camera frames the air's top, which it asks the observer of the recipe."""
+    from skyscatter.inversion.images import sky_image
+
+    camera, of = skyscatter.PlanetView(**SIZE), scene(2000e3)
+    look = sky_image(image(camera, of), noise=0.01, pixels=20).looks[0]
+    seen = camera.directions(of.observer).reshape(-1, 3)
+    assert np.abs(look.directions[:, None] - seen).max(axis=-1).min(axis=1).max() < 1e-12
+
+
 def test_pictures_that_do_not_say_have_no_such_axes() -> None:
     camera = skyscatter.Fisheye(**SIZE)
     good = image(camera)

@@ -132,6 +132,21 @@ def test_celestial_headers_by_others(tmp_path: Path) -> None:
         np.testing.assert_array_equal(back.radiance, sample().radiance)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_matrix_of_steps_says_the_same(tmp_path: Path, turned: bool) -> None:
+    sample().save(tmp_path / "a.fits")
+    with fits.open(tmp_path / "a.fits") as hdus:
+        header = hdus[0].header
+        for axis in "12":
+            header[f"CD{axis}_{axis}"] = header.pop(f"CDELT{axis}")
+        if turned:
+            header["CD1_2"] = 1e-5
+        hdus.writeto(tmp_path / "b.fits", overwrite=True)
+    back = SpectralImage.load(tmp_path / "b.fits")
+    assert (back.sky is None) == turned
+    assert turned or back.sky.pixel_scale_deg == ORION.pixel_scale_deg
+
+
 def test_dataset_has_celestial_coordinates() -> None:
     made = sample()
     data = made.dataset
