@@ -65,7 +65,7 @@ ORDERS_SHARE = 0.3
 DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 0.5
 DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.25
 #: What is far, in units of the angle under which a scale height sinks below the horizon.
-DEEP = 6.0
+DEEP = 4.5
 #: Radiances that count as none.
 FLOOR = 1e-35
 #: Radiances below this share of the brightest do not hold the solution up: a hundredth of what is left of the day's
