@@ -29,6 +29,7 @@ _DIMS = ("y", "x", "wavelength")
 _PIXELS = ("y", "x")
 _LAYER = "layer_"
 _NORTH = "from north through east"
+_TIME = {"standard_name": "time", "long_name": "time (UTC)", "units_metadata": "leap_seconds: none"}
 _SOLID_ANGLE = {"units": "sr", "long_name": "solid angle of the pixel"}
 #: Variable of each Stokes layer.
 _STOKES_VARIABLES = {
@@ -133,7 +134,7 @@ def _site_coordinates(site: Any) -> dict[str, Any]:
     return {
         "latitude": _scalar(site.latitude_deg, "degrees_north", "latitude", "of the observer"),
         "longitude": _scalar(site.longitude_deg, "degrees_east", "longitude", "of the observer"),
-        "time": ((), np.datetime64(site.time, "ns"), {"standard_name": "time", "long_name": "time (UTC)"}),
+        "time": ((), np.datetime64(site.time, "ns"), _TIME),
     }
 
 

@@ -66,7 +66,7 @@ def to_dataset(field: RadianceField, fluxes: Fluxes, altitudes: Array, elevation
     return xarray.Dataset(
         variables,
         coords={
-            "altitude": ("altitude", altitudes, {"units": "m", "standard_name": "height", "positive": "up"}),
+            "altitude": ("altitude", altitudes, {"units": "m", "standard_name": "altitude", "positive": "up"}),
             "sun_elevation": ("sun_elevation", elevations, sun),
             "wavelength": (
                 "wavelength",

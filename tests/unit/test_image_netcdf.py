@@ -46,6 +46,9 @@ def test_attributes_survive(tmp_path: Path) -> None:
         assert data.attrs["Conventions"] == "CF-1.11"
         assert data["radiance"].attrs["units"] == "W m-2 sr-1 nm-1"
         assert data["radiance"].attrs["ancillary_variables"] == "radiance_standard_error"
+        # What the conventions ask for: who wrote the file, and no value for gaps in coordinates that have none.
+        assert "written by skyscatter" in data.attrs["history"]
+        assert data["wavelength"].encoding.get("_FillValue") is None
 
 
 def test_netcdf4_without_its_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
