@@ -134,6 +134,8 @@ class Progress:
     def _watch(self) -> None:
         while not self._end.wait(TICK):
             self._compiling.listen()
+            if self._compiling.depth > 0:
+                self._started += TICK  # the pace is that of the work
             self.look()
 
     def _doing(self) -> str:

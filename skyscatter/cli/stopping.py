@@ -83,8 +83,8 @@ def answered() -> Iterator[None]:
     try:
         yield
     finally:
-        stop.ended.set()
         signal.set_wakeup_fd(woken)
+        stop.ended.set()
         for number, handler in before.items():
             signal.signal(number, handler)
         told.close()
@@ -98,18 +98,18 @@ def _raise(stop: _Stop, number: int, frame: FrameType | None) -> None:
 
 def _watch(stop: _Stop, heard: socket.socket) -> None:
     """Wait for a signal, and for the end that should follow it; bring it about where it does not."""
+    # Open to the end: later signals are told, too.
     with heard:
         while (said := heard.recv(1)) and said[0] not in SIGNALS:
             pass
-    if not said:
-        return
-    # The handler runs in the main thread only, and that may be in compiled code.
-    got = SIGNALS[signal.Signals(said[0])]
-    while not stop.ended.wait(PATIENCE):
-        if not stop.lock.acquire(blocking=False):
-            continue  # it is keeping something
-        stop.status = stop.status or got
-        end_now(stop.keep)
+        if not said:
+            return
+        # The handler runs in the main thread only, and that may be in compiled code.
+        got = SIGNALS[signal.Signals(said[0])]
+        while not stop.ended.wait(PATIENCE):
+            if stop.lock.acquire(blocking=False):  # it is not keeping anything
+                stop.status = stop.status or got
+                end_now(stop.keep)
 
 
 def end_now(keep: Callable[[], None] | None = None) -> None:

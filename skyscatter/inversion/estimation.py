@@ -16,7 +16,7 @@ S_e is diagonal: the variance of the noise plus that which the solver states for
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -112,8 +112,7 @@ def optimal_estimation(
     start: Array,
     *,
     max_iterations: int = 20,
-    gamma: float = 0.0,
-    done: int = 0,
+    kept: Mapping[str, Any] | None = None,
     keep: Callable[[dict[str, Any]], None] | None = None,
 ) -> Estimate:
     """Minimise the cost from a start.
@@ -124,12 +123,10 @@ def optimal_estimation(
     start : ndarray, shape (parameter,)
         First guess of z.
     max_iterations : int
-    gamma : float
-        First damping; 0 is plain Gauss-Newton.
-    done : int
-        Iterations that an earlier, interrupted run has made.
+    kept : mapping, optional
+        What `keep` was last called with by an interrupted run, which goes on to the same numbers.
     keep : callable, optional
-        Called after each iteration with what is needed to go on: ``z``, ``gamma``, ``iterations``.
+        Called at the start and after each iteration with all that is needed to go on.
 
     Returns
     -------
@@ -141,8 +138,21 @@ def optimal_estimation(
     ConvergenceError
         If the model is not finite, or no step lowers the cost though the gradient says so.
     """
-    here = _point(problem, np.clip(start, -FARTHEST, FARTHEST), np.full(start.size, LARGEST_STEP))
-    converged, count, lowered = False, done, False
+    converged, count, lowered, gamma = False, 0, False, 0.0
+    if kept is not None and "at_jacobian" in kept:
+        here = _judge(problem, kept["z"], Linearisation(*(kept[f"at_{name}"] for name in Linearisation._fields)))
+        converged, count, lowered = bool(kept["converged"]), int(kept["iterations"]), bool(kept["lowered"])
+        gamma = float(kept["gamma"])
+    else:
+        here = _point(problem, np.clip(start, -FARTHEST, FARTHEST), np.full(start.size, LARGEST_STEP))
+
+    def tell() -> None:
+        if keep is not None:
+            where = {f"at_{name}": value for name, value in here.linear._asdict().items()}
+            state = {"z": here.z, "gamma": gamma, "iterations": count, "lowered": lowered, "converged": converged}
+            keep({**state, **where})
+
+    tell()
     while count < max_iterations and not converged:
         # The whole step says how far it is to the minimum; one that damping has shortened would always say: near.
         whole = _step(here, 0.0)
@@ -165,8 +175,7 @@ def optimal_estimation(
                     "derivatives; lower the tolerance, or take more samples"
                 )
         count += 1
-        if keep is not None:
-            keep({"z": here.z, "gamma": gamma, "iterations": count})
+        tell()
     return _estimate(here, problem, count, converged)
 
 

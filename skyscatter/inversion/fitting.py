@@ -225,11 +225,7 @@ def _estimate(
 
     if "estimate_z" in kept:  # an earlier run came so far
         return Estimate(**{f.name: _plain(kept[f"estimate_{f.name}"]) for f in fields(Estimate)})
-    begin = np.asarray(kept.get("z", forward.start()), float)
-    found = optimal_estimation(
-        forward, begin, max_iterations=max_iterations, gamma=float(kept.get("gamma", 0.0)),
-        done=int(kept.get("iterations", 0)), keep=keep,
-    )  # fmt: skip
+    found = optimal_estimation(forward, forward.start(), max_iterations=max_iterations, kept=dict(kept), keep=keep)
     kept.update({f"estimate_{f.name}": np.asarray(getattr(found, f.name)) for f in fields(Estimate)})
     state.keep(**kept)
     if progress is not None:

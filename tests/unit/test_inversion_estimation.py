@@ -202,3 +202,14 @@ def test_an_emulator_that_fails_says_so() -> None:
         found = sample_posterior(toy, estimate, FitState(None, {}), {}, steps=400, seed=2, emulated=True)
         lines: Any = sampling(SimpleNamespace(diagnostics=found.diagnostics))  # type: ignore[arg-type]
         assert any("emulator is not to be trusted" in line for line in lines) == warns
+
+
+def test_an_interrupted_estimation_goes_on_to_the_same_numbers() -> None:
+    toy = Toy(np.full(30, 50.0), 0.2)
+    states: list[dict[str, Any]] = []
+    whole = optimal_estimation(toy, np.full(4, 2.0), keep=states.append)
+    assert len(states) > 2
+    for state in states:
+        again = optimal_estimation(toy, np.full(4, 2.0), kept=state)
+        for name, value in vars(whole).items():
+            np.testing.assert_array_equal(getattr(again, name), value)

@@ -223,7 +223,7 @@ def test_an_interrupted_fit_goes_on(
 
     def stopping(*given: Any, **options: Any) -> Any:
         calls.append(1)
-        if len(calls) == 2:
+        if len(calls) == 1:
             raise KeyboardInterrupt
         return original(*given, **options)
 
@@ -231,7 +231,7 @@ def test_an_interrupted_fit_goes_on(
     assert main([*arguments, "-o", str(part)]) == 130
     assert "interrupted before anything" in capsys.readouterr().err
     calls.clear()
-    calls.append(1)  # the first one of this run is the second call: let the first iteration be kept
+    calls.append(1)  # the first one of this run is the second call: let the start be kept
     monkeypatch.setattr(radiances, "differentiate", original)
     monkeypatch.setattr(radiances, "_answer", _raise)
     assert main([*arguments, "-o", str(part)]) == 130
@@ -243,7 +243,8 @@ def test_an_interrupted_fit_goes_on(
     assert main([*arguments, "-o", str(part), "--resume", str(state), "-q"]) == 0
     assert not state.exists()
     a, b = (FitResult.load(p) for p in (whole, part))
-    assert b.estimate["haze.optical_depth"] == pytest.approx(a.estimate["haze.optical_depth"], abs=1e-3)
+    assert b.estimate == a.estimate
+    np.testing.assert_array_equal(np.array(b.covariance), np.array(a.covariance))
 
 
 def _raise(*_: Any, **__: Any) -> Any:
