@@ -28,6 +28,7 @@ class _Stop:
 
     def __init__(self) -> None:
         self.status: int | None = None
+        self.raised = False
         self.keep: Callable[[], None] | None = None
         #: Held while something is kept or written.
         self.lock = threading.RLock()
@@ -91,8 +92,9 @@ def answered() -> Iterator[None]:
 
 
 def _raise(stop: _Stop, number: int, frame: FrameType | None) -> None:
-    if stop.status is None:
-        stop.status = SIGNALS[signal.Signals(number)]
+    if not stop.raised:
+        stop.raised = True
+        stop.status = stop.status or SIGNALS[signal.Signals(number)]
         raise KeyboardInterrupt
 
 
@@ -104,11 +106,11 @@ def _watch(stop: _Stop, heard: socket.socket) -> None:
             pass
         if not said:
             return
-        # The handler runs in the main thread only, and that may be in compiled code.
-        got = SIGNALS[signal.Signals(said[0])]
+        # The handler runs in the main thread only, which may be in compiled code; of several signals that have come by
+        # then Python answers the one with the least number first.
+        stop.status = SIGNALS[signal.Signals(said[0])]
         while not stop.ended.wait(PATIENCE):
             if stop.lock.acquire(blocking=False):  # it is not keeping anything
-                stop.status = stop.status or got
                 end_now(stop.keep)
 
 
