@@ -28,11 +28,25 @@ _log = logging.getLogger("skyscatter")
 _shown: list[Progress] = []
 
 
-def say(words: str) -> None:
-    """Tell what is done from now on: the log, and the progress that is shown."""
+def say(words: str, anew: bool = True) -> None:
+    """Tell what is done from now on: the log, and the progress that is shown.
+
+    Parameters
+    ----------
+    words : str
+    anew : bool
+        Its share and its time count from nought.
+    """
     _log.info(words)
     for progress in tuple(_shown):
-        progress.phase(words)
+        progress.phase(words, anew)
+
+
+def remark(words: str) -> None:
+    """Something to be said beside the time, if that is long."""
+    _log.info(words)
+    for progress in tuple(_shown):
+        progress.remark = words
 
 
 class Progress:
@@ -60,7 +74,7 @@ class Progress:
             raise DomainError("progress", mode, f"choose one of {', '.join(MODES)}")
         self.total, self.label = float(total), label
         self.done = 0.0
-        self.words = ""
+        self.words = self.remark = ""
         self._stream = sys.stderr if stream is None else stream
         self.mode = mode if mode != "auto" else "bar" if self._stream.isatty() else "log"
         self._bar: Any = None
@@ -102,9 +116,11 @@ class Progress:
         """`done` of `total` is done by now; it never goes back, nor past the total."""
         self.done = min(max(self.done, float(done)), self.total)
 
-    def phase(self, words: str) -> None:
-        """Something else is done from now on, whose share and time count from nought."""
-        self.words, self.done, self._started, self._said = words, 0.0, time.monotonic(), False
+    def phase(self, words: str, anew: bool = True) -> None:
+        """Something else is done from now on; its share and time count from nought, or go on."""
+        self.words = words
+        if anew:
+            self.done, self._started, self._said = 0.0, time.monotonic(), False
 
     def seconds_left(self) -> float | None:
         """Time left [s] if the rest goes at the mean pace so far; None before any work is done."""
@@ -115,21 +131,16 @@ class Progress:
     def look(self) -> None:
         """Redraw the bar, or write a line if one is due."""
         with self._lock:
+            left, now = self.seconds_left(), time.monotonic()
+            long = left is not None and left > WORTH_A_WORD and now - self._started >= TRIAL and not self._said
+            interval = min(max(LINE_INTERVAL, LINE_SHARE * (now - self._began)), LONGEST_INTERVAL)
+            if long or (self.mode == "log" and now - self._last_line >= interval):
+                self._said, self._last_line = self._said or long, now
+                rest = "" if left is None else f", {format_seconds(left)} left"
+                rest += f"; {self.remark}" if long and self.remark else ""
+                self._line(f"{self._doing()}{100 * self.done / self.total:.0f} %{rest}")
             if self._bar is not None:
                 self._bar.update(self._task, completed=self.done, description=self._title())
-            elif self.mode == "log" and self._is_due():
-                self._last_line = time.monotonic()
-                left = self.seconds_left()
-                rest = "" if left is None else f", {format_seconds(left)} left"
-                self._line(f"{self._doing()}{100 * self.done / self.total:.0f} %{rest}")
-
-    def _is_due(self) -> bool:
-        now, left = time.monotonic(), self.seconds_left()
-        long = left is not None and left > WORTH_A_WORD and now - self._started >= TRIAL
-        if long and not self._said:
-            self._said = True
-            return True
-        return now - self._last_line >= min(max(LINE_INTERVAL, LINE_SHARE * (now - self._began)), LONGEST_INTERVAL)
 
     def _watch(self) -> None:
         while not self._end.wait(TICK):
@@ -146,6 +157,9 @@ class Progress:
         return f"{self.label}: {self._doing()}".rstrip(": ")
 
     def _line(self, text: str) -> None:
+        if self._bar is not None:
+            self._bar.console.print(f"{self.label}: {text}", highlight=False, markup=False)
+            return
         self._stream.write(f"{self.label}: {text}\n")
         self._stream.flush()
 

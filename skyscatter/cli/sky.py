@@ -254,10 +254,12 @@ def build_scene(request: Request) -> tuple[Any, Any]:
 def run(request: Request, arguments: list[str]) -> int:
     """Render, write, report; returns the exit status."""
     from skyscatter.geometry.camera import camera_from_view
+    from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
     model, scene = build_scene(request)
     camera = camera_from_view(request.view, *request.size, sun_azimuth_deg=scene.sun.azimuth_deg)
+    check_picture(*request.size, request.wavelengths.size)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
     more = {"stokes": True} if request.stokes else {}
     more |= {} if request.sun_disk else {"sun_disk": False}

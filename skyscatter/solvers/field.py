@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
@@ -197,7 +198,11 @@ def solve_range(
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
     tolerance = min(tolerance, LOOSEST)
+    if progress is not None:
+        say("orders of scattering")
     fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
+    if progress is not None:
+        say("orders of scattering, coarser, for the error", anew=False)
     coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
 

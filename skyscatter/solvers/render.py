@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.scene import Scene
+from skyscatter.progress import remark
 from skyscatter.solvers.base import Array, Options, Rays
+from skyscatter.solvers.memory import check_picture, format_bytes
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState
 
@@ -95,13 +97,17 @@ def render(
     Interrupted
         On Ctrl-C: it carries the finished part and a state from which to go on.
     DomainError
-        For options out of range, and for a checkpoint of another render.
+        For options out of range, for a checkpoint of another render, and for a picture that memory does not hold.
     """
     wl = check_wavelengths(wavelengths)
     options = Options(
         samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
         radius, estimator, direct,
     )  # fmt: skip
+    layers = orders + 4 * bool(parts) + 6 * bool(stokes)
+    needed = check_picture(camera.width, camera.height, wl.size, layers, subpixels**2)
+    if progress is not None:
+        remark(f"some {format_bytes(needed)} of memory")
     grid = camera.directions(scene.observer)
     wrap = _wrapper(scene, camera, grid, subpixels)
     recipe = _recipe(scene, camera, wl, solver, options, subpixels)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.errorkind import kind_of
 from skyscatter.errors import DomainError
+from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
@@ -143,10 +144,14 @@ def solve_rays(
     workers = worker_count(threads)
     if state.done.all() and not by_passes:
         return True
+    if progress is not None:
+        say("tables")
     try:
         context = module.prepare(scene, rays, wavelengths, options, workers, progress)
     except KeyboardInterrupt:
         return False
+    if progress is not None:
+        say("passes" if by_passes else "rays")
     if by_passes:
         return solve_passes(module, context, rays, options, state, workers, progress, checkpoint)
     return _solve_tiles(_Tiles(module, context, rays, options, state, checkpoint), workers, progress, checkpoint)

@@ -1,0 +1,79 @@
+"""How much memory a picture takes, and how much there is: what does not fit is refused before any work."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from skyscatter.errors import DomainError
+
+#: Bytes for each pixel beside its spectra: directions and what they are made of.
+OF_PIXEL = 200
+#: Cubes beside those of the answer: what files are made of.
+OF_FILES = 2
+_CGROUPS = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+def picture_bytes(width: int, height: int, wavelengths: int, layers: int = 0, rays: int = 1) -> int:
+    """Memory that a picture takes while it is made and written [byte].
+
+    Parameters
+    ----------
+    width, height, wavelengths : int
+    layers : int
+        Beside the radiance and its error.
+    rays : int
+        Through each pixel.
+    """
+    # In the state of the run, and once more in the picture.
+    cubes = 2 * (2 + layers) + OF_FILES
+    return width * height * (8 * wavelengths * cubes + OF_PIXEL * rays)
+
+
+def available_bytes() -> int | None:
+    """Memory that this process may still take [byte]; None where the system does not say."""
+    found = []
+    with suppress(OSError, ValueError, IndexError):
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        found += [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
+    for most, taken in _CGROUPS:  # of a container
+        with suppress(OSError, ValueError):
+            found.append(int(Path(most).read_text(encoding="ascii")) - int(Path(taken).read_text(encoding="ascii")))
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit != resource.RLIM_INFINITY:
+            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+            found.append(limit - pages * os.sysconf("SC_PAGE_SIZE"))
+    return max(min(found), 0) if found else None
+
+
+def check_picture(width: int, height: int, wavelengths: int, layers: int = 0, rays: int = 1) -> int:
+    """Memory that a picture takes [byte].
+
+    Raises
+    ------
+    DomainError
+        If there is less.
+    """
+    needed, there = picture_bytes(width, height, wavelengths, layers, rays), available_bytes()
+    if there is not None and needed > there:
+        raise DomainError(
+            "size", f"{width}x{height}",
+            f"at {wavelengths} wavelengths it takes some {format_bytes(needed)} of memory, and "
+            f"{format_bytes(there)} are free; make it smaller, with fewer wavelengths, or in parts",
+        )  # fmt: skip
+    return needed
+
+
+def format_bytes(count: float) -> str:
+    """Bytes as words of a sensible size: ``3.2 GB``."""
+    for unit, size in (("TB", 1e12), ("GB", 1e9)):
+        if count >= size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count / 1e6:.0f} MB"
