@@ -130,6 +130,8 @@ class Progress:
 
     def look(self) -> None:
         """Redraw the bar, or write a line if one is due."""
+        if self.mode == "none":
+            return
         with self._lock:
             left, now = self.seconds_left(), time.monotonic()
             long = left is not None and left > WORTH_A_WORD and now - self._started >= TRIAL and not self._said

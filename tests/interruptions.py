@@ -133,14 +133,15 @@ class Judge:
     seen: Counter[str] = field(default_factory=Counter)
     slowest: float = 0.0
 
-    def measure(self) -> None:
-        """Run it to its end once."""
+    def measure(self, warm: bool) -> None:
+        """Run it to its end, before once more where it may compile."""
         if not self.ends:
             return
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             self.job.prepare(folder)
-            subprocess.run(command(self.job), cwd=folder, check=True)  # it may compile
+            if warm:
+                subprocess.run(command(self.job), cwd=folder, check=True)
             began = time.monotonic()
             subprocess.run(command(self.job), cwd=folder, check=True)
             self.seconds = time.monotonic() - began
@@ -212,7 +213,9 @@ class Judge:
         return f"takes {self.seconds:.1f} s; {counts}; slowest answer {self.slowest:.1f} s"
 
 
-def judge(name: str, moments: int, seed: int = 1, ways: Sequence[str] = tuple(WAYS), earliest: float = 0.0) -> Judge:
+def judge(
+    name: str, moments: int, seed: int = 1, ways: Sequence[str] = tuple(WAYS), earliest: float = 0.0, warm: bool = True
+) -> Judge:
     """End a job at random moments, in all ways in turn.
 
     Parameters
@@ -225,9 +228,11 @@ def judge(name: str, moments: int, seed: int = 1, ways: Sequence[str] = tuple(WA
         Of `WAYS`.
     earliest : float
         No moment before this share of the time that the job takes.
+    warm : bool
+        Run it once before that time is taken.
     """
     found, draw = Judge(JOBS[name], name not in ENDLESS), random.Random(f"{name} {seed}")
-    found.measure()
+    found.measure(warm)
     for k in range(moments):
         found.end(ways[k % len(ways)], draw.uniform(earliest, 1.05) * found.seconds + BEGUN)
     return found

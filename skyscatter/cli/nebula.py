@@ -204,10 +204,12 @@ def run(request: Request, arguments: list[str]) -> int:
     """Render, observe, write, report; returns the exit status."""
     import skyscatter
     from skyscatter.image.skyframe import SkyFrame
+    from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
     model = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "nebula")
+    check_picture(*request.size, request.wavelengths.size, request.orders or 0)
     scene: Any = model.scene(**request.turned)
     camera = build_camera(request, scene)
     sky = SkyFrame.seen(scene.view, camera, model.name)

@@ -183,11 +183,15 @@ def choose(request: Request, scene: Any) -> str:
 def run(request: Request, arguments: list[str]) -> int:
     """Render, write, report; returns the exit status."""
     import skyscatter
+    from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
     model = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "render")
-    scene, camera = model.scene(**request.seen), build_camera(request, model)
+    camera = build_camera(request, model)
+    rays = (request.subpixels or 1) ** 2
+    check_picture(camera.width, camera.height, request.wavelengths.size, request.orders or 0, rays)
+    scene = model.scene(**request.seen)
     request = replace(request, size=(camera.width, camera.height), solver=choose(request, scene))
     rendered = common.render_request(request, scene, camera, model.name, arguments, **request.more)
     with rendered.writing() as outputs:

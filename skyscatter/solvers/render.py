@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.telescope import Telescope
-from skyscatter.scene import Scene
 from skyscatter.progress import remark
+from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.memory import check_picture, format_bytes
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
