@@ -77,44 +77,67 @@ _MODULES = ("dehaze", "fields", "inversion", "surfaces")
 __all__ = ["__version__", *_HOME, *_MODULES]
 
 if TYPE_CHECKING:
-    from skyscatter import dehaze, fields, inversion, surfaces
-    from skyscatter.columns import optical_depth, transmittance
-    from skyscatter.geometry.camera import Fisheye, Panorama, Perspective, PlanetView
-    from skyscatter.geometry.telescope import Telescope
-    from skyscatter.ground import Ground, GroundMap
-    from skyscatter.image.filterimage import FilterImage
-    from skyscatter.image.filters import FilterCurve
-    from skyscatter.image.instrument import observe
-    from skyscatter.image.skyframe import SkyFrame
-    from skyscatter.image.spectral import SpectralImage
-    from skyscatter.inversion.fitting import fit
-    from skyscatter.lights import ParallelLight, PointStar
-    from skyscatter.media.medium import Component, Medium
-    from skyscatter.model import Model, Planet, load_model, model_names
-    from skyscatter.nebula import NebulaModel
-    from skyscatter.optics.dust import Dust
-    from skyscatter.optics.lines import GasLines
-    from skyscatter.optics.particles import Particles
-    from skyscatter.scene import Observer, Scene, Star, Sun
-    from skyscatter.solvers.field import RadianceField, solve
-    from skyscatter.solvers.render import render
-    from skyscatter.solvers.run import radiance
-    from skyscatter.solvers.terms import CorrectionTerms
-    from skyscatter.space import SpaceScene, View
-    from skyscatter.spectra.table import SpectralTable
-    from skyscatter.starfield import StarField
-    from skyscatter.surfaces.model import SurfaceModel
-    from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
+    from skyscatter import fields as fields
+    from skyscatter import inversion as inversion
+    from skyscatter import surfaces as surfaces
+    from skyscatter.columns import optical_depth as optical_depth
+    from skyscatter.columns import transmittance as transmittance
+    from skyscatter.dehaze.called import dehaze as dehaze
+    from skyscatter.geometry.camera import Fisheye as Fisheye
+    from skyscatter.geometry.camera import Panorama as Panorama
+    from skyscatter.geometry.camera import Perspective as Perspective
+    from skyscatter.geometry.camera import PlanetView as PlanetView
+    from skyscatter.geometry.telescope import Telescope as Telescope
+    from skyscatter.ground import Ground as Ground
+    from skyscatter.ground import GroundMap as GroundMap
+    from skyscatter.image.filterimage import FilterImage as FilterImage
+    from skyscatter.image.filters import FilterCurve as FilterCurve
+    from skyscatter.image.instrument import observe as observe
+    from skyscatter.image.skyframe import SkyFrame as SkyFrame
+    from skyscatter.image.spectral import SpectralImage as SpectralImage
+    from skyscatter.inversion.fitting import fit as fit
+    from skyscatter.lights import ParallelLight as ParallelLight
+    from skyscatter.lights import PointStar as PointStar
+    from skyscatter.media.medium import Component as Component
+    from skyscatter.media.medium import Medium as Medium
+    from skyscatter.model import Model as Model
+    from skyscatter.model import Planet as Planet
+    from skyscatter.model import load_model as load_model
+    from skyscatter.model import model_names as model_names
+    from skyscatter.nebula import NebulaModel as NebulaModel
+    from skyscatter.optics.dust import Dust as Dust
+    from skyscatter.optics.lines import GasLines as GasLines
+    from skyscatter.optics.particles import Particles as Particles
+    from skyscatter.scene import Observer as Observer
+    from skyscatter.scene import Scene as Scene
+    from skyscatter.scene import Star as Star
+    from skyscatter.scene import Sun as Sun
+    from skyscatter.solvers.field import RadianceField as RadianceField
+    from skyscatter.solvers.field import solve as solve
+    from skyscatter.solvers.render import render as render
+    from skyscatter.solvers.run import radiance as radiance
+    from skyscatter.solvers.terms import CorrectionTerms as CorrectionTerms
+    from skyscatter.space import SpaceScene as SpaceScene
+    from skyscatter.space import View as View
+    from skyscatter.spectra.table import SpectralTable as SpectralTable
+    from skyscatter.starfield import StarField as StarField
+    from skyscatter.surfaces.model import SurfaceModel as SurfaceModel
+    from skyscatter.surfaces.scene import Body as Body
+    from skyscatter.surfaces.scene import SurfaceMedium as SurfaceMedium
+    from skyscatter.surfaces.scene import SurfaceScene as SurfaceScene
+    from skyscatter.surfaces.scene import Viewpoint as Viewpoint
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        value = getattr(import_module(_HOME[name]), name)
-        globals()[name] = value
-        return value
-    if name in _MODULES:
-        return import_module(f"skyscatter.{name}")
-    raise AttributeError(f"module 'skyscatter' has no attribute {name!r}")
+if not TYPE_CHECKING:  # it would accept any name
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME:
+            value = getattr(import_module(_HOME[name]), name)
+            globals()[name] = value
+            return value
+        if name in _MODULES:
+            return import_module(f"skyscatter.{name}")
+        raise AttributeError(f"module 'skyscatter' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

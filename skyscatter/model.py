@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, overload
 
 from pydantic import ValidationError, model_validator
 
@@ -18,6 +18,10 @@ from skyscatter.media.medium import Component, Medium
 from skyscatter.record import UNKNOWN, Record
 from skyscatter.scene import Scene, Site, Star, Sun
 from skyscatter.units import Metres
+
+if TYPE_CHECKING:
+    from skyscatter.nebula import NebulaModel
+    from skyscatter.surfaces.model import SurfaceModel
 
 
 class Planet(Record):
@@ -115,14 +119,38 @@ def model_names() -> list[str]:
     return sorted(path.stem for path in models_dir().glob("*.toml"))
 
 
-def load_model(name_or_path: str | Path) -> Any:
+SkyName = Literal["earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan"]
+NebulaName = Literal[
+    "dark-globule",
+    "dusty-disk",
+    "hii-region",
+    "reflection-nebula",
+    "ring-nebula",
+    "star-in-dust",
+    "turbulent-pillar",
+]
+SurfaceName = Literal["city-skyglow", "fog-room", "light-guide", "milk-and-water", "searchlight"]
+
+
+@overload
+def load_model(name_or_path: SkyName) -> Model: ...
+@overload
+def load_model(name_or_path: NebulaName) -> NebulaModel: ...
+@overload
+def load_model(name_or_path: SurfaceName) -> SurfaceModel: ...
+@overload
+def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel: ...
+
+
+def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
     """Read a model by the name of a shipped one or from a TOML file.
 
     Returns
     -------
     Model, NebulaModel or SurfaceModel
         A planet with its air, or, where the file has a table ``view``, a nebula, or, where it has a table
-        ``viewpoint``, a scene of surfaces.
+        ``viewpoint``, a scene of surfaces.  A type checker knows which one a shipped name gives; of a file's model
+        ask ``isinstance(model, skyscatter.NebulaModel)``.
 
     Raises
     ------
@@ -146,7 +174,7 @@ def load_model(name_or_path: str | Path) -> Any:
     return parse_model(content, path)
 
 
-def parse_model(content: dict[str, Any], source: object) -> Any:
+def parse_model(content: dict[str, Any], source: object) -> Model | NebulaModel | SurfaceModel:
     """Build a `Model`, a `NebulaModel` or a `SurfaceModel` from the content of a file; `source` is named in errors."""
     try:
         return _sort_of(content).model_validate(content)
@@ -154,7 +182,7 @@ def parse_model(content: dict[str, Any], source: object) -> Any:
         raise ModelFileError(source, first_problem(error)) from error
 
 
-def _sort_of(content: dict[str, Any]) -> type[Record]:
+def _sort_of(content: dict[str, Any]) -> type[Model] | type[NebulaModel] | type[SurfaceModel]:
     """What a file describes, by the tables that only such a file has."""
     if not {"viewpoint", "bodies", "media"}.isdisjoint(content):
         from skyscatter.surfaces.model import SurfaceModel

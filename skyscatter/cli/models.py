@@ -69,7 +69,7 @@ def check(
     import skyscatter
 
     _check_plot(plot, no_clobber)
-    model = skyscatter.load_model(file)
+    model: Any = skyscatter.load_model(file)
     if hasattr(model, "planet"):
         for component in model.components:
             _check_component(file, component)

@@ -186,7 +186,7 @@ def run(request: Request, arguments: list[str]) -> int:
     from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
-    model = skyscatter.load_model(request.model)
+    model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "render")
     camera = build_camera(request, model)
     rays = (request.subpixels or 1) ** 2

@@ -240,7 +240,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
     """The model, and its scene with Sun and observer."""
     import skyscatter
 
-    model = skyscatter.load_model(request.model)
+    model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "sky")
     if request.place is None or request.time is None:
         return model, model.scene(

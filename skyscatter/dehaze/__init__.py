@@ -33,23 +33,30 @@ _HOMES = {
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
-    from skyscatter.dehaze.aerosols import aerosol_names
-    from skyscatter.dehaze.bands import Sensor, load_sensor, sensor_names
-    from skyscatter.dehaze.engine import dehaze, dehaze_raster
-    from skyscatter.dehaze.flags import Flag
-    from skyscatter.dehaze.forward import Atmosphere
-    from skyscatter.dehaze.geometry import SceneGeometry
-    from skyscatter.dehaze.options import DehazeOptions, SourceOptions
-    from skyscatter.dehaze.passband import Band
-    from skyscatter.dehaze.rasters.opening import open_raster
-    from skyscatter.dehaze.result import DehazeResult
-    from skyscatter.dehaze.table import TermsTable, build_table
+    from skyscatter.dehaze.aerosols import aerosol_names as aerosol_names
+    from skyscatter.dehaze.bands import Sensor as Sensor
+    from skyscatter.dehaze.bands import load_sensor as load_sensor
+    from skyscatter.dehaze.bands import sensor_names as sensor_names
+    from skyscatter.dehaze.engine import dehaze as dehaze
+    from skyscatter.dehaze.engine import dehaze_raster as dehaze_raster
+    from skyscatter.dehaze.flags import Flag as Flag
+    from skyscatter.dehaze.forward import Atmosphere as Atmosphere
+    from skyscatter.dehaze.geometry import SceneGeometry as SceneGeometry
+    from skyscatter.dehaze.options import DehazeOptions as DehazeOptions
+    from skyscatter.dehaze.options import SourceOptions as SourceOptions
+    from skyscatter.dehaze.passband import Band as Band
+    from skyscatter.dehaze.rasters.opening import open_raster as open_raster
+    from skyscatter.dehaze.result import DehazeResult as DehazeResult
+    from skyscatter.dehaze.table import TermsTable as TermsTable
+    from skyscatter.dehaze.table import build_table as build_table
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # it would accept any name
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOMES:
+            return getattr(import_module(_HOMES[name]), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 class _CallablePackage(ModuleType):

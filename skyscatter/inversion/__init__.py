@@ -62,44 +62,66 @@ _HOMES = {
 __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
-    from skyscatter.inversion.abel import AbelResult, abel_invert, abel_project
-    from skyscatter.inversion.adjoint import spreading_map, through_map, through_parameters
-    from skyscatter.inversion.axisymmetric import AxisymmetricResult, invert_axisymmetric
-    from skyscatter.inversion.broadband import Broadband
-    from skyscatter.inversion.centre import Centre, find_centre
-    from skyscatter.inversion.deprojection import Deprojection, deproject
-    from skyscatter.inversion.derivatives import Derivatives, differentiate
-    from skyscatter.inversion.distributions import LogNormal, LogUniform, Normal, Uniform
-    from skyscatter.inversion.fitresult import FitResult
-    from skyscatter.inversion.fitting import fit
-    from skyscatter.inversion.fluxes import flux_table
-    from skyscatter.inversion.images import nebula_image, sky_image
-    from skyscatter.inversion.matter import (
-        DustCloud,
-        LineGas,
-        dust_from_extinction,
-        electrons_from_emissivity,
-        extinction_map,
-        gas_from_line_image,
-    )
-    from skyscatter.inversion.parameters import with_values
-    from skyscatter.inversion.priors import Entropy, Tikhonov, TotalVariation
-    from skyscatter.inversion.radiances import limb_profile, radiance_table
-    from skyscatter.inversion.readers import read_observation
-    from skyscatter.inversion.reconstruction import Reconstruction
-    from skyscatter.inversion.shells import ShellFit, fit_shell, shell_column, shell_image
-    from skyscatter.inversion.spherical import SphericalResult, invert_spherical
-    from skyscatter.inversion.tomography import reconstruct
-    from skyscatter.inversion.views import ImageView
-    from skyscatter.inversion.voxelimage import VoxelModel
-    from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
-    from skyscatter.inversion.voxelwalks import WalkedLight, multiple_scattering
+    from skyscatter.inversion.abel import AbelResult as AbelResult
+    from skyscatter.inversion.abel import abel_invert as abel_invert
+    from skyscatter.inversion.abel import abel_project as abel_project
+    from skyscatter.inversion.adjoint import spreading_map as spreading_map
+    from skyscatter.inversion.adjoint import through_map as through_map
+    from skyscatter.inversion.adjoint import through_parameters as through_parameters
+    from skyscatter.inversion.axisymmetric import AxisymmetricResult as AxisymmetricResult
+    from skyscatter.inversion.axisymmetric import invert_axisymmetric as invert_axisymmetric
+    from skyscatter.inversion.broadband import Broadband as Broadband
+    from skyscatter.inversion.centre import Centre as Centre
+    from skyscatter.inversion.centre import find_centre as find_centre
+    from skyscatter.inversion.deprojection import Deprojection as Deprojection
+    from skyscatter.inversion.deprojection import deproject as deproject
+    from skyscatter.inversion.derivatives import Derivatives as Derivatives
+    from skyscatter.inversion.derivatives import differentiate as differentiate
+    from skyscatter.inversion.distributions import LogNormal as LogNormal
+    from skyscatter.inversion.distributions import LogUniform as LogUniform
+    from skyscatter.inversion.distributions import Normal as Normal
+    from skyscatter.inversion.distributions import Uniform as Uniform
+    from skyscatter.inversion.fitresult import FitResult as FitResult
+    from skyscatter.inversion.fitting import fit as fit
+    from skyscatter.inversion.fluxes import flux_table as flux_table
+    from skyscatter.inversion.images import nebula_image as nebula_image
+    from skyscatter.inversion.images import sky_image as sky_image
+    from skyscatter.inversion.matter import DustCloud as DustCloud
+    from skyscatter.inversion.matter import LineGas as LineGas
+    from skyscatter.inversion.matter import dust_from_extinction as dust_from_extinction
+    from skyscatter.inversion.matter import electrons_from_emissivity as electrons_from_emissivity
+    from skyscatter.inversion.matter import extinction_map as extinction_map
+    from skyscatter.inversion.matter import gas_from_line_image as gas_from_line_image
+    from skyscatter.inversion.parameters import with_values as with_values
+    from skyscatter.inversion.priors import Entropy as Entropy
+    from skyscatter.inversion.priors import Tikhonov as Tikhonov
+    from skyscatter.inversion.priors import TotalVariation as TotalVariation
+    from skyscatter.inversion.radiances import limb_profile as limb_profile
+    from skyscatter.inversion.radiances import radiance_table as radiance_table
+    from skyscatter.inversion.readers import read_observation as read_observation
+    from skyscatter.inversion.reconstruction import Reconstruction as Reconstruction
+    from skyscatter.inversion.shells import ShellFit as ShellFit
+    from skyscatter.inversion.shells import fit_shell as fit_shell
+    from skyscatter.inversion.shells import shell_column as shell_column
+    from skyscatter.inversion.shells import shell_image as shell_image
+    from skyscatter.inversion.spherical import SphericalResult as SphericalResult
+    from skyscatter.inversion.spherical import invert_spherical as invert_spherical
+    from skyscatter.inversion.tomography import reconstruct as reconstruct
+    from skyscatter.inversion.views import ImageView as ImageView
+    from skyscatter.inversion.voxelimage import VoxelModel as VoxelModel
+    from skyscatter.inversion.voxelscene import VoxelFrame as VoxelFrame
+    from skyscatter.inversion.voxelscene import VoxelLights as VoxelLights
+    from skyscatter.inversion.voxelscene import VoxelOptics as VoxelOptics
+    from skyscatter.inversion.voxelwalks import WalkedLight as WalkedLight
+    from skyscatter.inversion.voxelwalks import multiple_scattering as multiple_scattering
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # it would accept any name
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOMES:
+            return getattr(import_module(_HOMES[name]), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "AreaLamp": "lamps",
@@ -42,13 +42,49 @@ _HOME = {
 
 __all__ = list(_HOME)
 
+if TYPE_CHECKING:
+    from skyscatter.surfaces.indices import refractive_index as refractive_index
+    from skyscatter.surfaces.lamps import AreaLamp as AreaLamp
+    from skyscatter.surfaces.lamps import Led as Led
+    from skyscatter.surfaces.lamps import ParallelLamp as ParallelLamp
+    from skyscatter.surfaces.lamps import PointLamp as PointLamp
+    from skyscatter.surfaces.lamps import SpotLamp as SpotLamp
+    from skyscatter.surfaces.lamps import Surroundings as Surroundings
+    from skyscatter.surfaces.lobes import CityLobe as CityLobe
+    from skyscatter.surfaces.lobes import ConeLobe as ConeLobe
+    from skyscatter.surfaces.lobes import CosinePowerLobe as CosinePowerLobe
+    from skyscatter.surfaces.lobes import IsotropicLobe as IsotropicLobe
+    from skyscatter.surfaces.lobes import LambertLobe as LambertLobe
+    from skyscatter.surfaces.lobes import TabulatedLobe as TabulatedLobe
+    from skyscatter.surfaces.materials import Conductor as Conductor
+    from skyscatter.surfaces.materials import Dielectric as Dielectric
+    from skyscatter.surfaces.materials import Interface as Interface
+    from skyscatter.surfaces.materials import Lambert as Lambert
+    from skyscatter.surfaces.materials import Mirror as Mirror
+    from skyscatter.surfaces.meshes import Mesh as Mesh
+    from skyscatter.surfaces.meshes import Turned as Turned
+    from skyscatter.surfaces.model import SurfaceModel as SurfaceModel
+    from skyscatter.surfaces.power import lamp_names as lamp_names
+    from skyscatter.surfaces.power import lamp_spectrum as lamp_spectrum
+    from skyscatter.surfaces.scene import Body as Body
+    from skyscatter.surfaces.scene import SurfaceMedium as SurfaceMedium
+    from skyscatter.surfaces.scene import SurfaceScene as SurfaceScene
+    from skyscatter.surfaces.scene import Viewpoint as Viewpoint
+    from skyscatter.surfaces.shapes import Box as Box
+    from skyscatter.surfaces.shapes import Disk as Disk
+    from skyscatter.surfaces.shapes import Plane as Plane
+    from skyscatter.surfaces.shapes import Rectangle as Rectangle
+    from skyscatter.surfaces.shapes import Sphere as Sphere
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        value = getattr(import_module(f"skyscatter.surfaces.{_HOME[name]}"), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'skyscatter.surfaces' has no attribute {name!r}")
+
+if not TYPE_CHECKING:  # it would accept any name
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME:
+            value = getattr(import_module(f"skyscatter.surfaces.{_HOME[name]}"), name)
+            globals()[name] = value
+            return value
+        raise AttributeError(f"module 'skyscatter.surfaces' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
