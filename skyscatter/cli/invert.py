@@ -21,6 +21,8 @@ METHODS = {"optimal-estimation": "optimal_estimation", "posterior": "posterior"}
 SOLVERS = ("orders", "path", "single")
 #: Options of solvers that not all have a use for.
 MEANINGLESS = {"orders": ("samples",), "path": ("tolerance",), "single": ("samples", "tolerance", "max_order")}
+#: Exit status of fits that are no answer.
+NOT_CONVERGED = 3
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,13 @@ def invert(
         str | None,
         typer.Option(metavar="NM", help="Width of the instrument's bands, else as far as half-way to the next."),
     ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNIT",
+            help="Of a table's radiances or fluxes, such as 'uW cm-2 sr-1 nm-1', else by the file, or W, m, sr, nm.",
+        ),
+    ] = None,
     pixels: Annotated[
         str | None, typer.Option(metavar="N", help="Pixels of an image to use at most, evenly spread, else 400.")
     ] = None,
@@ -147,7 +156,8 @@ def invert(
     Prints a table of estimates with their uncertainties.  Names are those of the model file, such as
     haze.density.scale_height, or what they add up to: COMPONENT.optical_depth, .asymmetry, .single_scattering_albedo,
     .effective_radius, .extinction (A_V), ozone.column_du, ground.albedo, star.temperature; calibration is a factor on
-    the data's scale.  Ctrl-C keeps the state and says how to go on.
+    the data's scale; ground.grey_albedo, a grey ground in the place of the model's.  Ctrl-C keeps the state and says
+    how to go on.  Exit status 3: the fit has not converged, or misses the data by far; what was found is written.
     """
     request = Request(
         model=model,
@@ -163,7 +173,7 @@ def invert(
         progress=common.talk(quiet, verbose, progress),
         place=_place(
             sun_elevation, sun_azimuth, altitude, place=place, bandwidth=bandwidth, pixels=pixels,
-            wavelengths=wavelengths,
+            wavelengths=wavelengths, units=units,
         ),
         options=_options(
             solver=solver, method=method, noise=noise, model_error=model_error, tolerance=tolerance, samples=samples,
@@ -173,6 +183,8 @@ def invert(
     )  # fmt: skip
     if not request.data:
         raise DomainError("data", "", "name a file with measurements: --data FILE")
+    if quiet and not as_json and output is None and save_model is None:
+        raise DomainError("quiet", True, "the result would be lost; name a file with -o, ask for --json, or drop -q")
     parse.check_new(request.files if no_clobber else ())
     if request.files != list(dict.fromkeys(request.files)):
         raise DomainError("output", str(request.files[0]), "two outputs have one name; give each its own")
@@ -215,6 +227,7 @@ def _place(elevation: str | None, azimuth: str | None, altitude: str | None, **t
         "altitude": None if altitude is None else metres(altitude, "altitude"),
         "place": None if place is None else parse.parse_place(place),
         "bandwidth_nm": None if bandwidth is None else nanometres(bandwidth, "bandwidth"),
+        "units": texts["units"],
         "pixels": parse.parse_integer(texts["pixels"], "pixels", 1, "give a number of pixels, 1 or more"),
         "wavelengths": None if wavelengths is None else parse.parse_wavelengths(wavelengths),
     }
@@ -328,10 +341,13 @@ def _report(request: Request, result: Any, seconds: float) -> int:
             "skyscatter": skyscatter.__version__,
             "model": result.model.name,
             **{name: value for name, value in content.items() if name not in dropped},
+            "warnings": list(result.warnings),
             "seconds": round(seconds, 3),
             "outputs": [str(path) for path in request.files],
         }
         typer.echo(json.dumps(summary, allow_nan=False))
     if not request.quiet:
         typer.echo(str(result), err=True)
-    return 0
+    elif not result.trusted:
+        print(f"skyscatter: warning: {'; '.join(result.warnings)}", file=sys.stderr)
+    return 0 if result.trusted else NOT_CONVERGED

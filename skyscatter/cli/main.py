@@ -1,7 +1,8 @@
 """``skyscatter``: the program and what its exit status means.
 
-Exit status: 0 done, 1 an error in skyscatter itself, 2 something in the command or its files is wrong, 130 interrupted
-by Ctrl-C, 143 by SIGTERM.  Errors are one line on stderr.
+Exit status: 0 done, 1 an error in skyscatter itself, 2 something in the command or its files is wrong, 3 a numerical
+method has not converged (what was found is written), 130 interrupted by Ctrl-C, 143 by SIGTERM.  Errors are one line
+on stderr.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pydantic import ValidationError
 
 import skyscatter
 from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping
-from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.errors import ConvergenceError, DomainError, SkyscatterError
 
 app = typer.Typer(
     name="skyscatter",
@@ -67,6 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say("interrupted", stopping.status())
     except ValidationError as error:
         return _say(f"error: {describe_validation(error)}", 2)
+    except ConvergenceError as error:
+        return _say(f"error: {error}", 3)
     except SkyscatterError as error:
         return _say(f"error: {error}", 2)
     except BrokenPipeError:

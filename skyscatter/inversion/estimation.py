@@ -114,6 +114,7 @@ def optimal_estimation(
     max_iterations: int = 20,
     kept: Mapping[str, Any] | None = None,
     keep: Callable[[dict[str, Any]], None] | None = None,
+    check: Callable[[Array], None] | None = None,
 ) -> Estimate:
     """Minimise the cost from a start.
 
@@ -127,6 +128,8 @@ def optimal_estimation(
         What `keep` was last called with by an interrupted run, which goes on to the same numbers.
     keep : callable, optional
         Called at the start and after each iteration with all that is needed to go on.
+    check : callable, optional
+        Called with the model at the start (datum,), before any step; it may refuse to go on.
 
     Returns
     -------
@@ -145,6 +148,8 @@ def optimal_estimation(
         gamma = float(kept["gamma"])
     else:
         here = _point(problem, np.clip(start, -FARTHEST, FARTHEST), np.full(start.size, LARGEST_STEP))
+        if check is not None:
+            check(here.linear.value)
 
     def tell() -> None:
         if keep is not None:

@@ -172,6 +172,20 @@ class FitResult:
 
         return float(chi2.sf(self.chi2, max(self.measured.size - self.degrees_of_freedom, 1.0)))
 
+    @property
+    def trusted(self) -> bool:
+        """Whether the estimate is one: the method converged, and the data are not missed by ten times their noise."""
+        from skyscatter.inversion.report import HOPELESS
+
+        return self.converged and self.reduced_chi2 <= HOPELESS
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the estimate and its deviations, in sentences; empty if nothing does."""
+        from skyscatter.inversion.report import warnings
+
+        return warnings(self)
+
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Ends of the central credible interval of each parameter; it never crosses the prior's bounds."""
         from scipy.special import ndtri

@@ -93,7 +93,8 @@ def fit(
     Raises
     ------
     DomainError
-        For unknown names, bounds that no such number can have, unsuitable data.
+        For unknown names, bounds that no such number can have, unsuitable data, and data twenty times above or below
+        the model at the start whose unit nobody has stated.
     ConvergenceError
         If the misfit cannot be lowered.
     """
@@ -225,7 +226,10 @@ def _estimate(
 
     if "estimate_z" in kept:  # an earlier run came so far
         return Estimate(**{f.name: _plain(kept[f"estimate_{f.name}"]) for f in fields(Estimate)})
-    found = optimal_estimation(forward, forward.start(), max_iterations=max_iterations, kept=dict(kept), keep=keep)
+    found = optimal_estimation(
+        forward, forward.start(), max_iterations=max_iterations, kept=dict(kept), keep=keep,
+        check=forward.refuse_other_units,
+    )  # fmt: skip
     kept.update({f"estimate_{f.name}": np.asarray(getattr(found, f.name)) for f in fields(Estimate)})
     state.keep(**kept)
     if progress is not None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.inversion.broadband import PRECIPITABLE_WATER, Broadband
+from skyscatter.inversion.datumunits import FLUX, SPECTRAL_FLUX, factors
 from skyscatter.inversion.distributions import Distribution, Normal
 from skyscatter.inversion.looks import band_share
 from skyscatter.inversion.observations import (
@@ -79,7 +80,8 @@ class Fluxes(Observation):
     relative: bool = False
     bandwidth: float | None = None
     kind: str = "irradiance"
-    unit: str = "W m-2 nm-1"
+    unit: str = SPECTRAL_FLUX
+    stated: bool = True
     labels: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -241,6 +243,7 @@ def flux_table(
     distance_au: float | None = None,
     broadband: Broadband | None = None,
     bandwidth_nm: float | None = None,
+    units: str | None = None,
 ) -> Fluxes:
     """Irradiances on a horizontal plane, one datum a row.
 
@@ -272,12 +275,22 @@ def flux_table(
 
     bandwidth_nm : float, optional
         Of spectral data; see `skyscatter.inversion.radiance_table`.
+    units : str, optional
+        Of `flux` and `sigma`, such as ``"uW cm-2 nm-1"``; [W m-2 nm-1] or [W m-2] is taken when not given, and doubted
+        by `skyscatter.fit` where the model says something else altogether.
 
     Returns
     -------
     Fluxes
     """
     raw = np.asarray(flux, float).ravel()
+    if units is not None:
+        missing = np.isnan(np.asarray([np.nan] if wavelength_nm is None else wavelength_nm, float))
+        if missing.any() and not missing.all():
+            raise DomainError("units", units, "the data are spectral and broadband; give all in W m-2 (nm-1), without")
+        spectral = not missing.any()
+        factor = factors(units, SPECTRAL_FLUX if spectral else FLUX, wavelength_nm if spectral else None)
+        raw, sigma = raw * factor, None if sigma is None else np.asarray(sigma, float) * factor
     values, deviation = checked_data(raw, noise_of(raw, sigma, noise, "flux"), "flux")
     names = (quantity,) * values.size if isinstance(quantity, str) else tuple(quantity)
     if len(names) != values.size:
@@ -306,7 +319,8 @@ def flux_table(
         values, deviation, elevation, names, wl, float(altitude), distance_au,
         (broadband or Broadband()) if broad else None, timed, noise is not None, bandwidth_nm,
         kind="irradiance" if one_kind else "irradiances",
-        unit="W m-2" if broad and one_kind else "W m-2 nm-1" if one_kind else "W m-2 (nm-1)",
+        unit=FLUX if broad and one_kind else SPECTRAL_FLUX if one_kind else "W m-2 (nm-1)",
+        stated=units is not None or not one_kind,
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.inversion.datumunits import refuse_implausible
 from skyscatter.inversion.observations import Linearisation, Observation, Prediction, Run
 from skyscatter.inversion.parameters import Parameter, Subject, apply
 
@@ -52,6 +53,13 @@ class Forward:
         ends = np.cumsum([o.values.size for o in self.observations])[:-1]
         parts = np.split(value, ends)
         return np.concatenate([o.noise_at(v) ** 2 for o, v in zip(self.observations, parts, strict=True)])
+
+    def refuse_other_units(self, value: Array) -> None:
+        """Refuse data whose unit nobody has stated, where the model's first guess `value` (datum,) is far from them."""
+        ends = np.cumsum([o.values.size for o in self.observations])[:-1]
+        for observation, guess in zip(self.observations, np.split(value, ends), strict=True):
+            if not observation.stated:
+                refuse_implausible(observation.values, guess, observation.unit)
 
     def values(self, z: Array) -> Array:
         """Values of the parameters (parameter,) at a state."""

@@ -47,6 +47,8 @@ class Observation:
     sigma: Array  #: standard deviation of independent noise (datum,)
     #: Whether the noise was stated as a share: then it is one of what should have been measured, not of what was.
     relative: bool = False
+    #: Whether somebody has said in which unit the data are; else the first look at the model may doubt it.
+    stated: bool = True
     unit: str
     kind: str  #: in words, for tables and plots
     #: Nuisance parameters: name -> (neutral value, usual prior).

@@ -9,7 +9,8 @@ A name is one of
   ``view.inclination_deg``; for a component the words ``density``, ``optics`` and ``phase`` may be left out where the
   last one is clear (``haze.scale_height``, ``haze.angstrom_exponent``), and ``star.luminosity`` is that of the only
   star;
-- ``ground.albedo`` (of a table or a named surface: at 550 nm, the table keeping its shape);
+- ``ground.albedo`` (of a table or a named surface: at 550 nm, the table keeping its shape), or ``ground.grey_albedo``,
+  one number at all wavelengths in the place of whatever ground the model has;
 - ``sun.elevation_deg``, ``sun.azimuth_deg``;
 - a nuisance parameter of the data, such as ``calibration``.
 """
@@ -47,6 +48,7 @@ _KNOWN: dict[str, tuple[tuple[float, float], Distribution | None]] = {
     "g": ((-1, 1), Uniform(-0.3, 0.97)),
     "single_scattering_albedo": ((0, 1), Uniform(0.0, 1.0)),
     "albedo": ((0, 1), Uniform(0.0, 1.0)),
+    "grey_albedo": ((0, 1), Uniform(0.0, 1.0)),
     "effective_radius": ((0, INF), LogUniform(1e-8, 2e-5)),
     **dict.fromkeys(("temperature", "luminosity", "radius", "scale_height", "weight", "distance"), ((0.0, INF), None)),
     "elevation_deg": ((-90, 90), Uniform(-90.0, 90.0)),
@@ -200,6 +202,8 @@ def _access(
         return _sun_access(name, words[1], subject)
     if words == ("ground", "albedo") and hasattr(model, "ground"):
         return _ground_access(reference)
+    if words == ("ground", "grey_albedo") and hasattr(model, "ground"):
+        return _grey_access(reference)
     fields = type(model).model_fields
     if words[0] in fields and len(words) > 1:
         if words[0] == "components" and len(words) == 3 and words[2] in QUANTITIES:
@@ -268,6 +272,15 @@ def _quantity_access(name: str, component: str, quantity: Quantity, reference: f
         return replace(subject, model=paths.replaced(subject.model, ("components", component), new, name))
 
     return get, put, quantity.amount, True
+
+
+def _grey_access(reference: float) -> Access:
+    get = _ground_access(reference)[0]
+
+    def put(subject: Subject, value: float) -> Subject:
+        return replace(subject, model=paths.replaced(subject.model, ("ground", "albedo"), value, "ground.grey_albedo"))
+
+    return get, put, False, False
 
 
 def _ground_access(reference: float) -> Access:

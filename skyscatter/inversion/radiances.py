@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.inversion.datumunits import RADIANCE, factors
 from skyscatter.inversion.derivatives import differentiate
 from skyscatter.inversion.distributions import Distribution, Normal
 from skyscatter.inversion.looks import Integers, LimbLook, Look
@@ -41,7 +42,8 @@ class Radiances(Observation):
     sigma: Array
     relative: bool = False
     kind: str = "sky radiance"
-    unit: str = "W m-2 sr-1 nm-1"
+    unit: str = RADIANCE
+    stated: bool = True
     labels: Mapping[str, Array] = field(default_factory=dict)
     nuisances: Mapping[str, tuple[float, Distribution]] = field(default_factory=lambda: dict(CALIBRATION))
 
@@ -134,6 +136,7 @@ def radiance_table(
     sun_azimuth_deg: ArrayLike = 180.0,
     altitude: ArrayLike = 0.0,
     bandwidth_nm: float | None = None,
+    units: str | None = None,
 ) -> Radiances:
     """Sky radiances in directions and at wavelengths, one datum a row.
 
@@ -157,6 +160,9 @@ def radiance_table(
         Width of the instrument's bands [nm].  Without it each wavelength stands for its cell, half-way to its
         neighbours (docs/conventions.md), as in what `skyscatter.radiance` gives for a list of wavelengths; for a
         radiometer with a few narrow bands say how narrow.
+    units : str, optional
+        Of `radiance` and `sigma`, such as ``"uW cm-2 sr-1 nm-1"``; [W m-2 sr-1 nm-1] is taken when not given, and
+        doubted by `skyscatter.fit` where the model says something else altogether.
 
     Returns
     -------
@@ -171,7 +177,7 @@ def radiance_table(
         "azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg, "wavelength_nm": wavelength_nm,
         "sun_elevation_deg": sun_elevation_deg, "sun_azimuth_deg": sun_azimuth_deg, "altitude_m": altitude,
     }  # fmt: skip
-    values = np.asarray(radiance, float).ravel()
+    values, sigma = _in_house(radiance, sigma, wavelength_nm, units)
     table = {name: _column(name, column, values.size) for name, column in columns.items()}
     values, deviation = checked_data(values, noise_of(values, sigma, noise, "radiance"), "radiance")
     for name in ("elevation_deg", "sun_elevation_deg"):
@@ -185,7 +191,16 @@ def radiance_table(
         )
         for key, rows in groups(table["sun_elevation_deg"], table["sun_azimuth_deg"], table["altitude_m"])
     ]  # fmt: skip
-    return Radiances(tuple(looks), values, deviation, noise is not None, labels=table)
+    return Radiances(tuple(looks), values, deviation, noise is not None, stated=units is not None, labels=table)
+
+
+def _in_house(radiance: ArrayLike, sigma: Any, wavelength_nm: ArrayLike, units: str | None) -> tuple[Array, Any]:
+    """Radiances and their deviations [W m-2 sr-1 nm-1]."""
+    values = np.asarray(radiance, float).ravel()
+    if units is None:
+        return values, sigma
+    factor = factors(units, RADIANCE, _column("wavelength_nm", wavelength_nm, values.size))
+    return values * factor, None if sigma is None else np.asarray(sigma, float) * factor
 
 
 def limb_profile(
@@ -200,6 +215,7 @@ def limb_profile(
     azimuth_deg: ArrayLike = 0.0,
     noise: float | None = None,
     bandwidth_nm: float | None = None,
+    units: str | None = None,
 ) -> Radiances:
     """Radiances of a planet's limb, seen from above its air.
 
@@ -207,7 +223,7 @@ def limb_profile(
     ----------
     tangent_height_m : array_like, shape (datum,)
         Least height of the straight line of sight above the ground [m].
-    wavelength_nm, radiance, sigma, noise, bandwidth_nm
+    wavelength_nm, radiance, sigma, noise, bandwidth_nm, units
         As for `radiance_table`.
     altitude : float
         Of the observer [m].
@@ -220,7 +236,7 @@ def limb_profile(
     -------
     Radiances
     """
-    raw = np.asarray(radiance, float).ravel()
+    raw, sigma = _in_house(radiance, sigma, wavelength_nm, units)
     columns = {"tangent_height_m": tangent_height_m, "azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}
     table = {name: _column(name, column, raw.size) for name, column in columns.items()}
     values, deviation = checked_data(raw, noise_of(raw, sigma, noise, "radiance"), "radiance")
@@ -236,7 +252,9 @@ def limb_profile(
         np.zeros((len(tangent), 3)), check_wavelengths(wl), ray.ravel(), band.ravel(), np.arange(values.size),
         bandwidth=bandwidth_nm, tangent=tangent,
     )  # fmt: skip
-    return Radiances((look,), values, deviation, noise is not None, kind="limb radiance", labels=table)
+    return Radiances(
+        (look,), values, deviation, noise is not None, kind="limb radiance", stated=units is not None, labels=table
+    )
 
 
 def _column(name: str, column: Any, size: int) -> Array:

@@ -18,12 +18,17 @@ _RADIANCE = (
 )  # fmt: skip
 _LIMB = ("tangent_height_m", "azimuth_deg", "wavelength_nm", "radiance", "sigma")
 _FLUX = ("time", "sun_elevation_deg", "wavelength_nm", "quantity", "flux", "sigma", "direct", "diffuse", "global")
+#: Units that the ends of columns' names promise, as files write them.
+_SUFFIXES = {
+    "nm": ("nm", "nanometer", "nanometers", "nanometre"), "m": ("m", "meter", "meters", "metre"),
+    "deg": ("deg", "degree", "degrees", "°"),
+}  # fmt: skip
 IMAGES = (".exr", ".fits", ".nc")
 #: Options by the kind of data that have a use for them.
 USED = {
-    "radiance": ("sun_elevation_deg", "sun_azimuth_deg", "altitude", "bandwidth_nm"),
-    "limb": ("sun_elevation_deg", "sun_azimuth_deg", "altitude", "bandwidth_nm"),
-    "flux": ("sun_elevation_deg", "altitude", "bandwidth_nm", "place"),
+    "radiance": ("sun_elevation_deg", "sun_azimuth_deg", "altitude", "bandwidth_nm", "units"),
+    "limb": ("sun_elevation_deg", "sun_azimuth_deg", "altitude", "bandwidth_nm", "units"),
+    "flux": ("sun_elevation_deg", "altitude", "bandwidth_nm", "place", "units"),
     "sky image": ("sun_elevation_deg", "sun_azimuth_deg", "altitude", "pixels", "wavelengths"),
     "nebula image": ("pixels", "wavelengths"),
 }
@@ -47,7 +52,10 @@ def read_observation(path: str | os.PathLike[str], *, noise: float | None = None
         Relative standard deviation of data without a column ``sigma``.
     **options
         What the file does not say: ``sun_elevation_deg``, ``sun_azimuth_deg``, ``altitude``, ``place``,
-        ``bandwidth_nm``; of images ``pixels`` and ``wavelengths``.  See `radiance_table`, `limb_profile`, `flux_table`,
+        ``bandwidth_nm``, ``units`` (else those in brackets after a column's name, ``radiance [uW cm-2 sr-1 nm-1]``, or
+        in a variable's attribute ``units``); of images ``pixels`` and ``wavelengths``.
+
+        See `radiance_table`, `limb_profile`, `flux_table`,
         `sky_image` and `nebula_image`.
 
     Returns
@@ -127,6 +135,21 @@ def _stated(table: Table, column: str, option: str, options: dict[str, Any], def
     return default if given is None else given
 
 
+def _units(table: Table, names: tuple[str, ...], options: dict[str, Any]) -> str | None:
+    """The unit of the measured columns, by the file or the option; None where neither says it."""
+    for name, unit in table.units.items():
+        suffix = _SUFFIXES.get(name.rpartition("_")[2])
+        if name not in names and suffix is not None and unit not in suffix:
+            raise DomainError("data", str(table.path), f"column {name} is in {unit!r}; give it in {suffix[0]}")
+    said = {table.units[name] for name in names if name in table and name in table.units}
+    if len(said) > 1:
+        raise DomainError("data", str(table.path), f"has units {' and '.join(sorted(said))}; give all data in one")
+    given: str | None = options.get("units")
+    if given is not None and said and given not in said:
+        raise DomainError("units", given, f"{table.path} says that they are {said.pop()}; leave this out")
+    return said.pop() if said else given
+
+
 def _measured(columns: dict[str, Any], values: Any) -> dict[str, Any]:
     """Rows in which something was measured."""
     there = np.isfinite(values)
@@ -143,7 +166,8 @@ def _radiances(table: Table, noise: float | None, options: dict[str, Any]) -> Ob
     columns["sun_azimuth_deg"] = _stated(table, "sun_azimuth_deg", "sun_azimuth_deg", options, 180.0)
     columns["altitude"] = _stated(table, "altitude_m", "altitude", options, 0.0)
     chosen = _measured(columns, columns["radiance"])
-    return radiance_table(**chosen, noise=noise, bandwidth_nm=options.get("bandwidth_nm"))
+    units = _units(table, ("radiance", "sigma"), options)
+    return radiance_table(**chosen, noise=noise, bandwidth_nm=options.get("bandwidth_nm"), units=units)
 
 
 def _limb(table: Table, noise: float | None, options: dict[str, Any]) -> Observation:
@@ -157,7 +181,8 @@ def _limb(table: Table, noise: float | None, options: dict[str, Any]) -> Observa
     columns: dict[str, Any] = {name: table.numbers(name) for name in ("tangent_height_m", "wavelength_nm", "radiance")}
     columns["sigma"] = table.optional("sigma")
     columns["azimuth_deg"] = table.numbers("azimuth_deg") if "azimuth_deg" in table else 0.0
-    return limb_profile(**_measured(columns, columns["radiance"]), noise=noise, **options)
+    given = {**options, "units": _units(table, ("radiance", "sigma"), options)}
+    return limb_profile(**_measured(columns, columns["radiance"]), noise=noise, **given)
 
 
 def _fluxes(table: Table, noise: float | None, options: dict[str, Any]) -> Observation:
@@ -174,7 +199,8 @@ def _fluxes(table: Table, noise: float | None, options: dict[str, Any]) -> Obser
         elevation = _stated(table, "sun_elevation_deg", "sun_elevation_deg", options, None)
         columns["sun_elevation_deg"] = np.broadcast_to(elevation, (size,))
     columns = _flux_columns(table, columns, size)
-    more = {name: options[name] for name in ("altitude", "bandwidth_nm", "place") if name in options}
+    more: dict[str, Any] = {name: options[name] for name in ("altitude", "bandwidth_nm", "place") if name in options}
+    more["units"] = _units(table, ("flux", "direct", "diffuse", "global", "sigma"), options)
     return flux_table(**_measured(columns, columns["flux"]), noise=noise, **more)
 
 

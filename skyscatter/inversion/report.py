@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 #: Error of an emulator [standard deviations of a datum] above which a fit says so.
 TRUSTED = 0.33
+#: Reduced chi2 above which the model does not describe the data at all: ten times their noise.
+HOPELESS = 100.0
 #: Probability of a misfit as large or larger below which a fit says that the model is wrong.
 UNLIKELY = 1e-4
 
@@ -44,17 +46,44 @@ def table(result: FitResult) -> str:
         f"{len(result.names)}; "
         f"chi2 {result.chi2:.1f} for {free:.1f} (probability {result.probability:.2g})"
     )
-    if result.probability < UNLIKELY:
-        lines.append(
-            "WARNING: the model does not meet the data within their noise, so that deviations are too small; free more "
-            "parameters, or look at the residual for what is missing"
-        )
-    elif result.probability > 1 - UNLIKELY:
+    lines += [f"WARNING: {text}" for text in warnings(result)]
+    if result.probability > 1 - UNLIKELY:
         lines.append("NOTE: the data are met better than their noise allows; it is too large, or not independent")
     state = "converged" if result.converged else "NOT converged"
     lines.append(f"{result.method.replace('_', ' ')} with {result.solver}, {result.iterations} iterations, {state}")
     lines += sampling(result)
     return "\n".join(lines)
+
+
+def warnings(result: FitResult) -> tuple[str, ...]:
+    """What speaks against an estimate; see `FitResult.warnings`."""
+    found = []
+    if not result.converged:
+        found.append(
+            f"the fit has not converged in {result.iterations} iterations: allow more (max_iterations), begin nearer "
+            "to the truth, or free fewer parameters"
+        )
+    if result.reduced_chi2 > HOPELESS:
+        found.append(
+            "the model misses the data by ten times their noise and more: what was found is no estimate; look at "
+            "units, angles and noise of the data, and at the residual"
+        )
+    elif result.probability < UNLIKELY:
+        found.append(
+            "the model does not meet the data within their noise, so that deviations are too small; free more "
+            "parameters, or look at the residual for what is missing"
+        )
+    if found and "ground.albedo" in result.names and spectral_ground(result.model):
+        found.append(
+            "the ground keeps the colours of the model's while ground.albedo is fitted: for a grey one free "
+            "ground.grey_albedo in its place"
+        )
+    return tuple(found)
+
+
+def spectral_ground(model: Any) -> bool:
+    """Whether the albedo of a model's ground has a spectrum."""
+    return not isinstance(model.ground.albedo, float | int)
 
 
 def sampling(result: FitResult) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,17 @@ from numpy.typing import NDArray
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.record import nearest
 
+#: A column's name, and after it perhaps a unit in brackets.
+_HEAD = re.compile(r"\s*(\w+)\s*(?:\[([^\]]*)\])?\s*")
+
 
 class Table:
     """Columns of one length, by name; words are kept where a column has any."""
 
-    def __init__(self, path: Path, columns: dict[str, list[Any]]) -> None:
+    def __init__(self, path: Path, columns: dict[str, list[Any]], units: dict[str, str] | None = None) -> None:
         self.path, self.columns = path, columns
+        #: What the file says of the units of its columns.
+        self.units = units or {}
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns
@@ -66,11 +72,13 @@ def _read_csv(path: Path) -> Table:
     rows = list(csv.reader(lines))
     if len(rows) < 2:
         raise DomainError("data", str(path), "needs a line with the names of columns and at least one row of numbers")
-    names = [name.strip() for name in rows[0]]
+    heads = [_HEAD.fullmatch(name) for name in rows[0]]
+    names = [head[1] if head else name.strip() for head, name in zip(heads, rows[0], strict=True)]
+    units = {head[1]: head[2].strip() for head in heads if head and head[2]}
     for number, row in enumerate(rows[1:], start=1):
         if len(row) != len(names):
             raise DomainError("data", str(path), f"row {number} has {len(row)} cells and the header {len(names)}")
-    return Table(path, {name: [row[k] for row in rows[1:]] for k, name in enumerate(names)})
+    return Table(path, {name: [row[k] for row in rows[1:]] for k, name in enumerate(names)}, units)
 
 
 def _read_netcdf(path: Path) -> Table:
@@ -84,6 +92,7 @@ def _read_netcdf(path: Path) -> Table:
     variables = {**content.data_vars, **content.coords}
     widest: Any = max(variables.values(), key=lambda v: v.size)
     columns = {}
+    units = {str(name): str(v.attrs["units"]).strip() for name, v in variables.items() if v.attrs.get("units")}
     for name, variable in variables.items():
         try:
             # Coordinates of a grid become columns of a list, every combination a row.
@@ -92,4 +101,4 @@ def _read_netcdf(path: Path) -> Table:
             raise DomainError(
                 "data", str(path), f"variable {name} does not share the dimensions of {widest.name}"
             ) from error
-    return Table(path, columns)
+    return Table(path, columns, units)

@@ -198,6 +198,9 @@ def test_a_fit_on_the_command_line(csv: Path, tmp_path: Path, capsys: pytest.Cap
         (["--free", "haze.optical_depth", "--pixels", "9"], "means nothing to"),
         (["--free", "haze.optical_depth", "-o", "fit.txt"], "the extension must be one of .json"),
         (["--free", "haze.optical_depth", "--resume", "none.npz"], "there is no such checkpoint"),
+        (["--free", "haze.optical_depth", "-q"], "the result would be lost; name a file with -o"),
+        (["--free", "haze.optical_depth", "--units", "W m-2 nm-1"], "is a unit of something else"),
+        (["--free", "haze.optical_depth", "--units", "brightness"], "is no unit that is understood"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_status_2(
@@ -208,6 +211,111 @@ def test_bad_input_is_one_line_and_exit_status_2(
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1
+
+
+def scaled(csv: Path, path: Path, factor: float, unit: str = "") -> Path:
+    """The table with its radiances, and their deviations, times a number; and a unit after their names."""
+    lines = csv.read_text().splitlines()
+    names = lines[1].split(",")
+    lines[1] = ",".join(f"{name} [{unit}]" if unit and name in ("radiance", "sigma") else name for name in names)
+    for k, line in enumerate(lines[2:-1], start=2):
+        cells = line.split(",")
+        lines[k] = ",".join([*cells[:3], *(repr(float(cell) * factor) for cell in cells[3:5]), *cells[5:]])
+    return write(path, "\n".join(lines))
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_house"),
+    [("uW cm-2 sr-1 nm-1", 100.0), ("mW m-2 sr-1 nm-1", 1e3), ("W/m^2/sr/um", 1e3), ("µW / (m2 sr nm)", 1e6)],
+)
+def test_radiances_in_other_units(csv: Path, tmp_path: Path, unit: str, per_house: float) -> None:
+    """By the file or by the user, they are the same data; neither is overruled by the other."""
+    house = read_observation(csv)
+    assert not house.stated
+    by_file = read_observation(scaled(csv, tmp_path / "a.csv", per_house, unit))
+    by_user = read_observation(scaled(csv, tmp_path / "b.csv", per_house), units=unit)
+    for data in (by_file, by_user):
+        assert data.stated
+        np.testing.assert_allclose(data.values, house.values, rtol=1e-12)
+        np.testing.assert_allclose(data.sigma, house.sigma, rtol=1e-12)
+    with pytest.raises(DomainError, match="says that they are"):
+        read_observation(tmp_path / "a.csv", units="W m-2 sr-1 nm-1")
+
+
+def test_units_per_frequency_and_photons() -> None:
+    """By h and c, each datum at its own wavelength."""
+    from skyscatter.inversion.datumunits import factors
+
+    wl = np.array([400.0, 800.0])
+    c, h = 299792458.0, 6.62607015e-34
+    np.testing.assert_allclose(factors("W m-2 sr-1 Hz-1", "W m-2 sr-1 nm-1", wl), c / (wl * 1e-9) ** 2 * 1e-9)
+    np.testing.assert_allclose(factors("photon s-1 m-2 sr-1 nm-1", "W m-2 sr-1 nm-1", wl), h * c / (wl * 1e-9))
+
+
+def test_a_netcdf_says_its_units(tmp_path: Path) -> None:
+    """Also those of its coordinates, which must be what their names say."""
+    import xarray
+
+    rows = {"azimuth_deg": [10.0], "elevation_deg": [30.0], "wavelength_nm": [500.0], "sun_elevation_deg": [30.0]}
+    table = xarray.Dataset({name: ("datum", values) for name, values in rows.items()})
+    table["radiance"] = ("datum", [50.0], {"units": "mW m-2 sr-1 nm-1"})
+    table.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    assert read_observation(tmp_path / "a.nc", noise=0.1).values == pytest.approx([0.05])
+    table["wavelength_nm"].attrs["units"] = "um"
+    table.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    with pytest.raises(DomainError, match="column wavelength_nm is in 'um'"):
+        read_observation(tmp_path / "b.nc", noise=0.1)
+
+
+@pytest.mark.parametrize("factor", [100.0, 1e3, 1e6, 1e-2])
+def test_radiances_in_a_unit_that_nobody_states_are_refused(
+    csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], factor: float
+) -> None:
+    """In one line, after one look at the model; who says that the unit is right is believed, and told of the misfit."""
+    data = scaled(csv, tmp_path / "sky.csv", factor)
+    arguments = ["invert", "earth-hazy", "--data", str(data), "--solver", "single", "--free", "haze.optical_depth=0:2"]
+    assert main([*arguments, "--progress", "none"]) == 2
+    error = capsys.readouterr().err
+    assert "--units" in error
+    assert error.count("\n") == 1
+    if factor != 1e3:
+        return
+    out = tmp_path / "fit.json"
+    assert main([*arguments, "--units", "W m-2 sr-1 nm-1", "-o", str(out), "-q", "--max-iterations", "1"]) == 3
+    assert "is no estimate" in capsys.readouterr().err
+    assert not FitResult.load(out).trusted
+    assert main([*arguments, "--units", "mW m-2 sr-1 nm-1", "-o", str(out), "-q"]) == 0
+    assert FitResult.load(out).estimate["haze.optical_depth"] == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_fit_that_has_not_converged_has_an_exit_status(
+    csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was found is written, and it is said even where nothing else is."""
+    out = tmp_path / "fit.json"
+    arguments = ["invert", "earth-hazy", "--data", str(csv), "--solver", "single", "--free", "haze.optical_depth=0:2"]
+    assert main([*arguments, "--max-iterations", "1", "-o", str(out), "-q", "--json"]) == 3
+    captured = capsys.readouterr()
+    assert "has not converged in 1 iterations" in captured.err
+    assert not FitResult.load(out).converged
+    assert "has not converged" in json.loads(captured.out)["warnings"][0]
+
+
+def test_a_grey_ground_in_the_place_of_a_spectral_one() -> None:
+    """ground.albedo keeps the colours of the model's ground, ground.grey_albedo replaces them."""
+    from skyscatter.ground import spectrum_of
+    from skyscatter.inversion.parameters import with_values
+    from skyscatter.inversion.report import spectral_ground
+
+    model = skyscatter.load_model("earth-hazy")  # vegetation
+    wl = [450.0, 550.0, 800.0]
+    grey = with_values(model, {"ground.grey_albedo": 0.4})
+    np.testing.assert_array_equal(spectrum_of(grey.ground.albedo, wl), 0.4)
+    green = spectrum_of(with_values(model, {"ground.albedo": 0.4}).ground.albedo, wl)
+    assert green[1] == pytest.approx(0.4)
+    assert green[0] < 0.3 < 0.8 < green[2]
+    assert spectral_ground(model)
+    assert not spectral_ground(grey)
 
 
 def test_an_interrupted_fit_goes_on(
