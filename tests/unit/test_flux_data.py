@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import json
 from pathlib import Path
@@ -73,23 +74,35 @@ def test_tables_hold_the_same_numbers(field: Any) -> None:
             assert row[f"{name}_error"] == pytest.approx(float(here[f"{name}_error"]), rel=1e-9)
 
 
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    field: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
+    signature, asked = inspect.signature(skyscatter.solve), {}
+
+    def solve(*arguments: Any, **options: Any) -> Any:
+        asked.update(signature.bind(*arguments, **options).arguments)
+        return field
+
+    monkeypatch.setattr(skyscatter, "solve", solve)
     box = ["--altitude", "0,12km", "--sun-elevation", "20:40:20", "--wavelengths", "450,650"]
-    options = ["--tolerance", "5%", "--max-order", "2", "-q"]
-    assert main(["flux", "earth-simple", *box, *options, "-o", "flux.nc", "-o", "flux.csv"]) == 0
+    command = ["flux", "earth-simple", *box, "--tolerance", "5%", "--max-order", "2", "-q"]
+    assert main([*command, "-o", "flux.nc", "-o", "flux.csv"]) == 0
+    assert (asked["wavelengths"].tolist(), asked["sun_elevations_deg"]) == ([450.0, 650.0], (20.0, 40.0))
+    assert (asked["tolerance"], asked["max_order"]) == (0.05, 2)
     assert capsys.readouterr().out == ""
     with xarray.open_dataset("flux.nc") as data:
         data.load()
     assert data["net"].shape == (2, 2, 2)
     assert data["altitude"].values.tolist() == [0.0, 12e3]
     assert Path("flux.csv").read_text() == to_csv(data)
-    assert main(["flux", "earth-simple", *box, *options]) == 0
+    assert main(command) == 0
     assert capsys.readouterr().out == to_csv(data)
-    assert main(["flux", "earth-simple", *box, *options, "--json"]) == 0
+    assert main([*command, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     np.testing.assert_allclose(summary["net"], data["net"])
     assert 0 < summary["estimated_error"] < 0.2
+    assert main([*command, "--no-clobber", "-o", "flux.csv"]) == 2
 
 
 @pytest.mark.parametrize(
