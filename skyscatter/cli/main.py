@@ -21,6 +21,7 @@ from pydantic import ValidationError
 
 import skyscatter
 from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping
+from skyscatter.cli.examples import epilog
 from skyscatter.errors import ConvergenceError, DomainError, SkyscatterError
 
 app = typer.Typer(
@@ -31,14 +32,14 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("sky")(sky.sky)
-app.command("flux")(flux.flux)
-app.command("nebula")(nebula.nebula)
-app.command("render")(render.render)
-app.command("dehaze")(dehaze.dehaze)
-app.command("invert")(invert.invert)
-app.add_typer(models.app, name="models")
-app.command("info")(info.info)
+app.command("sky", epilog=epilog("sky"))(sky.sky)
+app.command("flux", epilog=epilog("flux"))(flux.flux)
+app.command("nebula", epilog=epilog("nebula"))(nebula.nebula)
+app.command("render", epilog=epilog("render"))(render.render)
+app.command("dehaze", epilog=epilog("dehaze"))(dehaze.dehaze)
+app.command("invert", epilog=epilog("invert"))(invert.invert)
+app.add_typer(models.app, name="models", epilog=epilog("models"))
+app.command("info", epilog=epilog("info"))(info.info)
 
 
 def _version(wanted: bool) -> None:

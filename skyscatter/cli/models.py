@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from skyscatter.cli import common, parse
+from skyscatter.cli.examples import epilog
 from skyscatter.errors import ModelFileError, SkyscatterError
 from skyscatter.plotting import plot_model, vertical_optical_depth
 
@@ -43,7 +44,7 @@ def _list(context: typer.Context) -> None:
             typer.echo(f"  {name:<{width}}  {model.description.strip()}")
 
 
-@app.command("show")
+@app.command("show", epilog=epilog("models show"))
 def show(
     name: Annotated[str, typer.Argument(help="Name of a shipped model or a TOML file.")],
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)] = None,
@@ -59,7 +60,7 @@ def show(
         plot_model(model, plot)
 
 
-@app.command("check")
+@app.command("check", epilog=epilog("models check"))
 def check(
     file: Annotated[str, typer.Argument(help="A TOML file, or the name of a shipped model.")],
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help=PLOT_HELP)] = None,

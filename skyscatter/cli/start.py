@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import NoReturn
 
-from skyscatter.cli.stopping import answered, asked, end_now, status
+from skyscatter.cli.stopping import answered, asked, deaf, end_now, status
 
 
 def program() -> NoReturn:
@@ -15,6 +15,7 @@ def program() -> NoReturn:
             from skyscatter.cli.main import main
 
             result = main()
+            deaf()
         except KeyboardInterrupt:  # while modules were loaded
             print("skyscatter: interrupted", file=sys.stderr)
             result = status()

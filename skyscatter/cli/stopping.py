@@ -29,6 +29,8 @@ class _Stop:
     def __init__(self) -> None:
         self.status: int | None = None
         self.raised = False
+        #: What signals did before.
+        self.before: dict[Any, Any] = {}
         self.keep: Callable[[], None] | None = None
         #: Held while something is kept or written.
         self.lock = threading.RLock()
@@ -46,6 +48,13 @@ def status() -> int:
 def asked() -> bool:
     """Whether a signal has asked the command to end."""
     return _now.status is not None
+
+
+def deaf() -> None:
+    """All is done: signals change nothing any more, while the interpreter ends."""
+    for number in _now.before:
+        signal.signal(number, signal.SIG_IGN)
+    _now.before.clear()
 
 
 @contextmanager
@@ -75,10 +84,9 @@ def answered() -> Iterator[None]:
     _now = stop = _Stop()
     heard, told = socket.socketpair()
     told.setblocking(False)
-    before: dict[Any, Any] = {}
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
-            before[number] = signal.signal(number, lambda got, frame: _raise(stop, got, frame))
+            stop.before[number] = signal.signal(number, lambda got, frame: _raise(stop, got, frame))
     woken = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
     threading.Thread(target=_watch, args=(stop, heard), name="stopping", daemon=True).start()
     try:
@@ -86,7 +94,7 @@ def answered() -> Iterator[None]:
     finally:
         signal.set_wakeup_fd(woken)
         stop.ended.set()
-        for number, handler in before.items():
+        for number, handler in stop.before.items():
             signal.signal(number, handler)
         told.close()
 

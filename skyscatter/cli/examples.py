@@ -1,0 +1,41 @@
+"""Examples in the help of every command."""
+
+from __future__ import annotations
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "sky": (
+        "skyscatter sky earth --sun-elevation 5 -o sunset.png",
+        "skyscatter sky mars --solver path --noise 1% --wavelengths 450,550,650 -o mars.exr --checkpoint 10min",
+    ),
+    "flux": (
+        "skyscatter flux earth --altitude 0,5km,10km --sun-elevation 10:90:20 -o fluxes.csv",
+        "skyscatter flux earth-hazy --wavelengths 550 --json",
+    ),
+    "nebula": (
+        "skyscatter nebula ring-nebula --size 128x128 --palette hoo -o ring.png",
+        "skyscatter nebula reflection-nebula --samples 64 --wavelengths 400:700:50 -o nebula.fits --progress log",
+    ),
+    "render": (
+        "skyscatter render fog-room --size 160x120 -o room.png",
+        "skyscatter render searchlight --solver photons --samples 64 -o beam.exr --no-clobber",
+    ),
+    "dehaze": (
+        "skyscatter dehaze hazy.png -o clear.png",
+        "skyscatter dehaze image.tif --sensor sentinel-2a --bands B02,B03,B04 --sun-zenith 30 --scale 0.0001 "
+        "--offset 0 -o surface.tif --mask mask.tif --json",
+    ),
+    "invert": (
+        "skyscatter invert earth-hazy --data sky.csv --free haze.optical_depth=0:2 -o fit.json",
+        "skyscatter invert earth-hazy --data sky.csv --free haze.optical_depth --free ground.albedo "
+        "--prior ground.albedo=0.2~0.05 --residual residual.png",
+    ),
+    "models": ("skyscatter models", "skyscatter models show titan"),
+    "models show": ("skyscatter models show mars", "skyscatter models show titan --plot titan.png"),
+    "models check": ("skyscatter models check mine.toml", "skyscatter models check mine.toml --plot mine.svg"),
+    "info": ("skyscatter info", "skyscatter info > report.txt"),
+}
+
+
+def epilog(command: str) -> str:
+    """The end of a command's help."""
+    return "\n".join(["\b", "Examples:", *(f"  {line}" for line in EXAMPLES[command])])
