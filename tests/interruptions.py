@@ -80,13 +80,13 @@ NEBULA = "nebula reflection-nebula --wavelengths 450,550 --checkpoint 0.2s -o ne
 ROOM = "render fog-room --wavelengths 450,550 --checkpoint 0.2s -o room.fits"
 JOBS = {
     "sky-orders": Job(f"{SKY} --size 96x48", ("sky.fits", "sky.png")),
-    "sky-path": Job(f"{SKY} --size 96x48 --solver path --samples 8", ("sky.fits", "sky.png")),
+    "sky-path": Job(f"{SKY} --size 48x24 --solver path --samples 8", ("sky.fits", "sky.png")),
     "sky-single": Job(f"{SKY} --size 360x180 --solver single", ("sky.fits", "sky.png")),
-    "nebula-path": Job(f"{NEBULA} --size 24x24 --solver path --samples 16", ("nebula.fits",)),
+    "nebula-path": Job(f"{NEBULA} --size 12x12 --solver path --samples 16", ("nebula.fits",)),
     "nebula-single": Job(f"{NEBULA} --size 96x96 --solver single", ("nebula.fits",)),
-    "nebula-photons": Job(f"{NEBULA} --size 32x32 --solver photons --samples 30 --photons 5000", ("nebula.fits",)),
-    "render-path": Job(f"{ROOM} --size 24x24 --solver path --samples 16", ("room.fits",)),
-    "render-photons": Job(f"{ROOM} --size 32x24 --solver photons --samples 30 --photons 5000", ("room.fits",)),
+    "nebula-photons": Job(f"{NEBULA} --size 32x32 --solver photons --samples 30 --photons 2000", ("nebula.fits",)),
+    "render-path": Job(f"{ROOM} --size 12x12 --solver path --samples 16", ("room.fits",)),
+    "render-photons": Job(f"{ROOM} --size 32x24 --solver photons --samples 30 --photons 2000", ("room.fits",)),
     "invert": Job(
         "invert earth-hazy --data sky.csv --solver single --free haze.optical_depth --free ground.albedo -o fit.json",
         ("fit.json",), prepare=measured,

@@ -79,14 +79,14 @@ class Reconstruction(Brief):
             raise DomainError("component", component, f"from 0 to {len(self.density) - 1}")
         return component
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file, whole or not at all."""
+    def save(self, path: str | os.PathLike[str], **more: Array) -> None:
+        """Write an .npz file, whole or not at all; with `more` arrays by other names, which `load` leaves out."""
         about = {
             "names": self.names, "shape": self.frame.shape, "low": self.frame.low, "high": self.frame.high,
             "chi2": self.chi2, "count": self.count, "prior_weight": self.prior_weight, "history": self.history,
             "diagnostics": self.diagnostics, "views": len(self.fitted),
         }  # fmt: skip
-        arrays: dict[str, Any] = {"density": self.density}
+        arrays: dict[str, Any] = {"density": self.density, **more}
         if self.deviation is not None:
             arrays["deviation"] = self.deviation
         for name in ("fitted", "residuals", "multiple"):

@@ -7,10 +7,12 @@ from strong to weak priors, each from where the last one ended.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -155,9 +157,9 @@ def reconstruct(
     progress : callable, optional
         Called with the share that is done, 0 to 1 (a guess until the last grid).
     checkpoint : path, optional
-        .npz file in which the best estimate is kept after every minimisation.
+        .npz file in which the best estimate, and all that was found on the way to it, is kept after every minimisation.
     resume : path, optional
-        Such a file of the same problem, to go on from.
+        Such a file, to go on from to the same bits; or a result of the same problem, as a start.
 
     Returns
     -------
@@ -181,8 +183,10 @@ def reconstruct(
         raise DomainError("multiple", multiple, "needs a scene, whose light the solver path can follow")
     search = Search(model, stack, prior_of(prior), mask, settings, scene, wl, names, progress, checkpoint, began)
     first = None if start is None else np.asarray(start, float).reshape(model.shape)
+    search.recipe = _recipe(search, first, coarsest, deviation)
     if resume is not None:
-        first = search.take_up(Reconstruction.load(resume))
+        taken = search.take_up(resume)
+        first = first if taken is None else taken
     try:
         search.run(_shapes(model.frame.shape, coarsest) if first is None else [model.frame.shape], first)
         if deviation:
@@ -190,6 +194,26 @@ def reconstruct(
     except KeyboardInterrupt:
         raise Interrupted(search.result("interrupted")) from None
     return search.result(search.reason)
+
+
+class Record:
+    """What the long steps of a search have found, in their order.
+
+    All else is quick and follows from them: a search that goes on takes them from here until they end, and so comes to
+    the same bits.
+    """
+
+    def __init__(self, steps: Sequence[Mapping[str, Array]] = ()) -> None:
+        self.steps = list(steps)
+        self.next = 0
+
+    def step(self, work: Callable[[], Mapping[str, Any]]) -> tuple[Mapping[str, Array], bool]:
+        """What a step finds, and whether it was made just now."""
+        new = self.next == len(self.steps)
+        if new:
+            self.steps.append({name: np.array(value) for name, value in work().items()})
+        self.next += 1
+        return self.steps[self.next - 1], new
 
 
 class Search:
@@ -210,6 +234,7 @@ class Search:
         self.problem: Problem | None = None
         self.best: Best | None = None
         self.deviation: Array | None = None
+        self.record, self.recipe = Record(), ""
         self.reason, self.round, self.share, self.freedom = "", 0, (0.0, 1.0), 0.0
 
     def run(self, shapes: list[tuple[int, int, int]], first: Array | None) -> None:
@@ -291,11 +316,18 @@ class Search:
         s, frame = self.settings, self.problem.model.frame
         assert self.best is not None
         guide = self.problem.images(self.best.x) - self.offset
-        mean, error = multiple_light(
-            with_density(self.scene, frame, density, self.model.interpolation), self.stack, self.wavelengths,
-            samples=s.samples, blur=s.blur, guide=guide, seed=s.seed + 1000 * self.round, threads=self.model.threads,
-        )  # fmt: skip
-        self.offset, self.extra = mean, error**2
+        scene = with_density(self.scene, frame, density, self.model.interpolation)
+
+        def work() -> dict[str, Any]:
+            mean, error = multiple_light(
+                scene, self.stack, self.wavelengths, samples=s.samples, blur=s.blur, guide=guide,
+                seed=s.seed + 1000 * self.round, threads=self.model.threads,
+            )  # fmt: skip
+            return {"mean": mean, "error": error}
+
+        found, new = self.record.step(work)
+        self.offset, self.extra = found["mean"], found["error"] ** 2
+        self._keep(new)
 
     def _settle(self, model: VoxelModel, density: Array, quick: bool = False) -> None:
         """Find the estimate on one grid: lower the prior's weight until the data are explained."""
@@ -326,7 +358,10 @@ class Search:
         for _ in range(COUNTS):
             x = self.best.x
             stretch = self.problem.stretch(x, diagonal, self.weight)
-            self.freedom = degrees_of_freedom(self.problem, x, self.weight, stretch, self.settings.seed)
+            freedom = partial(degrees_of_freedom, self.problem, x, self.weight, stretch, self.settings.seed)
+            found, new = self.record.step(partial(_named, "freedom", freedom))
+            self.freedom = float(found["freedom"])
+            self._keep(new)
             goal = self.settings.target * (self.stack.count - self.freedom)
             if self.best.chi2 <= (1 + NEAR_TARGET) * goal:
                 return
@@ -374,9 +409,16 @@ class Search:
         assert self.problem is not None
         assert self.best is not None
         self.weight = weight
-        before = self.best.iterations
-        stretch = self.problem.stretch(x, diagonal, weight)
-        self.problem.minimise(x, weight, stretch, self.best, self.settings.iterations, self.settings.stop)
+        problem, best, before = self.problem, self.best, self.best.iterations
+        stretch = problem.stretch(x, diagonal, weight)
+
+        def work() -> dict[str, Any]:
+            problem.minimise(x, weight, stretch, best, self.settings.iterations, self.settings.stop)
+            return vars(best)
+
+        found, new = self.record.step(work)
+        best.x, best.value, best.chi2 = found["x"], float(found["value"]), float(found["chi2"])
+        best.iterations, best.evaluations = int(found["iterations"]), int(found["evaluations"])
         self.history.append({
             "cells": list(self.problem.model.frame.shape), "weight": weight, "chi2": self.best.chi2,
             "count": self.stack.count, "iterations": self.best.iterations - before, "round": self.round,
@@ -386,16 +428,32 @@ class Search:
             done = sum(h["cells"] == self.history[-1]["cells"] for h in self.history)
             low, high = self.share
             self.progress(low + (high - low) * (1 - 0.7**done))
-        if self.checkpoint is not None:
-            self.result("not finished").save(self.checkpoint)
+        self._keep(new)
         return self.best
 
-    def take_up(self, kept: Reconstruction) -> Array | None:
-        """Go on from a checkpoint; the densities to begin with on the finest grid."""
+    def _keep(self, new: bool) -> None:
+        """Write the checkpoint after a step that was made just now."""
+        if self.checkpoint is not None and new:
+            steps = {f"step_{k}_{name}": a for k, step in enumerate(self.record.steps) for name, a in step.items()}
+            self.result("not finished").save(self.checkpoint, recipe=np.array(self.recipe), **steps)
+
+    def take_up(self, path: str | os.PathLike[str]) -> Array | None:
+        """Go on from a checkpoint, or from a result: the densities to begin with on the finest grid."""
+        kept = Reconstruction.load(path)
         if kept.frame.low != self.model.frame.low or kept.frame.high != self.model.frame.high:
             raise DomainError("resume", "a checkpoint", "was begun with another frame; repeat the call as it was")
         if kept.names != self.names or kept.count != self.stack.count:
             raise DomainError("resume", "a checkpoint", "was begun with other components or views")
+        steps: dict[int, dict[str, Array]] = {}
+        with np.load(path, allow_pickle=False) as file:
+            if "recipe" in file.files:
+                if str(file["recipe"]) != self.recipe:
+                    raise DomainError("resume", str(path), "was begun with other data or options; repeat it as it was")
+                for name in (one for one in file.files if one.startswith("step_")):
+                    _, number, what = name.split("_", 2)
+                    steps.setdefault(int(number), {})[what] = file[name]
+                self.record = Record([steps[k] for k in sorted(steps)])
+                return None
         self.history = list(kept.history)
         self.weight = self.settings.weight if self.settings.weight is not None else kept.prior_weight
         self.scale = np.asarray(kept.diagnostics["scale"], float)
@@ -412,7 +470,8 @@ class Search:
         x, s = self.best.x, self.settings
         diagonal = self.problem.data_diagonal(x, s.seed)
         stretch = self.problem.stretch(x, diagonal, self.weight)
-        found = posterior_deviation(self.problem, x, self.weight, stretch, count, s.seed)
+        deviation = partial(posterior_deviation, self.problem, x, self.weight, stretch, count, s.seed)
+        found = self.record.step(partial(_named, "deviation", deviation))[0]["deviation"]
         self.deviation = np.zeros(self.problem.model.shape)
         self.deviation[self.mask] = found * self.scale[self.mask][:, None, None, None]
 
@@ -433,6 +492,32 @@ class Search:
             tuple(s.split(fitted)), tuple(s.split(residual)), tuple(s.split(self.offset)),
             float(np.sum(residual**2)), s.count, float(self.weight), tuple(self.history), about,
         )  # fmt: skip
+
+
+def _named(name: str, work: Callable[[], Any]) -> dict[str, Any]:
+    return {name: work()}
+
+
+def _recipe(search: Search, first: Array | None, coarsest: int, deviation: bool | int) -> str:
+    """A hash of all that decides what is found."""
+    digest = hashlib.blake2b(digest_size=16)
+    stack, model = search.stack, search.model
+    arrays = [stack.data, stack.weight, stack.origins, stack.directions, search.mask, search.wavelengths, first]
+    for values in (*arrays, *model.optics, *model.lights, model.background):
+        digest.update(b"none" if values is None else np.ascontiguousarray(values).tobytes())
+    words = (
+        search.settings,
+        repr(search.prior),
+        model.frame,
+        model.interpolation,
+        model.step,
+        model.near,
+        model.fine,
+        coarsest,
+        deviation,
+    )
+    digest.update("\n".join(map(repr, words)).encode())
+    return digest.hexdigest()
 
 
 def _rounds(multiple: bool | int) -> int:

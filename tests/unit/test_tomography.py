@@ -314,6 +314,11 @@ def test_an_interruption_keeps_the_best_and_a_checkpoint_goes_on(
     assert raised.value.partial.diagnostics["reason"] == "interrupted"
     assert raised.value.partial.chi2 < 1e4 * raised.value.partial.count
     found = reconstruct(views, model, coarsest=6, resume=kept)
+    whole = reconstruct(views, model, coarsest=6)
+    np.testing.assert_array_equal(found.density, whole.density)
+    assert (found.chi2, found.prior_weight, len(found.history)) == (whole.chi2, whole.prior_weight, len(whole.history))
+    with pytest.raises(DomainError, match="begun with other data or options"):
+        reconstruct(views, model, coarsest=6, resume=kept, stop=1e-2)
     assert error(found, exact) < 0.12
     assert found.chi2 / found.count == pytest.approx(1.0, abs=0.1)
     with pytest.raises(DomainError, match="another frame"):
