@@ -62,7 +62,12 @@ def dehaze(
         ),
     ] = None,
     aod: Annotated[
-        str | None, typer.Option(metavar="VALUE", help="Aerosol optical depth at 550 nm, 0 to 5, else estimated: auto.")
+        str | None,
+        typer.Option(
+            metavar="VALUE",
+            help="Aerosol optical depth at 550 nm, 0 to 5; with its error: 0.25+-0.05; a map: aod.tif (band 2: its "
+            "error); else estimated: auto.",
+        ),
     ] = None,
     aerosol: Annotated[str | None, typer.Option(metavar="NAME", help="Aerosol model, else estimated: auto.")] = None,
     haze_map: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the map of the haze: .tif.")] = None,
@@ -356,6 +361,7 @@ def in_words(found: dict[str, Any]) -> str:
     """The haze that was found or given, for people."""
     if "aod" in found:
         aod = found["aod"]
-        sure = f" ± {aod['sigma']:.3f}" if aod["source"] == "estimated" else ", as given"
+        sure = f" ± {aod['sigma']:.3f}" if aod["sigma"] > 0 else ""
+        sure += {"given": ", as given", "map": ", by the map"}.get(aod["source"], "")
         return f"aerosol optical depth {aod['mean']:.3f}{sure}, {found['aerosol']['model']}"
     return f"veil of optical depth {found['depth_mean']:.2f} ± {found['depth_sigma']:.2f}, alpha {found['alpha']:.1f}"

@@ -16,9 +16,12 @@ Progress = Callable[[float], object]
 
 #: Options that only one of the two entrances has.
 PHYSICAL = (
-    "aod", "aerosol", "pressure_hpa", "ground_height_m", "ozone_du", "water_vapour_g_cm2", "pixel_size_m", "adjacency",
+    "aod", "aod_sigma", "aod_map",
+    "aerosol", "pressure_hpa", "ground_height_m", "ozone_du", "water_vapour_g_cm2", "pixel_size_m", "adjacency",
 )  # fmt: skip
 PLAIN = ("strength", "alpha", "transfer")
+#: An array of three or four columns and more planes than this has its bands last: no sensor here has so many.
+MOST_PLANES = 16
 
 
 def dehaze_raster(
@@ -43,10 +46,16 @@ def dehaze_raster(
     if entrance(source, options) == "plain":
         from skyscatter.dehaze.plain import dehaze_plain
 
-        return Summary(dehaze_plain(source, sinks, options, say))
-    from skyscatter.dehaze.physical import dehaze_physical
+        summary = dehaze_plain(source, sinks, options, say)
+    else:
+        from skyscatter.dehaze.physical import dehaze_physical
 
-    return Summary(dehaze_physical(source, sinks, options, say))
+        summary = dehaze_physical(source, sinks, options, say)
+    from skyscatter.dehaze.provenance import tags
+
+    for sink in sinks.values():
+        sink.tag(tags(summary))
+    return Summary(summary)
 
 
 def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> DehazeResult:
@@ -139,6 +148,9 @@ def checked_names(image: Any, reading: SourceOptions) -> tuple[str, ...] | None:
     """Names of all bands of a plain array; None where `bands` chooses among them, or where none are needed."""
     names, count = reading.bands, 1 if image.ndim == 2 else len(image)
     if names is None:
+        if image.ndim == 3 and image.shape[-1] in (3, 4) and image.shape[0] > MOST_PLANES:
+            rule = "looks like (y, x, band), and axes are (band, y, x): give np.moveaxis(image, -1, 0)"
+            raise DomainError("image", f"shape {image.shape}", rule)
         if reading.sensor is not None and image.ndim == 3:
             rule = f"an array does not say which bands of {reading.sensor} it holds; name them, in the array's order"
             raise DomainError("bands", None, rule)

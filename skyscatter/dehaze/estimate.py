@@ -237,13 +237,17 @@ def estimate(
     )  # fmt: skip
 
 
-def as_given(names: Sequence[str], depth: float, shape: tuple[int, int]) -> HazeEstimate:
-    """A known amount of haze, of models as probable as they are usual."""
+def as_given(names: Sequence[str], depth: Array, sigma: Array, missing: NDArray[np.bool_]) -> HazeEstimate:
+    """A known amount of haze (large row, large column), of models as probable as they are usual.
+
+    Its error `sigma` is taken to be one and the same everywhere, as that of an instrument is; where it is `missing` the
+    haze is called uncertain.
+    """
     usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
     shares = usual / usual.sum()
     return HazeEstimate(
-        np.full(shape, depth), np.zeros(shape), depth, 0.0, names[int(shares.argmax())], named(names, shares),
-        dict.fromkeys(names, depth), np.zeros(shape, bool),
+        depth, sigma, float(depth.mean()), float(sigma.mean()), names[int(shares.argmax())], named(names, shares),
+        dict.fromkeys(names, float(depth.mean())), missing,
     )  # fmt: skip
 
 

@@ -21,6 +21,13 @@ class Flag(IntFlag):
     UNCERTAIN = 128  #: nothing dark nearby: the haze there is the prior's, or a neighbour's
 
 
+#: The flags in words, for those who read a mask elsewhere.
+MEANINGS = {
+    Flag.NODATA: "no data", Flag.SATURATED: "saturated", Flag.CLOUD: "cloud", Flag.CIRRUS: "cirrus, taken off",
+    Flag.WATER: "water", Flag.SHADOW: "shadow", Flag.CLIPPED: "negative and set to 0", Flag.UNCERTAIN: "haze uncertain",
+}  # fmt: skip
+
+
 def mark(flags: NDArray[np.uint8], where: NDArray[np.bool_], flag: Flag) -> None:
     """Set a flag, in place, where a mask of the same shape holds."""
     flags |= where.astype(np.uint8) * np.uint8(flag)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 MOST_SMALL, MOST_LARGE = 512, 128  #: cells on a side of the image, at most
 #: A small cell need not be smaller [m]: nine tenths of what haze scatters into a pixel come from further away.
@@ -75,6 +76,10 @@ class Lattice:
         """Pixel coordinates of the centres of the rows and columns of large cells."""
         return centres(self.large_shape, self.large)
 
+    def at_pixels(self, cells: NDArray[np.floating], row0: int, col0: int, shape: tuple[int, ...]) -> Single:
+        """Values of small cells (small row, small column) at the pixels of a window, bilinear; see `at_pixels`."""
+        return at_pixels(cells, self.small, row0, col0, shape)
+
     def to_small(self, values: Array) -> Array:
         """Values at the centres of large cells (..., large row, large column), bilinear at those of small ones."""
         along = [
@@ -83,6 +88,37 @@ class Lattice:
         ]
         out: Array = np.einsum("yi,...ij,xj->...yx", along[0], values, along[1], optimize=True)
         return out
+
+
+def at_pixels(
+    cells: NDArray[np.floating], size: int, row0: int, col0: int, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
+    """Values of cells at the pixels of a window, bilinear between their centres.
+
+    Pixel by pixel: in a product of matrices the order of the sums, and so the last bit, would hang on the window.
+
+    Parameters
+    ----------
+    cells : ndarray, shape (row, column)
+    size : int
+        Pixels on a side of a cell.
+    row0, col0 : int
+        First row and column of the window.
+    shape : (int, int)
+        Of the window.
+    """
+    low, high, share = [], [], []
+    for start, n, count in zip((row0, col0), shape, cells.shape, strict=True):
+        place = np.clip((start + np.arange(n) + 0.5) / size - 0.5, 0.0, count - 1.0)
+        low.append(place.astype(np.int64))
+        high.append(np.minimum(low[-1] + 1, count - 1))
+        share.append(place - low[-1])
+    f, s = share[0][:, None], share[1]
+    values = cells.astype(float)
+    rows = [
+        values[index[:, None], low[1]] * (1 - s) + values[index[:, None], high[1]] * s for index in (low[0], high[0])
+    ]
+    return np.asarray(rows[0] * (1 - f) + rows[1] * f, np.float32)
 
 
 def centres(shape: tuple[int, int], size: int) -> tuple[Array, Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -13,6 +15,8 @@ from skyscatter.record import Record, nearest
 
 #: Above this the ground has left no trace in the light: exp(-5) of it arrives directly.
 MAX_AOD = 5.0
+#: A depth and its standard deviation.
+_WITH_ERROR = re.compile(r"\s*([^±+]+?)\s*(?:±|\+/?-)\s*([^±+]+?)\s*")
 
 
 def _bounded(name: str, low: float, high: float, unit: str) -> BeforeValidator:
@@ -117,8 +121,13 @@ class DehazeOptions(Record):
 
     Parameters
     ----------
-    aod : float or 'auto'
-        Aerosol optical depth at 550 nm, vertical, from 0 to 5; auto estimates it.
+    aod : float, str or 'auto'
+        Aerosol optical depth at 550 nm, vertical, from 0 to 5; ``"0.25±0.05"`` or ``"0.25+-0.05"`` with its standard
+        deviation; the path of a map (``.tif``), as `aod_map`; auto estimates it.
+    aod_sigma : float, optional
+        Standard deviation of an optical depth that is given, the same over all of the image; of a map beside its own.
+    aod_map : str, optional
+        GeoTIFF of the optical depth, and in a second band of its standard deviation; it is resampled to the image.
     aerosol : str
         Name of an aerosol model, or auto.
     pressure_hpa, ground_height_m : float, optional
@@ -143,6 +152,8 @@ class DehazeOptions(Record):
     """
 
     aod: _automatic("aod", 0.0, MAX_AOD) = "auto"  # type: ignore[valid-type]
+    aod_sigma: _number("aod_sigma", 0.0, MAX_AOD) = None  # type: ignore[valid-type]
+    aod_map: str | None = None
     aerosol: str = "auto"
     pressure_hpa: _number("pressure_hpa", 300.0, 1100.0, " hPa") = None  # type: ignore[valid-type]
     ground_height_m: _number("ground_height_m", -500.0, 9000.0, " m") = None  # type: ignore[valid-type]
@@ -156,8 +167,32 @@ class DehazeOptions(Record):
     window: int | None = Field(None, ge=16, le=65536)
     threads: int | None = Field(None, ge=1, le=1024)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _depth(cls, values: Any) -> Any:
+        """The optical depth with its deviation, or its map, out of the one option that people type."""
+        given = values.get("aod") if isinstance(values, dict) else None
+        text = os.fspath(given) if isinstance(given, os.PathLike) else given
+        if not isinstance(text, str):
+            return values
+        if text.lower().endswith((".tif", ".tiff")):
+            if values.get("aod_map") is not None:
+                raise DomainError("aod_map", values["aod_map"], "aod names a map already; leave one of them out")
+            return {**{k: v for k, v in values.items() if k != "aod"}, "aod_map": text}
+        parts = _WITH_ERROR.fullmatch(text)
+        if parts is None:
+            return values
+        if values.get("aod_sigma") is not None:
+            raise DomainError("aod_sigma", values["aod_sigma"], f"aod = {text} says it already; leave one of them out")
+        return {**values, "aod": parts[1], "aod_sigma": parts[2]}
+
     @model_validator(mode="after")
     def _consistent(self) -> DehazeOptions:
+        if self.aod_map is not None and (self.aod != "auto" or self.aerosol == "none"):
+            rule = "a map is given with a depth, or with no aerosol; leave one of them out"
+            raise DomainError("aod_map", self.aod_map, rule)
+        if self.aod_sigma is not None and self.aod == "auto" and self.aod_map is None:
+            raise DomainError("aod_sigma", self.aod_sigma, "needs the depth as well, such as aod = '0.25±0.05'")
         if self.pressure_hpa is not None and self.ground_height_m is not None:
             raise DomainError("pressure_hpa", self.pressure_hpa, "give the pressure or the ground's height, not both")
         if self.aerosol not in ("auto", "none"):

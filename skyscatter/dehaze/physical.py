@@ -14,7 +14,7 @@ from skyscatter.dehaze import masks
 from skyscatter.dehaze.coefficients import Coefficients, Corrector
 from skyscatter.dehaze.estimate import HazeEstimate, as_given, estimate
 from skyscatter.dehaze.flagcount import FlagCount
-from skyscatter.dehaze.flags import Flag, mark
+from skyscatter.dehaze.flags import MEANINGS, Flag, mark
 from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, pressure_at
 from skyscatter.dehaze.gather import Gathered, at_dark_pixels, look
 from skyscatter.dehaze.lattice import Lattice
@@ -27,6 +27,7 @@ from skyscatter.dehaze.table import GREATEST_AOD, Angles, TermsTable, build_tabl
 
 Array = NDArray[np.float64]
 Values = NDArray[np.float32]
+Given = tuple[Array, Array, NDArray[np.bool_]]
 
 #: Aerosol models that are tried where none is named: each answers for a colour and a darkness of haze of its own.
 TRIED = ("continental", "maritime", "urban")
@@ -102,7 +103,7 @@ class Correction:
             sigma[places] = part
             out["sigma"] = sigma
         if "haze_map" in wanted:
-            out["haze_map"] = self.upsampled(c.aod, row0, col0, flags.shape)[None]
+            out["haze_map"] = self.lattice.at_pixels(c.aod, row0, col0, flags.shape)[None]
         self.flag(flags, surface, clipped, row0, col0)
         out["mask"] = flags[None]
         return out
@@ -119,17 +120,6 @@ class Correction:
             (start + np.arange(n)) // self.lattice.large for start, n in zip((row0, col0), flags.shape, strict=True)
         )
         mark(flags, self.haze.uncertain[rows[:, None], cols] & free, Flag.UNCERTAIN)
-
-    def upsampled(self, cells: NDArray[np.float32], row0: int, col0: int, shape: tuple[int, ...]) -> Values:
-        """Values of small cells at the pixels of a window, bilinear."""
-        from skyscatter.dehaze.lattice import linear_weights
-
-        nodes = self.lattice.small_centres()
-        along = [
-            linear_weights(start + 0.5 + np.arange(n), node).astype(np.float32)
-            for start, n, node in zip((row0, col0), shape, nodes, strict=True)
-        ]
-        return np.asarray(along[0] @ cells @ along[1].T, np.float32)
 
 
 def above_atmosphere(
@@ -162,6 +152,7 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
     pixel = options.pixel_size_m or pixel_size(source)
     lattice = Lattice.of(source.height, source.width, pixel)
     assert source.geometry is not None
+    known = given_haze(source, options, lattice)  # a map that cannot be used is refused before any work
     places = source.geometry.at(*lattice.large_centres())
     angles = np.stack([np.asarray(a, float) for a in places])
     tables = make_tables(sensing, angles, options, lambda share: progress(AFTER_TABLES * share))
@@ -178,7 +169,7 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
         lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
     )  # fmt: skip
-    haze = find_haze(tables, seen, sensing, gas, angles, pixel, options)
+    haze = find_haze(tables, seen, sensing, gas, angles, pixel, options, known)
     best = next(t for t in tables if t.atmosphere.aerosol == haze.aerosol)
     others = [(t, haze.probabilities[t.atmosphere.aerosol]) for t in tables if t is not best]
     around, note = neighbourhood(sensing, lattice, best, haze, angles, pixel, options)
@@ -201,6 +192,8 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
     else:
         pressure = STANDARD_PRESSURE if options.pressure_hpa is None else options.pressure_hpa
     known = given_depth(options)
+    if known == 0.0 and options.aod_sigma:
+        known = None  # what a little haze would change is in no table of none
     if options.aerosol != "auto":
         names: tuple[str, ...] = (options.aerosol,)
     else:
@@ -219,10 +212,23 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
 
 
 def given_depth(options: DehazeOptions) -> float | None:
-    """The optical depth that the user knows: that of no aerosol is 0; None if it is to be found."""
+    """The one optical depth that the user knows: that of no aerosol is 0; None if it is to be found, or a map's."""
     if options.aerosol == "none":
         return 0.0
     return None if options.aod == "auto" else float(options.aod)
+
+
+def given_haze(source: RasterSource, options: DehazeOptions, lattice: Lattice) -> Given | None:
+    """The optical depth of large cells that the user knows, its deviation, and where it is unknown; None if it is."""
+    if options.aod_map is not None:
+        from skyscatter.dehaze.depthmap import read_depths
+
+        aod, sigma, missing = read_depths(options.aod_map, source, lattice)
+        return aod, np.hypot(sigma, options.aod_sigma or 0.0), missing
+    depth, shape = given_depth(options), lattice.large_shape
+    if depth is None:
+        return None
+    return np.full(shape, depth), np.full(shape, options.aod_sigma or 0.0), np.zeros(shape, bool)
 
 
 def clear_air(table: TermsTable, angles: Array) -> NDArray[np.float32]:
@@ -285,12 +291,12 @@ def find_haze(
     angles: Array,
     pixel: float | None,
     options: DehazeOptions,
+    known: Given | None,
 ) -> HazeEstimate:
     """The haze as given, or as the dark pixels have it."""
     shape = seen.lattice.large_shape
-    known = given_depth(options)
     if known is not None:
-        return as_given([t.atmosphere.aerosol for t in tables], known, shape)
+        return as_given([t.atmosphere.aerosol for t in tables], *known)
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]
     above = np.moveaxis(above, -1, 0)
@@ -357,10 +363,11 @@ def summary(
     haze: HazeEstimate, table: TermsTable, sensing: Sensing, options: DehazeOptions, pressure: float, notes: list[str]
 ) -> dict[str, Any]:
     """What a report says."""
+    source = "estimated" if given_depth(options) is None else "given"
     return {
         "kind": "surface reflectance",
         "aod": {
-            "source": "estimated" if given_depth(options) is None else "given",
+            "source": "map" if options.aod_map is not None else source,
             "mean": round(haze.mean, 4),
             "sigma": round(haze.mean_sigma, 4),
             "least": round(float(haze.aod.min()), 4),
@@ -375,6 +382,7 @@ def summary(
         "interpolation_error": round(table.error, 6),
         "cells_without_dark_ground": round(float(haze.uncertain.mean()), 4),
         "corrected_bands": [band.name for band in sensing.bands],
+        "mask_bits": {str(int(flag)): words for flag, words in MEANINGS.items()},
         "remarks": notes,
     }
 

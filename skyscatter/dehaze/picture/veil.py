@@ -127,13 +127,9 @@ class Veil:
 
     def depth_at(self, row0: int, col0: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
         """Optical depth at 550 nm at the pixels of a window, bilinear between the cells."""
-        from skyscatter.dehaze.lattice import linear_weights
+        from skyscatter.dehaze.lattice import at_pixels
 
-        along = [
-            linear_weights(start + 0.5 + np.arange(n), (np.arange(cells) + 0.5) * self.cell)
-            for start, n, cells in zip((row0, col0), shape, self.depth.shape, strict=True)
-        ]
-        return (along[0] @ self.depth @ along[1].T).astype(np.float32)
+        return at_pixels(self.depth, self.cell, row0, col0, shape)
 
     def uncertainty(self, window: NDArray[np.floating], row0: int = 0, col0: int = 0) -> NDArray[np.float32]:
         """Standard deviation of what `apply` returns at full strength, (bands, h, w).
