@@ -2,6 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+
+def shown(value: Any) -> str:
+    """A value as a user wrote it: numbers of numpy as plain ones, inside of tuples and lists too."""
+    if isinstance(value, (tuple, list)) and type(value) in (tuple, list):
+        inner = ", ".join(shown(part) for part in value)
+        if isinstance(value, list):
+            return f"[{inner}]"
+        return f"({inner},)" if len(value) == 1 else f"({inner})"
+    return repr(value.tolist() if type(value).__module__ == "numpy" and hasattr(value, "tolist") else value)
+
 
 class SkyscatterError(Exception):
     """Base class of every error that skyscatter raises on purpose."""
@@ -22,7 +34,7 @@ class DomainError(SkyscatterError, ValueError):
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
         self.name, self.value, self.allowed = name, value, allowed
-        super().__init__(f"{name} = {value!r}: {allowed}")
+        super().__init__(f"{name} = {shown(value)}: {allowed}")
 
 
 class UnitsError(SkyscatterError, ValueError):
@@ -30,15 +42,33 @@ class UnitsError(SkyscatterError, ValueError):
 
     def __init__(self, name: str, value: object, expected: str) -> None:
         self.name, self.value, self.expected = name, value, expected
-        super().__init__(f"{name} = {value!r}: give {expected}")
+        super().__init__(f"{name} = {shown(value)}: give {expected}")
 
 
 class ModelFileError(SkyscatterError, ValueError):
-    """A model file is missing, is not TOML, or says something that no model means."""
+    """A model file is missing, is not TOML, or says something that no model means.
 
-    def __init__(self, path: object, problem: str) -> None:
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: {problem}")
+    Parameters
+    ----------
+    path : object
+        The file, or the name of the model.
+    *problems : str
+        What is wrong, a line each.
+    """
+
+    def __init__(self, path: object, *problems: str) -> None:
+        self.path, self.problems = path, problems
+        super().__init__("\n".join(f"{path}: {problem}" for problem in problems))
+
+
+class TableFileError(SkyscatterError, ValueError):
+    """A file of a table cannot be read, or does not hold what is asked of it; names the file, the line, the column."""
+
+    def __init__(self, path: object, problem: str, line: int | None = None, column: str | None = None) -> None:
+        self.path, self.problem, self.line, self.column = path, problem, line, column
+        place = "" if line is None else f", line {line}"
+        place += "" if column is None else f", column {column}"
+        super().__init__(f"{path}{place}: {problem}")
 
 
 class MissingDataError(SkyscatterError, FileNotFoundError):

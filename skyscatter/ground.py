@@ -10,26 +10,21 @@ from skyscatter.errors import DomainError
 from skyscatter.media.arrays import ArrayField
 from skyscatter.record import Record
 from skyscatter.spectra.surfaces import surface_albedo
-from skyscatter.spectra.table import Spectral, bounds, evaluate
-from skyscatter.units import Metres
+from skyscatter.spectra.table import Albedo, Spectral, evaluate
+from skyscatter.units import PositiveMetres
 
 #: Albedos that a map can tell apart; the kernels number them, and what lies outside, in a byte.
 MOST_CLASSES = 255
 
-Albedo = Spectral | str
 
-
-def check_albedo(value: Albedo) -> None:
+def check_albedo(value: Spectral | str) -> None:
     """Refuse what is no albedo: an unknown surface, or numbers outside 0 to 1."""
     if isinstance(value, str):
         surface_albedo(value, [550.0])
         return
-    low, high = bounds(value)
-    if low < 0 or high > 1:
-        raise DomainError("albedo", low if low < 0 else high, "lies between 0 and 1")
 
 
-def spectrum_of(value: Albedo, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+def spectrum_of(value: Spectral | str, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
     """An albedo per wavelength, shape (wavelength,)."""
     if isinstance(value, str):
         return surface_albedo(value, wavelengths_nm)
@@ -56,7 +51,7 @@ class GroundMap(Record):
 
     classes: ArrayField
     albedos: tuple[Albedo, ...]
-    cell_size: Metres
+    cell_size: PositiveMetres
 
     @model_validator(mode="after")
     def _check(self) -> GroundMap:
@@ -69,8 +64,6 @@ class GroundMap(Record):
         if not known.all():
             rule = f"whole numbers from 0 to {len(self.albedos) - 1}, one for each of the albedos"
             raise DomainError("classes", float(values[~known][0]), rule)
-        if not self.cell_size > 0:
-            raise DomainError("cell_size", self.cell_size, "must be a positive length")
         for albedo in self.albedos:
             check_albedo(albedo)
         return self

@@ -14,8 +14,8 @@ from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.optics.base import Array
 from skyscatter.record import Record
 from skyscatter.spectra.solar import blackbody_irradiance
-from skyscatter.spectra.table import Spectral, SpectralTable, bounds, evaluate
-from skyscatter.units import Metres
+from skyscatter.spectra.table import Irradiance, SpectralTable, bounds, evaluate
+from skyscatter.units import Degrees, Elevation, Kelvin, Luminosity, Magnitude, Place, PositiveMetres, Share, Triple
 
 #: Irradiance of magnitude 0 in V at 550 nm [W m-2 nm-1]: Vega's, Bessell, Castelli & Plez (1998), A&A 333, 231.
 VEGA_V = 3.631e-11
@@ -43,6 +43,7 @@ class PointStar(Record):
     Parameters
     ----------
     name : str
+        How it is called.
     position : three lengths
         In the frame of the model [m]; inside or outside the gas.
     temperature : float, optional
@@ -59,11 +60,11 @@ class PointStar(Record):
     """
 
     name: str = "star"
-    position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
-    temperature: float | None = None
-    luminosity: float | None = None
-    radius: Metres | None = None
-    magnitude_v: float | None = None
+    position: Place = (0.0, 0.0, 0.0)
+    temperature: Kelvin | None = None
+    luminosity: Luminosity | None = None
+    radius: PositiveMetres | None = None
+    magnitude_v: Magnitude | None = None
     spectrum: SpectralTable | None = None
 
     @model_validator(mode="after")
@@ -73,10 +74,6 @@ class PointStar(Record):
             raise DomainError(self.name, ", ".join(given), f"give exactly one of {', '.join(_AMOUNTS)}")
         if (self.temperature is None) != (self.spectrum is not None):
             raise DomainError("temperature", self.temperature, "goes with every star but one with a spectrum")
-        for name in ("temperature", "luminosity", "radius"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise DomainError(name, value, "must be positive")
         if self.spectrum is not None and bounds(self.spectrum)[0] < 0:
             raise DomainError("spectrum", bounds(self.spectrum)[0], "a luminosity is never negative")
         return self
@@ -148,6 +145,7 @@ class ParallelLight(Record):
     Parameters
     ----------
     name : str
+        How it is called.
     direction : three floats, optional
         Towards the light, of any length but nought, in the frame of the model.
     azimuth_deg, elevation_deg : float, optional
@@ -161,12 +159,12 @@ class ParallelLight(Record):
     """
 
     name: str = "light"
-    direction: tuple[float, float, float] | None = None
-    azimuth_deg: float | None = None
-    elevation_deg: float | None = None
-    irradiance: Spectral | None = None
-    temperature: float | None = None
-    dilution: float | None = None
+    direction: Triple | None = None
+    azimuth_deg: Degrees | None = None
+    elevation_deg: Elevation | None = None
+    irradiance: Irradiance | None = None
+    temperature: Kelvin | None = None
+    dilution: Share | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -175,17 +173,9 @@ class ParallelLight(Record):
             raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
         if self.direction is not None and not any(self.direction):
             raise DomainError("direction", self.direction, "must not be nought")
-        if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
-            raise DomainError("elevation_deg", self.elevation_deg, "lies between -90 and 90 degrees")
         body = (self.temperature is not None, self.dilution is not None)
         if any(body) != all(body) or any(body) == (self.irradiance is not None):
             raise DomainError("irradiance", self.irradiance, "give either irradiance, or temperature and dilution")
-        if self.irradiance is not None and bounds(self.irradiance)[0] < 0:
-            raise DomainError("irradiance", bounds(self.irradiance)[0], "is never negative")
-        if self.temperature is not None and not self.temperature > 0:
-            raise DomainError("temperature", self.temperature, "must be positive [K]")
-        if self.dilution is not None and not 0 <= self.dilution <= 1:
-            raise DomainError("dilution", self.dilution, "lies between 0 and 1, (radius / distance)^2")
         return self
 
     @property

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, overload
 
@@ -13,11 +13,13 @@ from skyscatter.atomic import atomic_path
 from skyscatter.datafiles import models_dir
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.ground import Ground
+from skyscatter.kinds import fitting_kinds, misplaced
 from skyscatter.media.arrays import unwritten
 from skyscatter.media.medium import Component, Medium
-from skyscatter.record import UNKNOWN, Record
+from skyscatter.problems import problem_lines
+from skyscatter.record import Record, similar
 from skyscatter.scene import Scene, Site, Star, Sun
-from skyscatter.units import Metres
+from skyscatter.units import PositiveMetres
 
 if TYPE_CHECKING:
     from skyscatter.nebula import NebulaModel
@@ -30,18 +32,13 @@ class Planet(Record):
     Parameters
     ----------
     name : str
+        How it is called.
     radius : length
         [m].
     """
 
     name: str
-    radius: Metres
-
-    @model_validator(mode="after")
-    def _check(self) -> Planet:
-        if not self.radius > 0:
-            raise DomainError("radius", self.radius, "must be a positive length")
-        return self
+    radius: PositiveMetres
 
 
 class Model(Record):
@@ -49,12 +46,18 @@ class Model(Record):
 
     Parameters
     ----------
-    name, description : str
+    name : str
+        How the model is called.
+    description : str
+        What it is, in a sentence.
     sources : tuple of str
         Where the numbers come from.
     planet : Planet
+        The sphere that carries the air.
     ground : Ground
+        Its surface; black when not given.
     star : Star
+        Its light; the Sun when not given.
     components : tuple of Component
         The atmosphere.
     """
@@ -155,15 +158,18 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
     Raises
     ------
     ModelFileError
-        If there is no such model, the file is not TOML, or a field is missing, unknown or out of range; the message
-        names the field, the value and what would be accepted.
+        If there is no such model, the file is not TOML, or fields are missing, unknown or out of range; a line for
+        each names the field, the value and what would be accepted.
     """
     text = str(name_or_path)
     path = Path(text)
     if not path.suffix and not path.is_file():
         path = models_dir() / f"{text}.toml"
         if not path.is_file():
-            raise ModelFileError(text, f"no such model; choose from {', '.join(model_names())}, or give a .toml file")
+            meant = similar(text, model_names())
+            hint = f"did you mean {meant}? " if meant else ""
+            rule = f"no such model; {hint}choose from {', '.join(model_names())}, or give a .toml file"
+            raise ModelFileError(text, rule)
     try:
         with open(path, "rb") as file:
             content = tomllib.load(file)
@@ -171,18 +177,36 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
         raise ModelFileError(path, f"cannot be read ({error.strerror or error}); check the path") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ModelFileError(path, f"is not TOML: {error}") from error
-    return parse_model(content, path)
+    return parse_model(anchored(content, path.parent.absolute()), path)
+
+
+def anchored(content: Any, folder: Path) -> Any:
+    """The content of a model file in which the names of other files count from its folder."""
+    if isinstance(content, list):
+        return [anchored(part, folder) for part in content]
+    if not isinstance(content, dict):
+        return content
+    return {
+        name: str(folder / value) if name == "file" and isinstance(value, str) else anchored(value, folder)
+        for name, value in content.items()
+    }
 
 
 def parse_model(content: dict[str, Any], source: object) -> Model | NebulaModel | SurfaceModel:
     """Build a `Model`, a `NebulaModel` or a `SurfaceModel` from the content of a file; `source` is named in errors."""
+    sort = sort_of(content)
     try:
-        return _sort_of(content).model_validate(content)
+        return sort.model_validate(content)
     except ValidationError as error:
-        raise ModelFileError(source, first_problem(error)) from error
+        command = sort.command
+        lines = problem_lines(error, content, partial(fitting_kinds, command))
+        wrong = misplaced(command, content)
+        # That a medium has one sort of fields follows from what is misplaced.
+        lines = [line for line in lines if not (wrong and line.startswith("density = "))]
+        raise ModelFileError(source, *wrong, *lines) from error
 
 
-def _sort_of(content: dict[str, Any]) -> type[Model] | type[NebulaModel] | type[SurfaceModel]:
+def sort_of(content: dict[str, Any]) -> type[Model] | type[NebulaModel] | type[SurfaceModel]:
     """What a file describes, by the tables that only such a file has."""
     if not {"viewpoint", "bodies", "media"}.isdisjoint(content):
         from skyscatter.surfaces.model import SurfaceModel
@@ -193,30 +217,6 @@ def _sort_of(content: dict[str, Any]) -> type[Model] | type[NebulaModel] | type[
 
         return NebulaModel
     return Model
-
-
-def first_problem(error: ValidationError) -> str:
-    """The first complaint of a validation as one line: field, value, remedy."""
-    problems = error.errors(include_url=False)
-    # A misspelt field leaves another one missing: the spelling is the cause.
-    problem = next((p for p in problems if UNKNOWN in p["msg"]), problems[0])
-    if problem["type"] != "value_error":
-        # Every branch of a union complains; the one that understood the value knows what is wrong with it.
-        parent = problem["loc"][:-1]
-        understood = [p for p in problems if p["type"] == "value_error" and p["loc"][:-1] == parent]
-        problem = understood[0] if understood else problem
-    # Branches of a union that are no records have names like function-after[...]; they say nothing to a user.
-    field = ".".join(str(part) for part in problem["loc"] if "(" not in str(part)) or "model"
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "missing":
-        return f"{field} is missing; add it"
-    if problem["type"] == "union_tag_not_found":
-        similar = difflib.get_close_matches("kind", map(str, problem["input"]), n=1)
-        return f"{field}.{similar[0]}: {UNKNOWN}; did you mean kind?" if similar else f"{field}.kind is missing; add it"
-    if problem["type"] == "value_error":
-        return f"{field}: {message}"
-    shown = repr(problem["input"])
-    return f"{field} = {shown if len(shown) < 80 else shown[:77] + '...'}: {message}"
 
 
 #: Fields that are written as tables of their own, one after the other.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from pydantic import model_validator
 
@@ -12,7 +12,7 @@ from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Component, Medium
 from skyscatter.record import Record
 from skyscatter.space import SpaceScene, View
-from skyscatter.spectra.table import Spectral
+from skyscatter.spectra.table import Background
 from skyscatter.starfield import StarField
 
 
@@ -21,7 +21,10 @@ class NebulaModel(Record):
 
     Parameters
     ----------
-    name, description : str
+    name : str
+        How the model is called.
+    description : str
+        What it is, in a sentence.
     sources : tuple of str
         Where the numbers come from.
     view : View
@@ -29,7 +32,9 @@ class NebulaModel(Record):
     components : tuple of Component
         Gas and dust; their densities are fields in three dimensions.
     stars : tuple of PointStar
+        Stars as points, inside or outside.
     parallel : tuple of ParallelLight
+        Lights from far away.
     background : float or SpectralTable or "interstellar"
         Uniform radiance from outside [W m-2 sr-1 nm-1].
     star_field : StarField, optional
@@ -45,7 +50,7 @@ class NebulaModel(Record):
     components: tuple[Component, ...]
     stars: tuple[PointStar, ...] = ()
     parallel: tuple[ParallelLight, ...] = ()
-    background: Spectral | Literal["interstellar"] = 0.0
+    background: Background = 0.0
     star_field: StarField | None = None
 
     @model_validator(mode="after")

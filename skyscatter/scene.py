@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +14,8 @@ from skyscatter.ground import Ground
 from skyscatter.media.medium import Medium
 from skyscatter.record import Record
 from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, disk_mean, limb_darkening, solar_irradiance
-from skyscatter.spectra.table import Spectral, bounds, evaluate
-from skyscatter.units import Metres
+from skyscatter.spectra.table import Radiance, StarSpectrum, evaluate
+from skyscatter.units import AstronomicalUnits, Degrees, Elevation, Kelvin, Metres, NonNegativeMetres
 
 AU = 149597870700.0  #: astronomical unit [m], IAU 2012 resolution B2
 
@@ -36,22 +36,16 @@ class Star(Record):
         Darken the disk as the Sun's (Neckel & Labs 1994); a uniform disk otherwise.
     """
 
-    spectrum: Literal["astm-g173", "blackbody"] | Spectral = "astm-g173"
-    temperature: float = 5772.0
-    radius: Metres = SOLAR_RADIUS
+    spectrum: StarSpectrum = "astm-g173"
+    temperature: Kelvin = 5772.0
+    radius: NonNegativeMetres = SOLAR_RADIUS
     distance: Metres = AU
     limb_darkening: bool = True
 
     @model_validator(mode="after")
     def _check(self) -> Star:
-        if not self.temperature > 0:
-            raise DomainError("temperature", self.temperature, "must be positive [K]")
-        if self.radius < 0:
-            raise DomainError("radius", self.radius, "is never negative (0 makes a point)")
         if not self.distance > self.radius:
             raise DomainError("distance", self.distance, "must exceed the star's radius")
-        if not isinstance(self.spectrum, str) and bounds(self.spectrum)[0] < 0:
-            raise DomainError("spectrum", self.spectrum, "an irradiance is never negative")
         return self
 
     def irradiance(self, wavelengths_nm: ArrayLike, distance: float) -> NDArray[np.float64]:
@@ -100,18 +94,10 @@ class Sun(Record):
         Place and time for which the Sun stands there, where they are known.
     """
 
-    elevation_deg: float = 30.0
-    azimuth_deg: float = 180.0
-    distance_au: float | None = None
+    elevation_deg: Elevation = 30.0
+    azimuth_deg: Degrees = 180.0
+    distance_au: AstronomicalUnits | None = None
     site: Site | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Sun:
-        if not -90 <= self.elevation_deg <= 90:
-            raise DomainError("sun_elevation_deg", self.elevation_deg, "lies between -90 and 90 degrees")
-        if self.distance_au is not None and not self.distance_au > 0:
-            raise DomainError("sun_distance_au", self.distance_au, "must be positive")
-        return self
 
     @property
     def direction(self) -> NDArray[np.float64]:
@@ -153,16 +139,8 @@ class Scene(Record):
     ground: Ground = Ground()
     star: Star = Star()
     sun: Sun = Sun()
-    altitude: Metres = 0.0
-    background: Spectral = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Scene:
-        if self.altitude < 0:
-            raise DomainError("altitude", self.altitude, "the observer stands on the ground (0) or above it")
-        if bounds(self.background)[0] < 0:
-            raise DomainError("background", self.background, "a radiance is never negative")
-        return self
+    altitude: NonNegativeMetres = 0.0
+    background: Radiance = 0.0
 
     @property
     def observer(self) -> Observer:

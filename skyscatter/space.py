@@ -6,8 +6,6 @@ points west (to the right), y north (up) and z towards the observer; `View` says
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
@@ -16,9 +14,9 @@ from skyscatter.errors import DomainError
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium
 from skyscatter.record import Record
-from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.spectra.table import Background, evaluate
 from skyscatter.starfield import StarField
-from skyscatter.units import PARSEC, Metres
+from skyscatter.units import PARSEC, Elevation, PositiveMetres, RightAscension, Turn
 
 Array = NDArray[np.float64]
 
@@ -40,25 +38,12 @@ class View(Record):
         [degree]
     """
 
-    ra_deg: float = 0.0
-    dec_deg: float = 0.0
-    distance: Metres = 1000 * PARSEC
-    inclination_deg: float = 0.0
-    azimuth_deg: float = 0.0
-    position_angle_deg: float = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> View:
-        if not 0 <= self.ra_deg < 360:
-            raise DomainError("ra_deg", self.ra_deg, "a right ascension from 0 to below 360 degrees")
-        if not -90 <= self.dec_deg <= 90:
-            raise DomainError("dec_deg", self.dec_deg, "a declination from -90 to 90 degrees")
-        if not self.distance > 0:
-            raise DomainError("distance", self.distance, "must be a positive length")
-        for name in ("inclination_deg", "azimuth_deg", "position_angle_deg"):
-            if not -360 <= getattr(self, name) <= 360:
-                raise DomainError(name, getattr(self, name), "an angle between -360 and 360 degrees")
-        return self
+    ra_deg: RightAscension = 0.0
+    dec_deg: Elevation = 0.0
+    distance: PositiveMetres = 1000 * PARSEC
+    inclination_deg: Turn = 0.0
+    azimuth_deg: Turn = 0.0
+    position_angle_deg: Turn = 0.0
 
     @property
     def matrix(self) -> Array:
@@ -112,7 +97,7 @@ class SpaceScene(Record):
     medium: Medium
     stars: tuple[PointStar, ...] = ()
     parallel: tuple[ParallelLight, ...] = ()
-    background: Spectral | Literal["interstellar"] = 0.0
+    background: Background = 0.0
     star_field: StarField | None = None
     view: View = View()
 
@@ -124,8 +109,6 @@ class SpaceScene(Record):
             if component.density.kind == "everywhere":
                 rule = "has no end; it is for scenes with surfaces, give this component a field that ends"
                 raise DomainError("density", "everywhere", rule)
-        if not isinstance(self.background, str) and bounds(self.background)[0] < 0:
-            raise DomainError("background", self.background, "a radiance is never negative")
         return self
 
     @property

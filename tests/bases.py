@@ -23,10 +23,10 @@ from skyscatter.errors import SkyscatterError
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.tables import pack_fields
-from skyscatter.model import first_problem
 from skyscatter.optics.base import PhaseFunction
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import AnyPhase, matrix_excess
+from skyscatter.problems import problem_lines
 from skyscatter.solvers.compile import compile_scene, matrix_tables, medium_optics
 from skyscatter.solvers.kernels.columns import density as kernel_density
 from skyscatter.solvers.kernels.columns import exact_columns
@@ -53,7 +53,7 @@ def complaint(build: Callable[[], Any]) -> str:
     with pytest.raises((ValidationError, SkyscatterError)) as caught:
         build()
     error = caught.value
-    message = first_problem(error) if isinstance(error, ValidationError) else str(error)
+    message = problem_lines(error)[0] if isinstance(error, ValidationError) else str(error)
     assert "\n" not in message
     return message
 

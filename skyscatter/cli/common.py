@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from skyscatter.cli import parse, stopping
 from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.kinds import SORTS
 from skyscatter.progress import MODES
 from skyscatter.units import metres
 
@@ -189,10 +190,6 @@ def check_solver(request: RunRequest, meaningless: Mapping[str, tuple[str, ...]]
             raise DomainError(option, value, rule)
     if not request.outputs and not request.json:
         raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json")
-
-
-#: What a model is of, by the command that renders it.
-SORTS = {"sky": "a planet with its air", "nebula": "a nebula", "render": "a scene of surfaces"}
 
 
 def check_command(model: Any, name: str, command: str) -> None:

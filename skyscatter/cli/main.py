@@ -22,7 +22,8 @@ from pydantic import ValidationError
 import skyscatter
 from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping
 from skyscatter.cli.examples import epilog
-from skyscatter.errors import ConvergenceError, DomainError, SkyscatterError
+from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, SkyscatterError
+from skyscatter.problems import problem_lines
 
 app = typer.Typer(
     name="skyscatter",
@@ -68,11 +69,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _say("interrupted", stopping.status())
     except ValidationError as error:
-        return _say(f"error: {describe_validation(error)}", 2)
+        for problem in problem_lines(error):
+            _say(f"error: {problem}", 2)
+        return 2
     except ConvergenceError as error:
         return _say(f"error: {error}", 3)
     except SkyscatterError as error:
-        return _say(f"error: {error}", 2)
+        for problem in str(error).splitlines() if isinstance(error, ModelFileError) else [str(error)]:
+            _say(f"error: {problem}", 2)
+        return 2
     except BrokenPipeError:
         # The reader of our output went away; nothing more can be said to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -129,24 +134,6 @@ class _Words(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         kind = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
         return f"skyscatter: {kind}{' '.join(record.getMessage().split())}"
-
-
-def describe_validation(error: ValidationError) -> str:
-    """One line for a value that a record refused: field, value, remedy."""
-    problems = []
-    for one in error.errors(include_url=False):
-        cause = one.get("ctx", {}).get("error")
-        if isinstance(cause, SkyscatterError):  # already says field, value and remedy
-            problems.append(str(cause))
-            continue
-        field = ".".join(str(part) for part in one["loc"]) or error.title
-        message = one["msg"].removeprefix("Value error, ")
-        message = message[:1].lower() + message[1:]
-        value = one["input"]
-        # A whole table as the offending value would not fit on a line and would say nothing.
-        shown = f"{field} = {value!r}" if isinstance(value, (str, int, float, bool)) else field
-        problems.append(f"{shown}: {message}")
-    return "; ".join(problems).replace("\n", " ")
 
 
 def _warn(

@@ -24,8 +24,7 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.pinhole import Array, CameraBase, ObserverLike, Pinhole
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.geometry.vectors import azimuth_elevation_from_direction, camera_frame, direction_from_azimuth_elevation
-
-Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+from skyscatter.units import ANGLE, Elevation, HighElevation, LowElevation, Turn
 
 
 class Panorama(CameraBase):
@@ -33,12 +32,19 @@ class Panorama(CameraBase):
 
     ``A = centre_azimuth + 360° a / width`` and ``e = (min + max) / 2 + (max - min) b / height``.  A lowest elevation of
     -90 gives the full sphere, 0 the upper half.
+
+    Parameters
+    ----------
+    elevation_min_deg, elevation_max_deg : float
+        Lower and upper edge of the picture [degree].
+    centre_azimuth_deg : float
+        In the middle of the picture [degree], from north through east.
     """
 
     kind: Literal["panorama"] = "panorama"
-    elevation_min_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = -90.0
-    elevation_max_deg: Annotated[float, Field(gt=-90.0, le=90.0)] = 90.0
-    centre_azimuth_deg: Degrees = 180.0
+    elevation_min_deg: LowElevation = -90.0
+    elevation_max_deg: HighElevation = 90.0
+    centre_azimuth_deg: Turn = 180.0
 
     @model_validator(mode="after")
     def _check(self) -> Panorama:
@@ -76,15 +82,28 @@ class Fisheye(CameraBase):
     from the axis is ``θ = ρ fov / 2`` (equidistant) or ``sin(θ / 2) = ρ sin(fov / 4)`` (equisolid, equal solid angle
     per pixel).  ``east_left=True`` shows the sky as it looks from below (and every picture the right way round);
     ``east_left=False`` mirrors it, as if laid over a map.
+
+    Parameters
+    ----------
+    projection : {"equidistant", "equisolid"}
+        How the angle from the axis becomes a distance from the middle.
+    fov_deg : float
+        Angle across the circle [degree].
+    azimuth_deg, elevation_deg : float
+        Where it looks [degree].
+    roll_deg : float
+        Rotation about the line of sight [degree].
+    east_left : bool
+        Whether a view of the zenith has east on the left, as the sky looks from below.
     """
 
     kind: Literal["fisheye"] = "fisheye"
     projection: Literal["equidistant", "equisolid"] = "equidistant"
-    fov_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 180.0
+    fov_deg: Annotated[float, ANGLE.within(0.0, 360.0, above=True)] = 180.0
     # A camera that faces south and is tilted up to the zenith has north at the top.
-    azimuth_deg: Degrees = 180.0
-    elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 90.0
-    roll_deg: Degrees = 0.0
+    azimuth_deg: Turn = 180.0
+    elevation_deg: Elevation = 90.0
+    roll_deg: Turn = 0.0
     east_left: bool = True
 
     def _radius_and_half_field(self) -> tuple[float, float]:
@@ -144,13 +163,22 @@ class Perspective(Pinhole):
 
     Up in the picture is towards the zenith; roll turns the camera clockwise as seen from behind it.  Without azimuth
     and elevation it looks as the observer does, which is for observers that look somewhere: `skyscatter.Viewpoint`.
+
+    Parameters
+    ----------
+    azimuth_deg, elevation_deg : float, optional
+        Where it looks [degree]; as the observer does when not given.
+    fov_deg : float
+        Horizontal field of view [degree].
+    roll_deg : float
+        Rotation about the line of sight, clockwise as seen from behind [degree].
     """
 
     kind: Literal["perspective"] = "perspective"
-    azimuth_deg: Degrees | None = None
-    elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 0.0
-    fov_deg: Annotated[float, Field(gt=0.0, lt=180.0)] = 60.0
-    roll_deg: Degrees = 0.0
+    azimuth_deg: Turn | None = None
+    elevation_deg: Elevation = 0.0
+    fov_deg: Annotated[float, ANGLE.within(0.0, 180.0, above=True, below=True)] = 60.0
+    roll_deg: Turn = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Perspective:
@@ -174,6 +202,11 @@ class PlanetView(Pinhole):
 
     The limb of the atmosphere stands ``ρ`` from the nadir, ``sin ρ = (R + top) / (R + altitude)``; the focal length is
     ``f = min(width, height) / 2 / ((1 + margin) tan ρ)`` pixels.
+
+    Parameters
+    ----------
+    margin : float
+        Free space around the planet, as a share of its size.
     """
 
     kind: Literal["planet"] = "planet"

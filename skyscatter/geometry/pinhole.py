@@ -31,7 +31,13 @@ class ObserverLike(Protocol):
 
 
 class CameraBase(Record):
-    """Size of the picture and what all cameras share."""
+    """Size of the picture and what all cameras share.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture [pixel].
+    """
 
     width: Pixels
     height: Pixels

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
-from pydantic import Field
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.pinhole import Array, Pinhole
-from skyscatter.units import metres
+from skyscatter.units import ANGLE, metres
 
 
 class ViewLike(Protocol):
@@ -34,10 +33,15 @@ class Telescope(Pinhole):
     A pixel at the centre spans ``pixel_scale_deg``, so that the focal length is ``f = 1 / radians(pixel_scale_deg)``
     pixels and a direction at the angle θ from the axis stands ``f tan θ`` pixels from the centre (Calabretta & Greisen
     2002, A&A 395, 1077, section 5.1.3).  The directions are in the frame in which the observer states its axes.
+
+    Parameters
+    ----------
+    pixel_scale_deg : float
+        Side of a pixel in the middle of the picture [degree].
     """
 
     kind: Literal["telescope"] = "telescope"
-    pixel_scale_deg: Annotated[float, Field(gt=0.0, le=60.0)]
+    pixel_scale_deg: Annotated[float, ANGLE.within(0.0, 60.0, above=True)]
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, field_of_view_deg: float) -> Telescope:

@@ -17,7 +17,7 @@ from skyscatter.inversion.paths import changed
 from skyscatter.media.medium import Component
 from skyscatter.optics.absorption import DOBSON_UNIT, GasAbsorption
 from skyscatter.optics.dust import MAGNITUDE, Dust
-from skyscatter.optics.mie import MieAerosol
+from skyscatter.optics.mie import LogNormalMode, MieAerosol
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import CornetteShanks, Draine, HenyeyGreenstein
 from skyscatter.spectra.table import SpectralTable, evaluate
@@ -187,6 +187,8 @@ def _radius(component: Component, wavelength: float) -> float:
     if not isinstance(component.optics, MieAerosol):
         raise _refuse(component, f"{component.name}.effective_radius", "only optics of kind mie have sizes")
     modes = component.optics.modes
+    if not all(isinstance(mode, LogNormalMode) for mode in modes):
+        raise _refuse(component, f"{component.name}.effective_radius", "only log-normal modes can be stretched")
     s2 = np.array([np.log(m.geometric_standard_deviation) ** 2 for m in modes])
     r, n = np.array([m.median_radius for m in modes]), np.array([m.fraction for m in modes])
     return float(np.sum(n * r**3 * np.exp(4.5 * s2)) / np.sum(n * r**2 * np.exp(2 * s2)))

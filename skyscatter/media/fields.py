@@ -7,15 +7,17 @@ a row in the kernels' `FieldTable`.  A new field is one class here and one branc
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
+from skyscatter import units
 from skyscatter.errors import DomainError
 from skyscatter.record import Record
-from skyscatter.units import Metres
+from skyscatter.tablefile import TableRecord, Wanted
+from skyscatter.units import Altitudes, Densities, Metres, NonNegativeMetres, PositiveMetres
 
 # The kinds of `kernels.columns`, repeated as plain numbers so that describing a field does not load the compiler.
 EXPONENTIAL, LINEAR, LOGARITHMIC, GAUSSIAN, CHAPMAN = 0, 1, 2, 3, 4
@@ -66,13 +68,6 @@ class DensityField(Record):
         return np.array(values, float).reshape(h.shape)
 
 
-def _require_positive(field: DensityField, *names: str) -> None:
-    for name in names:
-        value = getattr(field, name)
-        if value is not None and not value > 0:
-            raise DomainError(name, value, "must be a positive length")
-
-
 class Exponential(DensityField):
     """exp(-h / H): density 1 on the ground, falling by e every scale height.
 
@@ -85,13 +80,8 @@ class Exponential(DensityField):
     """
 
     kind: Literal["exponential"] = "exponential"
-    scale_height: Metres
-    top: Metres | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Exponential:
-        _require_positive(self, "scale_height", "top")
-        return self
+    scale_height: PositiveMetres
+    top: PositiveMetres | None = None
 
     def row(self) -> FieldRow:
         """The field as data for the kernels."""
@@ -100,15 +90,20 @@ class Exponential(DensityField):
 
 
 class Uniform(DensityField):
-    """Density 1 between two altitudes: a slab, or a shell of fog."""
+    """Density 1 between two altitudes: a slab, or a shell of fog.
+
+    Parameters
+    ----------
+    base, top : length
+        Altitudes between which the density is 1 [m]; the base lies below the top.
+    """
 
     kind: Literal["uniform"] = "uniform"
-    base: Metres = 0.0
-    top: Metres
+    base: NonNegativeMetres = 0.0
+    top: PositiveMetres
 
     @model_validator(mode="after")
     def _check(self) -> Uniform:
-        _require_positive(self, "top")
         if not 0 <= self.base < self.top:
             raise DomainError("base", self.base, "must lie between 0 and the top")
         return self
@@ -119,12 +114,18 @@ class Uniform(DensityField):
 
 
 class Tent(DensityField):
-    """Rising linearly from `base` to 1 at `peak`, falling linearly to `top`: the plainest ozone layer."""
+    """Rising linearly from `base` to 1 at `peak`, falling linearly to `top`: the plainest ozone layer.
+
+    Parameters
+    ----------
+    base, peak, top : length
+        Altitudes of the foot, of the tip, where the density is 1, and of the upper end [m]; they rise.
+    """
 
     kind: Literal["tent"] = "tent"
-    base: Metres
-    peak: Metres
-    top: Metres
+    base: NonNegativeMetres
+    peak: PositiveMetres
+    top: PositiveMetres
 
     @model_validator(mode="after")
     def _check(self) -> Tent:
@@ -139,17 +140,22 @@ class Tent(DensityField):
 
 
 class Gaussian(DensityField):
-    """exp(-(h - peak)^2 / 2 width^2), cut at `top` (6 widths above the peak when not given) and at the ground."""
+    """exp(-(h - peak)^2 / 2 width^2), cut at `top` (6 widths above the peak when not given) and at the ground.
+
+    Parameters
+    ----------
+    peak : length
+        Altitude where the density is 1 [m].
+    width : length
+        Standard deviation [m].
+    top : length, optional
+        Altitude above which there is nothing [m]; 6 widths above the peak when not given.
+    """
 
     kind: Literal["gaussian"] = "gaussian"
     peak: Metres
-    width: Metres
-    top: Metres | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Gaussian:
-        _require_positive(self, "width", "top")
-        return self
+    width: PositiveMetres
+    top: PositiveMetres | None = None
 
     def row(self) -> FieldRow:
         """The field as data for the kernels."""
@@ -161,17 +167,21 @@ class ChapmanLayer(DensityField):
     """exp(1 - z - exp(-z)) with z = (h - peak) / H: a layer made by sunlight in an exponential atmosphere.
 
     Chapman (1931), Proc. Phys. Soc. 43, 26, for the Sun in the zenith; 1 at the peak.
+
+    Parameters
+    ----------
+    peak : length
+        Altitude where the density is 1 [m].
+    scale_height : length
+        H [m].
+    top : length, optional
+        Altitude above which there is nothing [m]; 16 scale heights above the peak when not given.
     """
 
     kind: Literal["chapman"] = "chapman"
     peak: Metres
-    scale_height: Metres
-    top: Metres | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> ChapmanLayer:
-        _require_positive(self, "scale_height", "top")
-        return self
+    scale_height: PositiveMetres
+    top: PositiveMetres | None = None
 
     def row(self) -> FieldRow:
         """The field as data for the kernels."""
@@ -179,7 +189,7 @@ class ChapmanLayer(DensityField):
         return FieldRow(CHAPMAN, (self.peak, self.scale_height), top, (), (), (top,))
 
 
-class Tabulated(DensityField):
+class Tabulated(TableRecord, DensityField):
     """A profile given at altitudes, interpolated in the density or in its logarithm; nothing outside the nodes.
 
     Parameters
@@ -189,11 +199,22 @@ class Tabulated(DensityField):
     densities : tuple of float
         Density at the nodes, never negative (positive for logarithmic interpolation).
     interpolation : {"logarithmic", "linear"}
+        Of the logarithm of the density, or of the density itself.
+    file : str, optional
+        CSV or netCDF file with the columns instead, such as ``altitude [km],density``; in a model file the path counts
+        from its folder.
+    column : str, optional
+        Which column of the file has the densities, where there are several.
     """
 
+    columns: ClassVar[dict[str, Wanted]] = {
+        "altitudes": Wanted(("altitude", "height", "z"), units.LENGTH.within(0.0), rising=True),
+        "densities": Wanted(("density",), units.RELATIVE_AMOUNT),
+    }
+
     kind: Literal["tabulated"] = "tabulated"
-    altitudes: tuple[Metres, ...]
-    densities: tuple[float, ...]
+    altitudes: Altitudes
+    densities: Densities
     interpolation: Literal["logarithmic", "linear"] = "logarithmic"
 
     @model_validator(mode="after")

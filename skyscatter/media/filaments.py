@@ -9,9 +9,9 @@ from pydantic import model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.media.programs import FILAMENT
-from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, require_positive
+from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape
 from skyscatter.media.space import Array
-from skyscatter.units import Metres
+from skyscatter.units import Place, PositiveMetres, PositiveNumber
 
 #: Straight pieces between two points of a smooth filament.
 PIECES_PER_SPAN = 8
@@ -38,16 +38,15 @@ class Filament(Shape):
     """
 
     kind: Literal["filament"] = "filament"
-    points: tuple[tuple[Metres, Metres, Metres], ...]
-    width: Metres
+    points: tuple[Place, ...]
+    width: PositiveMetres
     profile: Literal["gaussian", "plummer"] = "gaussian"
-    exponent: float = 2.0
-    cut: Metres | None = None
+    exponent: PositiveNumber = 2.0
+    cut: PositiveMetres | None = None
     smooth: bool = True
 
     @model_validator(mode="after")
     def _check(self) -> Filament:
-        require_positive(self, "width", "exponent", "cut")
         if len(self.points) < 2:
             raise DomainError("points", len(self.points), "a filament needs two points or more")
         if (np.linalg.norm(np.diff(self.points, axis=0), axis=1) == 0).any():

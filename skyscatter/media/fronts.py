@@ -11,7 +11,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.programs import FRONT
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, radii
 from skyscatter.media.space import Array
-from skyscatter.units import Metres
+from skyscatter.units import Degrees, Metres, NonNegativeMetres
 
 
 class Front(Shape):
@@ -32,13 +32,11 @@ class Front(Shape):
 
     kind: Literal["front"] = "front"
     radii: tuple[tuple[Metres, ...], ...]
-    width: Metres = 0.0
-    opening_deg: float = 180.0
+    width: NonNegativeMetres = 0.0
+    opening_deg: Degrees = 180.0
 
     @model_validator(mode="after")
     def _check(self) -> Front:
-        if self.width < 0:
-            raise DomainError("width", self.width, "must be 0 or above")
         sizes = {len(row) for row in self.radii}
         if len(self.radii) < 2 or len(sizes) != 1 or 0 in sizes:
             raise DomainError("radii", f"{len(self.radii)} rows", "needs two rows or more, all of one length")

@@ -18,9 +18,9 @@ from skyscatter.optics.mie import MieAerosol
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
 from skyscatter.record import Record
-from skyscatter.spectra.table import Spectral
+from skyscatter.spectra.table import Emission
 from skyscatter.surfaces.artist import ArtistMedium
-from skyscatter.units import Metres
+from skyscatter.units import NonNegative, PositiveMetres
 
 AnyOptics = Annotated[
     RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines
@@ -37,6 +37,7 @@ class Component(Record):
     Parameters
     ----------
     name : str
+        How it is called; each of a medium has a name of its own.
     density : density field
         Where it is.
     optics : optical model
@@ -50,14 +51,8 @@ class Component(Record):
     name: str
     density: AnyDensity
     optics: AnyOptics
-    weight: float = 1.0
-    emission: Spectral = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Component:
-        if self.weight < 0:
-            raise DomainError("weight", self.weight, "a component cannot weigh less than nothing")
-        return self
+    weight: NonNegative = 1.0
+    emission: Emission = 0.0
 
 
 class Medium(Record):
@@ -71,12 +66,10 @@ class Medium(Record):
     """
 
     components: tuple[Component, ...]
-    planet_radius: Metres | None = None
+    planet_radius: PositiveMetres | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Medium:
-        if self.planet_radius is not None and not self.planet_radius > 0:
-            raise DomainError("planet_radius", self.planet_radius, "must be a positive length")
         if not self.components:
             raise DomainError("components", 0, "a medium needs at least one component")
         for component in self.components:

@@ -13,9 +13,9 @@ from skyscatter.errors import DomainError
 from skyscatter.media.fronts import Front
 from skyscatter.media.shapes import axis_rotation, require_positive
 from skyscatter.media.space import Array, FieldTerm, SpatialField
-from skyscatter.media.voxels import Point, VoxelGrid
+from skyscatter.media.voxels import VoxelGrid
 from skyscatter.record import Record
-from skyscatter.units import Metres
+from skyscatter.units import Degrees, Kelvin, Luminosity, NonNegativeMetres, NumberDensity, PhotonRate, Place
 
 if TYPE_CHECKING:
     from skyscatter.media.operations import AnySpatialField
@@ -40,10 +40,10 @@ class IonisingSource(Record):
         Its bolometric luminosity [nominal solar luminosities].
     """
 
-    position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
-    ionising_photons: float | None = None
-    temperature: float | None = None
-    luminosity: float | None = None
+    position: Place = (0.0, 0.0, 0.0)
+    ionising_photons: PhotonRate | None = None
+    temperature: Kelvin | None = None
+    luminosity: Luminosity | None = None
 
     @model_validator(mode="after")
     def _check(self) -> IonisingSource:
@@ -51,10 +51,6 @@ class IonisingSource(Record):
         if any(black) != all(black) or any(black) == (self.ionising_photons is not None):
             rule = "give either ionising_photons, or temperature and luminosity"
             raise DomainError("ionising_photons", self.ionising_photons, rule)
-        for name in ("ionising_photons", "temperature", "luminosity"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise DomainError(name, value, "must be above 0")
         return self
 
     @property
@@ -88,6 +84,7 @@ class IonisedGas(SpatialField):
     hydrogen_density : float
         Hydrogen nuclei per volume where the gas field is 1 [m-3].
     sources : tuple of IonisingSource
+        The stars that ionise; at least one.
     front_width : length
         Standard deviation of the fronts' smooth edges [m]; 0 is sharp.
     power : {2, 1}
@@ -108,14 +105,14 @@ class IonisedGas(SpatialField):
 
     kind: Literal["ionised"] = "ionised"
     gas: AnySpatialField
-    hydrogen_density: float
+    hydrogen_density: NumberDensity
     sources: tuple[IonisingSource, ...]
-    front_width: Metres = 0.0
+    front_width: NonNegativeMetres = 0.0
     power: Literal[1, 2] = 2
     inverse: bool = False
     layer: tuple[float, float] = (0.0, 1.0)
-    gas_temperature: float = 1e4
-    resolution_deg: float = 3.0
+    gas_temperature: Kelvin = 1e4
+    resolution_deg: Degrees = 3.0
     tolerance: float = 1e-4
 
     @model_validator(mode="after")
@@ -126,8 +123,6 @@ class IonisedGas(SpatialField):
         check_temperature(self.gas_temperature)
         if not self.sources:
             raise DomainError("sources", 0, "ionised gas needs at least one source")
-        if self.front_width < 0:
-            raise DomainError("front_width", self.front_width, "must be 0 or above")
         if not 0 <= self.layer[0] < self.layer[1] <= 1:
             raise DomainError("layer", self.layer, "must be two shares of the photons, 0 <= first < second <= 1")
         if self.inverse and self.layer != (0.0, 1.0):
@@ -240,6 +235,7 @@ class Sampled(SpatialField):
     Parameters
     ----------
     field : field
+        What is sampled.
     cells : int or (int, int, int)
         Along the longest side, the cells being about cubes; or along each axis.
     low, high : (length, length, length), optional
@@ -251,8 +247,8 @@ class Sampled(SpatialField):
     kind: Literal["sampled"] = "sampled"
     field: AnySpatialField
     cells: int | tuple[int, int, int] = 128
-    low: Point | None = None
-    high: Point | None = None
+    low: Place | None = None
+    high: Place | None = None
     edge: Literal["falling", "sharp"] = "falling"
 
     @model_validator(mode="after")

@@ -39,15 +39,13 @@ from skyscatter.media.shapes import (
     PowerLaw,
     Shell,
     Sphere,
-    Triple,
     axis_rotation,
-    require_positive,
 )
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
 from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
 from skyscatter.media.turbulence import Turbulence, random_directions
 from skyscatter.media.voxels import VoxelGrid
-from skyscatter.units import Metres
+from skyscatter.units import Degrees, Place, PositiveMetres, PositiveNumber, Triple
 
 #: Modes of each component of a warp; also in `kernels.shapes`.
 WARP_MODES = 8
@@ -89,22 +87,42 @@ class _Mapped(SpatialField):
 
 
 class Moved(_Mapped):
-    """A field moved by a vector [m]."""
+    """A field moved by a vector [m].
+
+    Parameters
+    ----------
+    field : field
+        What is moved.
+    by : three lengths
+        [m]
+    """
 
     kind: Literal["move"] = "move"
-    by: tuple[Metres, Metres, Metres]
+    by: Place
 
     def _map(self) -> tuple[Array, Array]:
         return np.eye(3), np.array(self.by)
 
 
 class Rotated(_Mapped):
-    """A field turned about a point: about the z axis by `turn_deg`, then with z towards `axis` on the shortest way."""
+    """A field turned about a point: about the z axis by `turn_deg`, then with z towards `axis` on the shortest way.
+
+    Parameters
+    ----------
+    field : field
+        What is turned.
+    axis : three numbers
+        Direction that its z axis takes, of any length.
+    turn_deg : float
+        Rotation about z before that [degree].
+    about : three lengths
+        Point that stays [m].
+    """
 
     kind: Literal["rotate"] = "rotate"
     axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: float = 0.0
-    about: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    turn_deg: Degrees = 0.0
+    about: Place = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Rotated:
@@ -118,11 +136,21 @@ class Rotated(_Mapped):
 
 
 class Scaled(_Mapped):
-    """A field stretched by factors along x, y and z about a point; its densities stay."""
+    """A field stretched by factors along x, y and z about a point; its densities stay.
+
+    Parameters
+    ----------
+    field : field
+        What is stretched.
+    factors : three numbers
+        Along x, y and z, each above 0.
+    about : three lengths
+        Point that stays [m].
+    """
 
     kind: Literal["scale"] = "scale"
     factors: Triple
-    about: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    about: Place = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Scaled:
@@ -139,6 +167,11 @@ class Product(SpatialField):
     """Product of fields; the reference column goes through the centre of the first.
 
     Put the field that is quickest to compute first: where it is nought, the others are not asked.
+
+    Parameters
+    ----------
+    fields : tuple of fields
+        The factors; at least one.
     """
 
     kind: Literal["product"] = "product"
@@ -187,6 +220,7 @@ class Sum(SpatialField):
     Parameters
     ----------
     fields : tuple of fields
+        The summands; at least one.
     factors : tuple of float, optional
         One for each, 0 or above; all 1 when not given.
     """
@@ -241,12 +275,10 @@ class Carved(SpatialField):
     kind: Literal["carve"] = "carve"
     field: AnySpatialField
     by: AnySpatialField
-    level: float | None = None
+    level: PositiveNumber | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Carved:
-        if self.level is not None and not self.level > 0:
-            raise DomainError("level", self.level, "must be above 0")
         _bounded(self.terms(), self.kind)
         return self
 
@@ -269,15 +301,22 @@ class Carved(SpatialField):
 
 
 class Power(SpatialField):
-    """A power of a field's density, such as the square that recombination lines follow."""
+    """A power of a field's density, such as the square that recombination lines follow.
+
+    Parameters
+    ----------
+    field : field
+        What is raised.
+    exponent : float
+        Above 0.
+    """
 
     kind: Literal["power"] = "power"
     field: AnySpatialField
-    exponent: float
+    exponent: PositiveNumber
 
     @model_validator(mode="after")
     def _check(self) -> Power:
-        require_positive(self, "exponent")
         _bounded(self.terms(), self.kind)
         return self
 
@@ -314,6 +353,7 @@ class Warped(SpatialField):
     Parameters
     ----------
     field : field
+        What is seen through them.
     amplitude : length
         Root mean square of each component of v [m]; none is ever above 4 times that.
     scale : length
@@ -324,13 +364,12 @@ class Warped(SpatialField):
 
     kind: Literal["warp"] = "warp"
     field: AnySpatialField
-    amplitude: Metres
-    scale: Metres
+    amplitude: PositiveMetres
+    scale: PositiveMetres
     seed: int = 0
 
     @model_validator(mode="after")
     def _check(self) -> Warped:
-        require_positive(self, "amplitude", "scale")
         if self.seed < 0:
             raise DomainError("seed", self.seed, "must be 0 or above")
         _bounded(self.terms(), self.kind)

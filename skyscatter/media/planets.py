@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from skyscatter.media.fields import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR, AnyField, FieldRow
 from skyscatter.media.programs import AROUND
-from skyscatter.media.shapes import Leaf, Shape, radii, require_positive
+from skyscatter.media.shapes import Leaf, Shape, radii
 from skyscatter.media.space import Array
-from skyscatter.units import Metres
+from skyscatter.units import PositiveMetres
 
 #: A box along an axis that holds the shell is wider than it by this share, and bounds of densities by the next.
 _ROUNDING = 1e-9
@@ -33,13 +32,8 @@ class AroundPlanet(Shape):
     """
 
     kind: Literal["around-planet"] = "around-planet"
-    radius: Metres
+    radius: PositiveMetres
     profile: AnyField
-
-    @model_validator(mode="after")
-    def _check(self) -> AroundPlanet:
-        require_positive(self, "radius")
-        return self
 
     def leaf(self) -> Leaf:
         """The shape in its own frame: the planet's radius is 1."""

@@ -22,11 +22,10 @@ from skyscatter.media.programs import (
     method_of,
 )
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
-from skyscatter.units import Metres
+from skyscatter.units import Degrees, Metres, Place, PositiveMetres, PositiveNumber, Triple
 
 #: Widths at which a Gaussian is cut: it has fallen to 1e-8 of its middle.
 GAUSSIAN_CUT = 6.07
-Triple = tuple[float, float, float]
 
 
 def require_positive(field: SpatialField, *names: str) -> None:
@@ -77,9 +76,9 @@ class Shape(SpatialField):
         Factors by which it is stretched along its own x, y and z.
     """
 
-    position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    position: Place = (0.0, 0.0, 0.0)
     axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: float = 0.0
+    turn_deg: Degrees = 0.0
     axes: Triple = (1.0, 1.0, 1.0)
 
     @model_validator(mode="after")
@@ -155,15 +154,16 @@ class _Round(Shape):
 
 
 class Sphere(_Round):
-    """Density 1 within a radius."""
+    """Density 1 within a radius.
+
+    Parameters
+    ----------
+    radius : length
+        [m]
+    """
 
     kind: Literal["sphere"] = "sphere"
-    radius: Metres
-
-    @model_validator(mode="after")
-    def _check(self) -> Sphere:
-        require_positive(self, "radius")
-        return self
+    radius: PositiveMetres
 
     def profile(self, radius: Array) -> Array:
         """Density at distances from the centre [m]."""
@@ -175,15 +175,16 @@ class Sphere(_Round):
 
 
 class GaussianSphere(_Round):
-    """exp(-r^2 / 2 width^2), cut where it has fallen to 1e-8 of the middle."""
+    """exp(-r^2 / 2 width^2), cut where it has fallen to 1e-8 of the middle.
+
+    Parameters
+    ----------
+    width : length
+        Standard deviation [m].
+    """
 
     kind: Literal["gaussian-sphere"] = "gaussian-sphere"
-    width: Metres
-
-    @model_validator(mode="after")
-    def _check(self) -> GaussianSphere:
-        require_positive(self, "width")
-        return self
+    width: PositiveMetres
 
     def profile(self, radius: Array) -> Array:
         """Density at distances from the centre [m]."""
@@ -226,13 +227,8 @@ class Plummer(_PowerLawSphere):
     """
 
     kind: Literal["plummer"] = "plummer"
-    radius: Metres
-    cut: Metres | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Plummer:
-        require_positive(self, "radius", "cut")
-        return self
+    radius: PositiveMetres
+    cut: PositiveMetres | None = None
 
     def _shape(self) -> tuple[float, float, float]:
         return self.radius, 5.0, 40.0 * self.radius if self.cut is None else self.cut
@@ -253,13 +249,8 @@ class King(_PowerLawSphere):
     """
 
     kind: Literal["king"] = "king"
-    core: Metres
-    cut: Metres
-
-    @model_validator(mode="after")
-    def _check(self) -> King:
-        require_positive(self, "core", "cut")
-        return self
+    core: PositiveMetres
+    cut: PositiveMetres
 
     def _shape(self) -> tuple[float, float, float]:
         return self.core, 3.0, self.cut
@@ -279,13 +270,12 @@ class PowerLaw(_PowerLawSphere):
     """
 
     kind: Literal["power-law"] = "power-law"
-    core: Metres
-    exponent: float
-    cut: Metres
+    core: PositiveMetres
+    exponent: PositiveNumber
+    cut: PositiveMetres
 
     @model_validator(mode="after")
     def _check(self) -> PowerLaw:
-        require_positive(self, "core", "exponent", "cut")
         if self.exponent > 40:
             raise DomainError("exponent", self.exponent, "must be at most 40; a sphere has a sharper edge")
         return self
@@ -344,13 +334,12 @@ class BonnorEbert(_Round):
     """
 
     kind: Literal["bonnor-ebert"] = "bonnor-ebert"
-    radius: Metres
+    radius: PositiveMetres
     dimensionless_radius: float | None = None
     pressure_contrast: float | None = None
 
     @model_validator(mode="after")
     def _check(self) -> BonnorEbert:
-        require_positive(self, "radius")
         if self.dimensionless_radius is not None and self.pressure_contrast is not None:
             raise DomainError(
                 "pressure_contrast", self.pressure_contrast, "follows from dimensionless_radius; give one"
@@ -397,15 +386,20 @@ def isothermal_psi(u: Array | float, step: float, nodes: tuple[float, ...]) -> A
 
 
 class Shell(Shape):
-    """Density 1 between two radii; ellipsoidal with `axes`."""
+    """Density 1 between two radii; ellipsoidal with `axes`.
+
+    Parameters
+    ----------
+    inner, outer : length
+        Radii of the hollow and of the whole [m]; the first lies below the second.
+    """
 
     kind: Literal["shell"] = "shell"
     inner: Metres
-    outer: Metres
+    outer: PositiveMetres
 
     @model_validator(mode="after")
     def _check(self) -> Shell:
-        require_positive(self, "outer")
         if not 0 <= self.inner < self.outer:
             raise DomainError("inner", self.inner, "must lie between 0 and the outer radius")
         return self
@@ -423,11 +417,19 @@ class Shell(Shape):
 
 
 class GaussianShell(Shape):
-    """exp(-(r - radius)^2 / 2 width^2): a thin shell, cut at 1e-8 of its ridge; ellipsoidal with `axes`."""
+    """exp(-(r - radius)^2 / 2 width^2): a thin shell, cut at 1e-8 of its ridge; ellipsoidal with `axes`.
+
+    Parameters
+    ----------
+    radius : length
+        Of the ridge [m].
+    width : length
+        Standard deviation across the ridge [m].
+    """
 
     kind: Literal["gaussian-shell"] = "gaussian-shell"
     radius: Metres
-    width: Metres
+    width: PositiveMetres
 
     @model_validator(mode="after")
     def _check(self) -> GaussianShell:

@@ -9,9 +9,9 @@ from pydantic import model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.media.programs import BOX, CONE, DISK
-from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, Shell, radii, require_positive
+from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, Shell, radii
 from skyscatter.media.space import Array, FieldTerm
-from skyscatter.units import Metres
+from skyscatter.units import HalfAngle, NonNegativeMetres, PositiveMetres, Share, Sizes
 
 #: Half width of a slab without sides, in half thicknesses.
 ENDLESS = 1e4
@@ -37,16 +37,15 @@ class FlaredDisk(Shape):
     """
 
     kind: Literal["flared-disk"] = "flared-disk"
-    radius: Metres
-    height: Metres
-    inner: Metres
-    outer: Metres
+    radius: PositiveMetres
+    height: PositiveMetres
+    inner: PositiveMetres
+    outer: PositiveMetres
     exponent: float = 2.25
     flaring: float = 1.25
 
     @model_validator(mode="after")
     def _check(self) -> FlaredDisk:
-        require_positive(self, "radius", "height", "inner", "outer")
         if not self.inner < self.outer:
             raise DomainError("inner", self.inner, "must lie below the outer radius")
         return self
@@ -97,17 +96,14 @@ class Cone(Shape):
     """
 
     kind: Literal["cone"] = "cone"
-    half_angle_deg: float
-    length: Metres
-    inner: Metres = 0.0
+    half_angle_deg: HalfAngle
+    length: PositiveMetres
+    inner: NonNegativeMetres = 0.0
     exponent: float = 0.0
     both_sides: bool = False
 
     @model_validator(mode="after")
     def _check(self) -> Cone:
-        require_positive(self, "length")
-        if not 0 < self.half_angle_deg < 90:
-            raise DomainError("half_angle_deg", self.half_angle_deg, "must lie between 0 and 90")
         if not 0 <= self.inner < self.length:
             raise DomainError("inner", self.inner, "must lie between 0 and the length")
         if self.exponent != 0 and self.inner == 0:
@@ -169,13 +165,12 @@ class BipolarLobes(Shape):
     """
 
     kind: Literal["bipolar-lobes"] = "bipolar-lobes"
-    length: Metres
-    width: Metres
-    hollow: float = 0.0
+    length: PositiveMetres
+    width: PositiveMetres
+    hollow: Share = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> BipolarLobes:
-        require_positive(self, "length", "width")
         if not 0 <= self.hollow < 1:
             raise DomainError("hollow", self.hollow, "must lie from 0 to below 1")
         return self
@@ -235,13 +230,7 @@ class Box(_Cuboid):
     """
 
     kind: Literal["box"] = "box"
-    half_sizes: tuple[Metres, Metres, Metres]
-
-    @model_validator(mode="after")
-    def _check(self) -> Box:
-        if min(self.half_sizes) <= 0:
-            raise DomainError("half_sizes", self.half_sizes, "must be three lengths above 0")
-        return self
+    half_sizes: Sizes
 
     def _half_sizes(self) -> tuple[float, float, float]:
         return self.half_sizes
@@ -259,13 +248,8 @@ class Slab(_Cuboid):
     """
 
     kind: Literal["slab"] = "slab"
-    half_thickness: Metres
-    half_width: Metres | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Slab:
-        require_positive(self, "half_thickness", "half_width")
-        return self
+    half_thickness: PositiveMetres
+    half_width: PositiveMetres | None = None
 
     def _half_sizes(self) -> tuple[float, float, float]:
         side = ENDLESS * self.half_thickness if self.half_width is None else self.half_width

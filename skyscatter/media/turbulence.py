@@ -11,9 +11,9 @@ from pydantic import model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.media.programs import TURBULENCE
-from skyscatter.media.shapes import Leaf, Shape, require_positive
+from skyscatter.media.shapes import Leaf, Shape
 from skyscatter.media.space import Array
-from skyscatter.units import Metres
+from skyscatter.units import PositiveMetres, PositiveNumber, Sizes
 
 #: Half size of a turbulent field without sides, in outer scales.
 ENDLESS = 1e3
@@ -71,21 +71,18 @@ class Turbulence(Shape):
     """
 
     kind: Literal["turbulence"] = "turbulence"
-    outer_scale: Metres
-    inner_scale: Metres
-    deviation: float = 1.0
+    outer_scale: PositiveMetres
+    inner_scale: PositiveMetres
+    deviation: PositiveNumber = 1.0
     slope: float = 5 / 3
     seed: int = 0
     modes: int = 200
-    half_sizes: tuple[Metres, Metres, Metres] | None = None
+    half_sizes: Sizes | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Turbulence:
-        require_positive(self, "outer_scale", "inner_scale", "deviation")
         if not self.inner_scale < self.outer_scale:
             raise DomainError("inner_scale", self.inner_scale, "must lie below the outer scale")
-        if self.half_sizes is not None and min(self.half_sizes) <= 0:
-            raise DomainError("half_sizes", self.half_sizes, "must be three lengths above 0")
         if not 8 <= self.modes <= 4096:
             raise DomainError("modes", self.modes, "must lie from 8 to 4096")
         if self.seed < 0:

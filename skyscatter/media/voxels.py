@@ -12,7 +12,7 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_cube
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
-from skyscatter.units import Metres
+from skyscatter.units import Metres, Place, PositiveNumber
 
 # The kinds of `kernels.space`, repeated as plain numbers so that describing a field does not load the compiler.
 VOXELS = 50
@@ -22,7 +22,6 @@ REPEATS = 10_000
 #: Bounds within boxes look at about so many numbers along an axis at most.
 _LOOKS = 16
 
-Point = tuple[Metres, Metres, Metres]
 
 
 class VoxelGrid(ArrayRecord):
@@ -61,11 +60,11 @@ class VoxelGrid(ArrayRecord):
     kind: Literal["voxels"] = "voxels"
     values: ArrayField = None
     file: str | None = None
-    factor: float = 1.0
-    low: Point | None = None
-    high: Point | None = None
-    spacing: Metres | Point | None = None
-    position: Point = (0.0, 0.0, 0.0)
+    factor: PositiveNumber = 1.0
+    low: Place | None = None
+    high: Place | None = None
+    spacing: Metres | Place | None = None
+    position: Place = (0.0, 0.0, 0.0)
     interpolation: Literal["linear", "nearest"] = "linear"
     edge: Literal["falling", "sharp"] = "falling"
     periodic: tuple[bool, bool, bool] = (False, False, False)
@@ -76,8 +75,6 @@ class VoxelGrid(ArrayRecord):
             raise DomainError("values", None if self.values is None else "an array", "give values or file, not both")
         if self.values is not None:
             _check_values(self.values.array)
-        if not self.factor > 0:
-            raise DomainError("factor", self.factor, "must be positive")
         if (self.low is None) != (self.high is None) or (self.low is None) == (self.spacing is None):
             raise DomainError("spacing", self.spacing, "give either spacing, or both low and high")
         if self.low is not None and self.high is not None:

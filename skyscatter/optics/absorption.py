@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from skyscatter.datafiles import read_table
-from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.errors import DomainError
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
-from skyscatter.spectra.table import SpectralTable, bounds, evaluate
+from skyscatter.spectra.table import SpectralArea, SpectralExtinction, SpectralTable, evaluate
+from skyscatter.tablefile import column_names
+from skyscatter.units import ColumnDensity, DobsonUnits, Kelvin, NumberDensity
 
 Array = NDArray[np.float64]
 
 DOBSON_UNIT = 2.6867e20  #: molecules per square metre in one Dobson unit [m-2]
 
+#: Columns of a user's own table.
+_TABULATED = ("coefficient", "cross_section")
 _TABLES = {"o3": "o3_cross_section.csv", "no2": "no2_cross_section.csv"}
 #: Effective temperatures [K] where a model names none: the ozone layer of middle latitudes, stratospheric NO2.
 _DEFAULT_TEMPERATURE = {"o3": 228.0, "no2": 220.0}
@@ -81,11 +85,21 @@ class _PureAbsorber(OpticalModel):
 
 
 class _Amount(_PureAbsorber):
-    """How many molecules there are, in one of three ways."""
+    """How many molecules there are, in one of three ways.
 
-    column_du: float | None = Field(default=None, ge=0.0)  #: vertical column [Dobson units]
-    column_m2: float | None = Field(default=None, ge=0.0)  #: vertical column [m-2]
-    number_density: float | None = Field(default=None, ge=0.0)  #: molecules per volume at unit density [m-3]
+    Parameters
+    ----------
+    column_du : float, optional
+        Vertical column [Dobson units].
+    column_m2 : float, optional
+        Vertical column [m-2].
+    number_density : float, optional
+        Molecules per volume where the density is 1 [m-3].
+    """
+
+    column_du: DobsonUnits | None = None
+    column_m2: ColumnDensity | None = None
+    number_density: NumberDensity | None = None
 
     def amounts_given(self) -> int:
         """How many of the three fields are set."""
@@ -116,7 +130,7 @@ class GasAbsorption(_Amount):
 
     kind: Literal["gas-absorption"] = "gas-absorption"
     species: Literal["o3", "no2"]
-    temperature: float | None = None
+    temperature: Kelvin | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -153,22 +167,32 @@ class TabulatedAbsorption(_Amount):
     cross_section : float or SpectralTable, optional
         Absorption cross section of one molecule [m2].
     file : str, optional
-        CSV file with a header line ``wavelength_nm,coefficient_per_m`` or ``wavelength_nm,cross_section_m2``;
-        lines that start with ``#`` are remarks.  A relative path counts from the working directory.
+        CSV or netCDF file with a column ``wavelength`` and one called ``coefficient`` or ``cross_section``, such as
+        ``wavelength [nm],cross_section [cm2]``; in a model file the path counts from its folder.
     """
 
     kind: Literal["absorption-table"] = "absorption-table"
-    coefficient: float | SpectralTable | None = None
-    cross_section: float | SpectralTable | None = None
+    coefficient: SpectralExtinction | None = None
+    cross_section: SpectralArea | None = None
     file: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or data.get("file") is None:
+            return data
+        found = [name for name in column_names(data["file"]) if name.lower() in _TABULATED]
+        if len(found) != 1 or any(data.get(name) is not None for name in _TABULATED):
+            rule = f"give the file, with one column of {' or '.join(_TABULATED)}, or these fields"
+            raise DomainError("file", data["file"], rule)
+        rest = {name: value for name, value in data.items() if name != "file"}
+        return rest | {found[0].lower(): {"file": data["file"], "column": found[0]}}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if sum(value is not None for value in (self.coefficient, self.cross_section, self.file)) != 1:
+        if (self.coefficient is None) == (self.cross_section is None):
             raise ValueError("give exactly one of coefficient, cross_section, file")
-        per_molecule, values = self._values()
-        if bounds(values)[0] < 0:
-            raise ValueError("absorption must not be negative")
+        per_molecule, _ = self._values()
         if per_molecule and self.amounts_given() != 1:
             raise ValueError("cross sections need exactly one of column_du, column_m2, number_density")
         if not per_molecule and self.amounts_given() != 0:
@@ -178,9 +202,7 @@ class TabulatedAbsorption(_Amount):
     def _values(self) -> tuple[bool, float | SpectralTable]:
         if self.coefficient is not None:
             return False, self.coefficient
-        if self.cross_section is not None:
-            return True, self.cross_section
-        return read_absorption_file(str(self.file))
+        return True, 0.0 if self.cross_section is None else self.cross_section
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
         """Absorption per unit density; see `OpticalModel.coefficients`."""
@@ -190,22 +212,3 @@ class TabulatedAbsorption(_Amount):
             absorption = absorption * self.molecules_per_volume(column_m)
         zero = np.zeros_like(absorption)
         return Coefficients(zero, absorption, zero)
-
-
-def read_absorption_file(path: str) -> tuple[bool, SpectralTable]:
-    """Whether a CSV file holds cross sections [m2] rather than coefficients [m-1], and its table."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise MissingDataError(path, f"cannot be read as text ({error.__class__.__name__}); check the path") from error
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    kinds = {"cross_section_m2": True, "coefficient_per_m": False}
-    header = [cell.strip() for cell in lines[0].split(",")] if lines else []
-    if len(header) != 2 or header[0] != "wavelength_nm" or header[1] not in kinds:
-        raise MissingDataError(path, f"needs the header wavelength_nm,{' or wavelength_nm,'.join(kinds)}")
-    try:
-        rows = [tuple(float(cell) for cell in line.split(",")) for line in lines[1:]]
-        wavelengths, values = zip(*rows, strict=True)
-        return kinds[header[1]], SpectralTable(wavelengths=wavelengths, values=values)
-    except ValueError as error:
-        raise MissingDataError(path, f"needs rows of two numbers with increasing wavelengths ({error})") from error

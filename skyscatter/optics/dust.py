@@ -17,6 +17,7 @@ from skyscatter.errors import DomainError
 from skyscatter.optics.base import Array, Coefficients, OpticalModel
 from skyscatter.optics.phase import Draine, HenyeyGreenstein, draine_mean_cosine
 from skyscatter.spectra.table import SpectralTable
+from skyscatter.units import Extinction, MassDensity, NonNegative, NumberDensity
 
 _TABLE = "dust_draine2003.csv"
 
@@ -155,10 +156,10 @@ class Dust(OpticalModel):
 
     kind: Literal["dust"] = "dust"
     mixture: str = "milky-way-3.1"
-    visual_extinction: float | None = None
-    hydrogen_density: float | None = None
-    dust_density: float | None = None
-    dust_to_gas: float | None = None
+    visual_extinction: Extinction | None = None
+    hydrogen_density: NumberDensity | None = None
+    dust_density: MassDensity | None = None
+    dust_to_gas: NonNegative | None = None
     phase: Literal["henyey-greenstein", "draine"] = "henyey-greenstein"
 
     @model_validator(mode="after")
@@ -169,10 +170,6 @@ class Dust(OpticalModel):
         given = [name for name in amounts if getattr(self, name) is not None]
         if len(given) != 1:
             raise DomainError("dust", ", ".join(given), f"give exactly one of {', '.join(amounts)}")
-        for name in (*amounts, "dust_to_gas"):
-            value = getattr(self, name)
-            if value is not None and value < 0:
-                raise DomainError(name, value, "is never negative")
         if self.dust_to_gas is not None and self.hydrogen_density is None:
             raise DomainError("dust_to_gas", self.dust_to_gas, "goes with hydrogen_density; leave it out")
         return self

@@ -14,6 +14,7 @@ from skyscatter.optics.base import Array, Coefficients, OpticalModel
 from skyscatter.optics.phase import Isotropic
 from skyscatter.record import Record
 from skyscatter.spectra.cells import cell_edges
+from skyscatter.units import Kelvin, NumberDensity, PositiveNanometres
 
 #: Vacuum wavelengths [nm] (NIST Atomic Spectra Database; the names carry the customary angstroms in air).
 WAVELENGTHS = {
@@ -88,6 +89,11 @@ class LineRatios(Record):
     In a bright H II region [O III] 500.7 has some 3, [N II] 658.3 0.6, both lines of [S II] a few 0.01; in a planetary
     nebula [O III] has some 10; in faint H II regions and at ionisation fronts [S II] rivals H-beta.  The weaker lines
     of [O III] and [N II] follow from atomic physics: 1 / 2.98 of 500.7, 1 / 3.05 of 658.3 (Storey & Zeippen 2000).
+
+    Parameters
+    ----------
+    oiii_5007, nii_6583, sii_6716, sii_6731 : float
+        Energy of the line relative to H-beta.
     """
 
     oiii_5007: float = Field(default=0.0, ge=0.0)
@@ -126,19 +132,15 @@ class GasLines(OpticalModel):
     """
 
     kind: Literal["gas-lines"] = "gas-lines"
-    electron_density: float
-    temperature: float = 1e4
+    electron_density: NumberDensity
+    temperature: Kelvin = 1e4
     ratios: LineRatios = LineRatios()
     hydrogen: bool = True
-    line_width: float = 0.05
+    line_width: PositiveNanometres = 0.05
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.electron_density < 0:
-            raise DomainError("electron_density", self.electron_density, "is never negative")
         check_temperature(self.temperature)
-        if not self.line_width > 0:
-            raise DomainError("line_width", self.line_width, "a positive width [nm]")
         return self
 
     @property

@@ -7,20 +7,32 @@ Efficiencies, asymmetry and scattering matrix follow from the Mie coefficients a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal, NamedTuple, Self
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
+from skyscatter import units
 from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
 from skyscatter.optics.spheres import coefficients, scattering_elements, series_length
 from skyscatter.record import Record
-from skyscatter.spectra.table import SpectralTable, bounds, evaluate
-from skyscatter.units import Metres, Nanometres
+from skyscatter.spectra.table import SpectralNonNegative, SpectralPositive, evaluate
+from skyscatter.tablefile import TableRecord, Wanted
+from skyscatter.units import (
+    Densities,
+    NonNegative,
+    NumberDensity,
+    PositiveMetres,
+    PositiveNanometres,
+    PositiveNumber,
+    Radii,
+)
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -48,11 +60,11 @@ class LogNormalMode(Record):
         Particles outside do not exist [m].  `fraction` and a number density count the mode before this cut.
     """
 
-    median_radius: Metres = Field(gt=0.0)
+    median_radius: PositiveMetres
     geometric_standard_deviation: float = Field(ge=1.0, le=5.0)
-    fraction: float = Field(default=1.0, gt=0.0)
-    min_radius: Metres | None = Field(default=None, gt=0.0)
-    max_radius: Metres | None = Field(default=None, gt=0.0)
+    fraction: PositiveNumber = 1.0
+    min_radius: PositiveMetres | None = None
+    max_radius: PositiveMetres | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -103,6 +115,61 @@ class LogNormalMode(Record):
         return np.exp(x), weight
 
 
+class SizeTable(TableRecord):
+    """A size distribution as a table, dN/dln r at radii, linear in ln r between them and nought outside.
+
+    Parameters
+    ----------
+    radii : tuple of length
+        Rising [m]; at least 2.
+    numbers : tuple of float
+        dN/dln r at the radii in any unit, never negative; normalised on reading.
+    fraction : float
+        Number of particles relative to the other modes, above 0.
+    file : str, optional
+        CSV or netCDF file with the columns instead, such as ``radius [um],dn_dlnr``; in a model file the path counts
+        from its folder.
+    column : str, optional
+        Which column of the file has the numbers, where there are several.
+    """
+
+    columns: ClassVar[dict[str, Wanted]] = {
+        "radii": Wanted(("radius", "r"), units.LENGTH.within(0.0, above=True), rising=True),
+        "numbers": Wanted(("number", "dn_dlnr", "dn/dlnr", "dndlnr"), units.RELATIVE_AMOUNT),
+    }
+
+    radii: Radii
+    numbers: Densities
+    fraction: PositiveNumber = 1.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.radii) != len(self.numbers) or len(self.radii) < 2:
+            raise DomainError("radii", len(self.radii), "needs at least 2 radii, as many as numbers")
+        if np.any(np.diff(self.radii) <= 0):
+            raise DomainError("radii", self.radii, "must increase")
+        if not max(self.numbers) > 0:
+            raise DomainError("numbers", max(self.numbers), "must not be nought everywhere")
+        return self
+
+    @property
+    def geometric_standard_deviation(self) -> float:
+        """Exponential of the standard deviation of ln r."""
+        radius, number = self.sizes(500e-9)
+        x = np.log(radius)
+        mean = number @ x
+        return float(np.exp(np.sqrt(max(number @ (x - mean) ** 2, 0.0))))
+
+    def sizes(self, wavelength_m: float) -> tuple[Array, Array]:
+        """Radii [m] and numbers of the size quadrature (a trapezoid in ln r; the numbers sum to 1)."""
+        nodes = np.log(self.radii)
+        pieces = [np.linspace(a, b, int(np.ceil((b - a) / _SIZE_STEP)) + 1)[:-1] for a, b in pairwise(nodes)]
+        x = np.concatenate([*pieces, nodes[-1:]])
+        cells = np.diff(x)
+        weight = 0.5 * (np.append(cells, 0.0) + np.append(0.0, cells)) * np.interp(x, nodes, self.numbers)
+        return np.exp(x), weight / weight.sum()
+
+
 class _NodeOptics(NamedTuple):
     """Optics at one wavelength, averaged over sizes."""
 
@@ -112,8 +179,20 @@ class _NodeOptics(NamedTuple):
     matrix: Array  # sr-1, shape (4, angle): a1 = a2 (the phase function), a3 = a4, b1, b2
 
 
+def _sort_of_mode(value: Any) -> str:
+    """Which sort of mode a table means, by the fields that only one has."""
+    given = value if isinstance(value, Mapping) else dict.fromkeys(type(value).model_fields)
+    return "table" if not {"radii", "numbers", "file"}.isdisjoint(given) else "log-normal"
+
+
+Mode = LogNormalMode | SizeTable
+AnyMode = Annotated[
+    Annotated[LogNormalMode, Tag("log-normal")] | Annotated[SizeTable, Tag("table")], Discriminator(_sort_of_mode)
+]
+
+
 class MieAerosol(OpticalModel):
-    """Homogeneous spheres with a sum of log-normal size modes and one refractive index.
+    """Homogeneous spheres with a sum of size modes, log-normal or tabulated, and one refractive index.
 
     Extinction, single-scattering albedo, asymmetry and phase function are computed at wavelengths 8 % apart
     (550 nm among them) and interpolated: cross sections in the logarithm, the phase function linearly.  For modes as
@@ -126,7 +205,8 @@ class MieAerosol(OpticalModel):
 
     Parameters
     ----------
-    modes : tuple of LogNormalMode
+    modes : tuple of LogNormalMode or SizeTable
+        Size distributions; at least one.
     refractive_index_real, refractive_index_imag : float or SpectralTable, optional
         n and k of n + ik, k >= 0 (absorption).
     material : {"water"}, optional
@@ -140,13 +220,13 @@ class MieAerosol(OpticalModel):
     """
 
     kind: Literal["mie"] = "mie"
-    modes: tuple[LogNormalMode, ...] = Field(min_length=1)
-    refractive_index_real: float | SpectralTable | None = None
-    refractive_index_imag: float | SpectralTable | None = None
+    modes: Annotated[tuple[AnyMode, ...], Field(min_length=1)]
+    refractive_index_real: SpectralPositive | None = None
+    refractive_index_imag: SpectralNonNegative | None = None
     material: Literal["water"] | None = None
-    optical_depth: float | None = Field(default=None, ge=0.0)
-    wavelength: Nanometres = Field(default=550.0, gt=0.0)
-    number_density: float | None = Field(default=None, ge=0.0)
+    optical_depth: NonNegative | None = None
+    wavelength: PositiveNanometres = 550.0
+    number_density: NumberDensity | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -155,11 +235,8 @@ class MieAerosol(OpticalModel):
         parts = (self.refractive_index_real, self.refractive_index_imag)
         if self.material is not None and parts != (None, None):
             raise ValueError("give material, or refractive_index_real and refractive_index_imag, not both")
-        if self.material is None:
-            if None in parts:
-                raise ValueError("give refractive_index_real and refractive_index_imag, or material")
-            if bounds(parts[0])[0] <= 0 or bounds(parts[1])[0] < 0:
-                raise ValueError("refractive_index_real must be positive and refractive_index_imag not negative")
+        if self.material is None and None in parts:
+            raise ValueError("give refractive_index_real and refractive_index_imag, or material")
         return self
 
     def refractive_index(self, wavelengths_nm: ArrayLike) -> Complex:
@@ -242,7 +319,7 @@ class MieAerosol(OpticalModel):
 
 
 @lru_cache(maxsize=1024)
-def _node(modes: tuple[LogNormalMode, ...], wavelength_nm: float, index: complex) -> _NodeOptics:
+def _node(modes: tuple[Mode, ...], wavelength_nm: float, index: complex) -> _NodeOptics:
     """Average over sizes at one wavelength."""
     wavelength = wavelength_nm * 1e-9
     pairs = [mode.sizes(wavelength) for mode in modes]
@@ -269,7 +346,7 @@ def _node(modes: tuple[LogNormalMode, ...], wavelength_nm: float, index: complex
 
 
 @lru_cache(maxsize=64)
-def _cosines(modes: tuple[LogNormalMode, ...]) -> Array:
+def _cosines(modes: tuple[Mode, ...]) -> Array:
     """Cosines from -1 to 1, crowded where the largest particles diffract and where the glory stands.
 
     The first step is a fraction of the diffraction angle, 1 over the size parameter at 300 nm of the radius below

@@ -11,8 +11,8 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
 from skyscatter.optics.phase import AnyPhase
-from skyscatter.spectra.table import Spectral, bounds, evaluate
-from skyscatter.units import Nanometres
+from skyscatter.spectra.table import SpectralExtinction, SpectralNonNegative, SpectralShare, evaluate
+from skyscatter.units import PositiveNanometres
 
 
 class Particles(OpticalModel):
@@ -34,26 +34,21 @@ class Particles(OpticalModel):
     single_scattering_albedo : float or SpectralTable
         Scattered part of the extinction, 0 to 1.
     phase : phase function
+        Where the light goes, by kind.
     """
 
     kind: Literal["particles"] = "particles"
-    optical_depth: Spectral | None = None
-    extinction: Spectral | None = None
-    wavelength: Nanometres = 550.0
+    optical_depth: SpectralNonNegative | None = None
+    extinction: SpectralExtinction | None = None
+    wavelength: PositiveNanometres = 550.0
     angstrom_exponent: float = 0.0
-    single_scattering_albedo: Spectral = 1.0
+    single_scattering_albedo: SpectralShare = 1.0
     phase: AnyPhase
 
     @model_validator(mode="after")
     def _check(self) -> Particles:
         if (self.optical_depth is None) == (self.extinction is None):
             raise DomainError("optical_depth", self.optical_depth, "give exactly one of optical_depth and extinction")
-        name = "extinction" if self.optical_depth is None else "optical_depth"
-        if bounds(getattr(self, name))[0] < 0:
-            raise DomainError(name, getattr(self, name), "is never negative")
-        low, high = bounds(self.single_scattering_albedo)
-        if low < 0 or high > 1:
-            raise DomainError("single_scattering_albedo", low if low < 0 else high, "lies between 0 and 1")
         return self
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:

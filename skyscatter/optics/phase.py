@@ -19,7 +19,8 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Array, PhaseFunction
-from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.spectra.table import SpectralNumber, SpectralShare, bounds, evaluate
+from skyscatter.units import Numbers, Wavelengths
 
 #: Below this |g| the antiderivative of the Draine family loses digits, and quadrature is exact to rounding.
 _SMALL_G = 0.1
@@ -121,7 +122,7 @@ class Rayleigh(_DraineFamily):
     """
 
     kind: Literal["rayleigh"] = "rayleigh"
-    depolarisation: Spectral = 0.0
+    depolarisation: SpectralNumber = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Rayleigh:
@@ -152,10 +153,16 @@ class Rayleigh(_DraineFamily):
 
 
 class HenyeyGreenstein(_DraineFamily):
-    """Henyey & Greenstein (1941), ApJ 93, 70: one parameter, the mean cosine `g`."""
+    """Henyey & Greenstein (1941), ApJ 93, 70: one parameter, the mean cosine `g`.
+
+    Parameters
+    ----------
+    g : float or SpectralTable
+        Mean cosine, above -1 and below 1.
+    """
 
     kind: Literal["henyey-greenstein"] = "henyey-greenstein"
-    g: Spectral
+    g: SpectralNumber
 
     @model_validator(mode="after")
     def _check(self) -> HenyeyGreenstein:
@@ -171,10 +178,15 @@ class CornetteShanks(_DraineFamily):
     """Cornette & Shanks (1992), Appl. Opt. 31, 3152, eq. 8: Henyey-Greenstein with the dipole's (1 + mu^2).
 
     `g` is the parameter of that equation; the mean cosine is somewhat larger (their eq. 9).
+
+    Parameters
+    ----------
+    g : float or SpectralTable
+        Parameter g, above -1 and below 1.
     """
 
     kind: Literal["cornette-shanks"] = "cornette-shanks"
-    g: Spectral
+    g: SpectralNumber
 
     @model_validator(mode="after")
     def _check(self) -> CornetteShanks:
@@ -187,11 +199,19 @@ class CornetteShanks(_DraineFamily):
 
 
 class Draine(_DraineFamily):
-    """Draine (2003), ApJ 598, 1017: between Henyey-Greenstein (alpha 0) and Cornette-Shanks (alpha 1)."""
+    """Draine (2003), ApJ 598, 1017: between Henyey-Greenstein (alpha 0) and Cornette-Shanks (alpha 1).
+
+    Parameters
+    ----------
+    g : float or SpectralTable
+        Parameter g, above -1 and below 1.
+    alpha : float or SpectralTable
+        Weight of mu^2, at least -1.
+    """
 
     kind: Literal["draine"] = "draine"
-    g: Spectral
-    alpha: Spectral = 1.0
+    g: SpectralNumber
+    alpha: SpectralNumber = 1.0
 
     @model_validator(mode="after")
     def _check(self) -> Draine:
@@ -208,20 +228,24 @@ class DoubleHenyeyGreenstein(PhaseFunction):
     """A forward and a backward Henyey-Greenstein lobe: ``forward_fraction`` of `g_forward`, the rest of `g_backward`.
 
     Kattawar (1975), J. Quant. Spectrosc. Radiat. Transfer 15, 839, eq. 2.
+
+    Parameters
+    ----------
+    g_forward, g_backward : float or SpectralTable
+        Mean cosines of the lobes, above -1 and below 1.
+    forward_fraction : float or SpectralTable
+        Share of the forward lobe.
     """
 
     kind: Literal["double-henyey-greenstein"] = "double-henyey-greenstein"
-    g_forward: Spectral
-    g_backward: Spectral
-    forward_fraction: Spectral
+    g_forward: SpectralNumber
+    g_backward: SpectralNumber
+    forward_fraction: SpectralShare
 
     @model_validator(mode="after")
     def _check(self) -> DoubleHenyeyGreenstein:
         _check_g("g_forward", self.g_forward)
         _check_g("g_backward", self.g_backward)
-        low, high = bounds(self.forward_fraction)
-        if low < 0 or high > 1:
-            raise DomainError("forward_fraction", self.forward_fraction, "between 0 and 1")
         return self
 
     def _lobes(self) -> tuple[HenyeyGreenstein, HenyeyGreenstein]:
@@ -265,8 +289,8 @@ class TabulatedPhase(PhaseFunction):
     """
 
     kind: Literal["phase-table"] = "phase-table"
-    cos_theta: tuple[float, ...]
-    wavelengths: tuple[float, ...]
+    cos_theta: Numbers
+    wavelengths: Wavelengths
     values: tuple[tuple[float, ...], ...]
     polarisation: tuple[tuple[tuple[float, ...], ...], ...] | None = None
 

@@ -6,13 +6,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Array, Coefficients, OpticalModel
 from skyscatter.optics.phase import Rayleigh
 from skyscatter.spectra.table import SpectralTable
-from skyscatter.units import Nanometres
+from skyscatter.units import Coefficient, Number, NumberDensity, PartsPerMillion, PositiveNanometres
 
 #: Number density of air at 288.15 K and 1013.25 hPa [m-3], as Bodhaine et al. (1999) use it.
 STANDARD_NUMBER_DENSITY = 2.546899e25
@@ -32,15 +31,9 @@ class RayleighPowerLaw(OpticalModel):
     """
 
     kind: Literal["rayleigh"] = "rayleigh"
-    coefficient: float
-    wavelength: Nanometres = 550.0
-    depolarisation: float = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> RayleighPowerLaw:
-        if self.coefficient < 0:
-            raise DomainError("coefficient", self.coefficient, "a scattering coefficient is never negative")
-        return self
+    coefficient: Coefficient
+    wavelength: PositiveNanometres = 550.0
+    depolarisation: Number = 0.0
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
         """Coefficients per unit density; see `OpticalModel`."""
@@ -97,16 +90,8 @@ class RayleighAir(OpticalModel):
     """
 
     kind: Literal["rayleigh-air"] = "rayleigh-air"
-    number_density: float = STANDARD_NUMBER_DENSITY
-    co2_ppm: float = 420.0
-
-    @model_validator(mode="after")
-    def _check(self) -> RayleighAir:
-        if self.number_density < 0:
-            raise DomainError("number_density", self.number_density, "is never negative")
-        if not 0 <= self.co2_ppm < 1e5:
-            raise DomainError("co2_ppm", self.co2_ppm, "between 0 and 100000 parts per million")
-        return self
+    number_density: NumberDensity = STANDARD_NUMBER_DENSITY
+    co2_ppm: PartsPerMillion = 420.0
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
         """Coefficients per unit density; see `OpticalModel`."""

@@ -26,10 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.ground import Albedo, check_albedo, spectrum_of
+from skyscatter.ground import check_albedo, spectrum_of
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
-from skyscatter.spectra.table import Spectral, bounds, evaluate
-from skyscatter.units import Metres
+from skyscatter.spectra.table import Albedo, SpectralLength, evaluate
+from skyscatter.units import Number
 
 Array = NDArray[np.float64]
 
@@ -71,19 +71,12 @@ class ArtistMedium(OpticalModel):
 
     kind: Literal["artist"] = "artist"
     colour: Albedo
-    distance: Metres | Spectral
-    g: float = 0.0
+    distance: SpectralLength
+    g: Number = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> ArtistMedium:
-        if isinstance(self.colour, str):
-            check_albedo(self.colour)
-        else:
-            low, high = bounds(self.colour)
-            if low < 0 or high > 1:
-                raise DomainError("colour", low if low < 0 else high, "an albedo, which lies between 0 and 1")
-        if not bounds(self.distance)[0] > 0:
-            raise DomainError("distance", bounds(self.distance)[0], "must be a length above 0")
+        check_albedo(self.colour)
         if not -1 < self.g < 1:
             raise DomainError("g", self.g, "lies above -1 and below 1")
         return self

@@ -11,8 +11,6 @@ from skyscatter.record import nearest
 from skyscatter.spectra.table import Spectral, bounds, evaluate
 
 Array = NDArray[np.float64]
-#: A number, a table over wavelength, or a name.
-Index = Spectral | str
 
 #: Glasses by Sellmeier's formula n^2 - 1 = sum of b w^2 / (w^2 - c), w [um]: pairs (b, c [um2]), range [nm].
 #: Fused silica: Malitson 1965, J. Opt. Soc. Am. 55, 1205, whose c are squares.  N-BK7: Schott's data sheet (2017).
@@ -42,7 +40,7 @@ def _check_range(name: str, wavelengths: Array, low: float, high: float) -> None
         raise DomainError("wavelength", float(wavelengths[outside][0]), allowed)
 
 
-def check_index(value: Index, name: str = "index") -> None:
+def check_index(value: Spectral | str, name: str = "index") -> None:
     """Refuse what is no refractive index of a clear substance."""
     if isinstance(value, str):
         if value not in SUBSTANCES:
@@ -53,7 +51,7 @@ def check_index(value: Index, name: str = "index") -> None:
         raise DomainError(name, low if low <= 0.1 else high, f"a refractive index lies between 0.1 and {_HIGHEST:g}")
 
 
-def refractive_index(value: Index, wavelengths_nm: ArrayLike) -> Array:
+def refractive_index(value: Spectral | str, wavelengths_nm: ArrayLike) -> Array:
     """Refractive index of a clear substance, shape (wavelength,).
 
     Parameters

@@ -10,14 +10,12 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
-from skyscatter.spectra.table import Spectral, evaluate
+from skyscatter.spectra.table import Irradiance, Radiance, evaluate
 from skyscatter.surfaces.lobes import AnyLobe, ConeLobe, CosinePowerLobe, IsotropicLobe, LambertLobe, Lobe
 from skyscatter.surfaces.power import Powered, Shining
-from skyscatter.units import Metres
+from skyscatter.units import Candela, Degrees, Elevation, Lux, Place, Triple, WattsPerArea, WattsPerAreaAndAngle
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
-Place = tuple[Metres, Metres, Metres]
 
 
 class _PointSource(Powered):
@@ -26,6 +24,7 @@ class _PointSource(Powered):
     Parameters
     ----------
     name : str
+        How lists and errors call it.
     position : three lengths
         [m]
     target : three lengths, optional
@@ -64,7 +63,13 @@ class _PointSource(Powered):
 
 
 class PointLamp(_PointSource):
-    """A point that shines, equally into all directions if no `lobe` is given."""
+    """A point that shines, equally into all directions if no `lobe` is given.
+
+    Parameters
+    ----------
+    lobe : lobe
+        How its light is spread over directions, by kind.
+    """
 
     kind: Literal["point"] = "point"
     lobe: AnyLobe = IsotropicLobe()
@@ -76,11 +81,19 @@ class PointLamp(_PointSource):
 
 
 class SpotLamp(_PointSource):
-    """A point that shines into a cone, see `ConeLobe`: a spot, a searchlight."""
+    """A point that shines into a cone, see `ConeLobe`: a spot, a searchlight.
+
+    Parameters
+    ----------
+    half_angle_deg : float
+        From the axis to the middle of the cone's edge [degree], above 0 and up to 180.
+    edge_deg : float
+        Width of the soft edge [degree]; 0 makes it sharp.
+    """
 
     kind: Literal["spot"] = "spot"
-    half_angle_deg: float = 20.0
-    edge_deg: float = 0.0
+    half_angle_deg: Degrees = 20.0
+    edge_deg: Degrees = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -94,10 +107,16 @@ class SpotLamp(_PointSource):
 
 
 class Led(_PointSource):
-    """A light-emitting diode as a point with a lobe by its half angle, see `CosinePowerLobe`."""
+    """A light-emitting diode as a point with a lobe by its half angle, see `CosinePowerLobe`.
+
+    Parameters
+    ----------
+    half_angle_deg : float
+        Angle from the axis at which the intensity is half of that on the axis [degree], 0.05 to below 90.
+    """
 
     kind: Literal["led"] = "led"
-    half_angle_deg: float = 60.0
+    half_angle_deg: Degrees = 60.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -121,7 +140,7 @@ class AreaLamp(Powered):
         About the normal; Lambert's (the same radiance from all sides) when not given.
     """
 
-    radiance: Spectral | None = None
+    radiance: Radiance | None = None
     lobe: AnyLobe = LambertLobe()
 
     @classmethod
@@ -152,6 +171,7 @@ class ParallelLamp(Shining):
     Parameters
     ----------
     name : str
+        How lists and errors call it.
     direction : three floats, optional
         Towards the light, of any length.
     azimuth_deg, elevation_deg : float, optional
@@ -169,11 +189,11 @@ class ParallelLamp(Shining):
     kind: Literal["parallel"] = "parallel"
     name: str = "light"
     direction: Triple | None = None
-    azimuth_deg: float | None = None
-    elevation_deg: float | None = None
-    irradiance: Spectral | None = None
-    watts_per_m2: float | None = None
-    lux: float | None = None
+    azimuth_deg: Degrees | None = None
+    elevation_deg: Elevation | None = None
+    irradiance: Irradiance | None = None
+    watts_per_m2: WattsPerArea | None = None
+    lux: Lux | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -182,8 +202,6 @@ class ParallelLamp(Shining):
             raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
         if self.direction is not None and not any(self.direction):
             raise DomainError("direction", self.direction, "must not be nought")
-        if self.elevation_deg is not None and not -90 <= self.elevation_deg <= 90:
-            raise DomainError("elevation_deg", self.elevation_deg, "lies between -90 and 90 degrees")
         return self
 
     @property
@@ -201,6 +219,7 @@ class Surroundings(Shining):
     Parameters
     ----------
     name : str
+        How lists and errors call it.
     radiance : float or SpectralTable, optional
         [W m-2 sr-1 nm-1]
     watts_per_m2_sr, candela_per_m2 : float, optional
@@ -213,9 +232,9 @@ class Surroundings(Shining):
 
     kind: Literal["surroundings"] = "surroundings"
     name: str = "surroundings"
-    radiance: Spectral | None = None
-    watts_per_m2_sr: float | None = None
-    candela_per_m2: float | None = None
+    radiance: Radiance | None = None
+    watts_per_m2_sr: WattsPerAreaAndAngle | None = None
+    candela_per_m2: Candela | None = None
 
 
 AnyLamp = Annotated[PointLamp | SpotLamp | Led | ParallelLamp | Surroundings, Field(discriminator="kind")]

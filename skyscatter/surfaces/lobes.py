@@ -7,14 +7,17 @@ times the integral of the table is 1 to rounding, so that no power is lost or ma
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
+from skyscatter import units
 from skyscatter.errors import DomainError
 from skyscatter.record import Record
+from skyscatter.tablefile import TableRecord, Wanted
+from skyscatter.units import Angles, Degrees, Intensities, Share
 
 Array = NDArray[np.float64]
 
@@ -85,7 +88,7 @@ class CosinePowerLobe(Lobe):
     """
 
     kind: Literal["cosine-power"] = "cosine-power"
-    half_angle_deg: float = 60.0
+    half_angle_deg: Degrees = 60.0
 
     @model_validator(mode="after")
     def _check(self) -> CosinePowerLobe:
@@ -116,8 +119,8 @@ class ConeLobe(Lobe):
     """
 
     kind: Literal["cone"] = "cone"
-    half_angle_deg: float = 20.0
-    edge_deg: float = 0.0
+    half_angle_deg: Degrees = 20.0
+    edge_deg: Degrees = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> ConeLobe:
@@ -139,7 +142,7 @@ class ConeLobe(Lobe):
         return lobe_table([outer, inner, 1.0], [0.0, 1.0, 1.0])
 
 
-class TabulatedLobe(Lobe):
+class TabulatedLobe(TableRecord, Lobe):
     """A measured lobe, linear in the cosine between its angles and nought outside of them.
 
     Parameters
@@ -148,11 +151,21 @@ class TabulatedLobe(Lobe):
         Angles from the axis, rising, 0 to 180 [degree].
     intensities : tuple of float
         In any unit, never negative.
+    file : str, optional
+        CSV or netCDF file with the columns instead, such as ``angle [deg],intensity``; in a model file the path counts
+        from its folder.
+    column : str, optional
+        Which column of the file has the intensities, where there are several.
     """
 
+    columns: ClassVar[dict[str, Wanted]] = {
+        "angles_deg": Wanted(("angle", "angles", "theta"), units.ANGLE.within(0.0, 180.0), rising=True),
+        "intensities": Wanted(("intensity",), units.RELATIVE_AMOUNT),
+    }
+
     kind: Literal["tabulated"] = "tabulated"
-    angles_deg: tuple[float, ...]
-    intensities: tuple[float, ...]
+    angles_deg: Angles
+    intensities: Intensities
 
     @model_validator(mode="after")
     def _check(self) -> TabulatedLobe:
@@ -188,14 +201,11 @@ class CityLobe(Lobe):
     """
 
     kind: Literal["city"] = "city"
-    ground_albedo: float = 0.15
-    direct_share: float = 0.15
+    ground_albedo: Share = 0.15
+    direct_share: Share = 0.15
 
     @model_validator(mode="after")
     def _check(self) -> CityLobe:
-        for name in ("ground_albedo", "direct_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise DomainError(name, getattr(self, name), "lies between 0 and 1")
         if not self.escaping > 0:
             raise DomainError("ground_albedo", self.ground_albedo, "no light leaves this city upwards")
         return self

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.ground import Albedo, check_albedo, spectrum_of
+from skyscatter.ground import check_albedo, spectrum_of
 from skyscatter.record import Record
-from skyscatter.spectra.table import Spectral, bounds, evaluate
+from skyscatter.spectra.table import Albedo, SpectralNonNegative, SpectralPositive, SpectralShare, evaluate
 from skyscatter.surfaces.indices import check_metal, metal_index
+from skyscatter.units import Number
 
 Array = NDArray[np.float64]
 #: Least GGX alpha of a rough surface: below it the lobe is narrower than anything that could be told from smooth.
@@ -57,14 +58,7 @@ class Mirror(Record):
     """
 
     kind: Literal["mirror"] = "mirror"
-    reflectance: Spectral = 1.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Mirror:
-        low, high = bounds(self.reflectance)
-        if low < 0 or high > 1:
-            raise DomainError("reflectance", low if low < 0 else high, "lies between 0 and 1")
-        return self
+    reflectance: SpectralShare = 1.0
 
 
 def _check_roughness(value: float) -> None:
@@ -85,7 +79,7 @@ class Dielectric(Record):
     """
 
     kind: Literal["dielectric"] = "dielectric"
-    roughness: float = 0.0
+    roughness: Number = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Dielectric:
@@ -108,9 +102,9 @@ class Conductor(Record):
 
     kind: Literal["conductor"] = "conductor"
     metal: str | None = None
-    n: Spectral | None = None
-    k: Spectral | None = None
-    roughness: float = 0.0
+    n: SpectralPositive | None = None
+    k: SpectralNonNegative | None = None
+    roughness: Number = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Conductor:
@@ -121,11 +115,6 @@ class Conductor(Record):
                 raise DomainError("metal", self.metal, "give either the metal's name, or n and k")
         elif self.n is None or self.k is None:
             raise DomainError("metal", None, "give the metal's name, or both n and k")
-        else:
-            if not bounds(self.n)[0] > 0:
-                raise DomainError("n", bounds(self.n)[0], "must be above 0")
-            if not bounds(self.k)[0] >= 0:
-                raise DomainError("k", bounds(self.k)[0], "must not be negative: k > 0 absorbs")
         return self
 
     def index(self, wavelengths_nm: ArrayLike) -> tuple[Array, Array]:

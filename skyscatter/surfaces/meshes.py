@@ -13,8 +13,8 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.arrays import ArrayField, unwritten
 from skyscatter.media.shapes import axis_rotation
-from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Point, Rectangle, Sphere, Surface, Triple
-from skyscatter.units import Metres
+from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Rectangle, Sphere, Surface
+from skyscatter.units import Degrees, Metres, Place, PositiveNumber, Triple
 
 Integers = NDArray[np.int64]
 #: Corners that are nearer to each other than this share of the mesh's size are one.
@@ -35,16 +35,14 @@ class Faceted(Surface):
     """What all surfaces of flat triangles share."""
 
     kind: str
-    scale: float = 1.0
-    position: Point = (0.0, 0.0, 0.0)
+    scale: PositiveNumber = 1.0
+    position: Place = (0.0, 0.0, 0.0)
     axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: float = 0.0
+    turn_deg: Degrees = 0.0
     inside_out: bool = False
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
-        if not self.scale > 0:
-            raise DomainError("scale", self.scale, "must be above 0")
         if not np.linalg.norm(self.axis) > 0:
             raise DomainError("axis", self.axis, "must point somewhere: one of its numbers is not 0")
         return self
@@ -135,6 +133,7 @@ class Mesh(Faceted):
     faces : array_like of int, shape (triangle, 3)
         Rows of `vertices`, counted from 0.
     file : str
+        STL, OBJ, PLY, GLB or OFF; in a model file the path counts from its folder.
     scale : float
         Factor for all lengths of the file or of `vertices`: 0.001 for a file in millimetres.
     position : three lengths

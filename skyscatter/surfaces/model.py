@@ -20,17 +20,23 @@ class SurfaceModel(Record):
 
     Parameters
     ----------
-    name, description : str
+    name : str
+        How the model is called.
+    description : str
+        What it is, in a sentence.
     sources : tuple of str
         Where the numbers come from.
     viewpoint : Viewpoint
+        From where, and whereto, one looks.
     camera : camera
         A `Perspective` without azimuth looks as the viewpoint says; a `Fisheye` or a `Panorama` stands at its position
         (z up).
     media : tuple of SurfaceMedium
         The first is outside of all bodies; a vacuum if there is none.
     bodies : tuple of Body
+        What is there.
     lamps : tuple of lamps
+        What shines beside bodies that do.
     """
 
     command: ClassVar[str] = "render"  #: of the command line, which renders it

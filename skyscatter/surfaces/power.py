@@ -12,7 +12,8 @@ from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError
 from skyscatter.record import Record, nearest
 from skyscatter.spectra.cells import cell_means
-from skyscatter.spectra.table import Spectral, SpectralTable, bounds, evaluate
+from skyscatter.spectra.table import LampSpectrum, SpectralPower, SpectralTable, bounds, evaluate
+from skyscatter.units import Lumens, Watts
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,12 @@ class Shining(Record):
     """An amount of light: spectral, or a total with a spectrum; give exactly one of the amounts.
 
     Subclasses name their amounts: `_spectral` is per nm, `_radiant` a total in watts, `_luminous` one in lumens.
+
+    Parameters
+    ----------
+    spectrum : SpectralTable or str, optional
+        Shape of the spectrum of a total: a table in any unit per nm, or the name of a shipped one, such as "led-4000k"
+        or "sun".
     """
 
     _spectral: ClassVar[str] = "power"
@@ -119,7 +126,7 @@ class Shining(Record):
             watts = getattr(self, self._luminous) / luminous_efficacy(table)
         return watts * spectrum_shape(table, wavelengths_nm)
 
-    spectrum: SpectralTable | str | None = None
+    spectrum: LampSpectrum | None = None
 
 
 class Powered(Shining):
@@ -135,6 +142,6 @@ class Powered(Shining):
         Its shape: a table in any unit per nm, or the name of a shipped one, such as "led-4000k".
     """
 
-    power: Spectral | None = None
-    watts: float | None = None
-    lumens: float | None = None
+    power: SpectralPower | None = None
+    watts: Watts | None = None
+    lumens: Lumens | None = None

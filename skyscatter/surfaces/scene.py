@@ -13,10 +13,12 @@ from skyscatter.errors import DomainError
 from skyscatter.media.fields import DensityField
 from skyscatter.media.medium import Component
 from skyscatter.record import Record, nearest
-from skyscatter.surfaces.indices import Index, check_index
-from skyscatter.surfaces.lamps import AnyLamp, AreaLamp, Place, Triple
+from skyscatter.spectra.table import Index
+from skyscatter.surfaces.indices import check_index
+from skyscatter.surfaces.lamps import AnyLamp, AreaLamp
 from skyscatter.surfaces.materials import AnyMaterial
 from skyscatter.surfaces.meshes import AnyShape
+from skyscatter.units import Place, Triple
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,7 @@ class SurfaceMedium(Record):
     Parameters
     ----------
     name : str
+        By which bodies name it.
     components : tuple of Component
         What scatters and absorbs in it, with fields in three dimensions (in the frame of the scene); most often of the
         density "everywhere".  None at all: a vacuum, or something as clear.
@@ -65,7 +68,9 @@ class Body(Record):
     Parameters
     ----------
     name : str
+        How lists and errors call it.
     shape : shape
+        Where its surface is, by kind.
     material : material
         What its surface does to light.
     inside : str, optional

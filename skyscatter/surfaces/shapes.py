@@ -15,11 +15,9 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.record import Record
-from skyscatter.units import Metres
+from skyscatter.units import Degrees, NonNegativeMetres, Place, PositiveMetres, Sizes, Triple
 
 Array = NDArray[np.float64]
-Point = tuple[Metres, Metres, Metres]
-Triple = tuple[float, float, float]
 
 #: Sides of a rectangle that are this close to a right angle (cosine) are at one.
 SQUARE = 1e-9
@@ -51,12 +49,6 @@ def _unit(name: str, vector: Triple) -> Array:
     return np.array(vector) / length
 
 
-def _positive(shape: Record, *names: str) -> None:
-    for name in names:
-        if not getattr(shape, name) > 0:
-            raise DomainError(name, getattr(shape, name), "must be a length above 0")
-
-
 def _around(points: Array) -> tuple[Array, Array]:
     return points.min(axis=0), points.max(axis=0)
 
@@ -69,15 +61,15 @@ class Sphere(Surface):
     position : three lengths
         Its middle [m].
     radius : length
+        [m]
     """
 
     kind: Literal["sphere"] = "sphere"
-    position: Point = (0.0, 0.0, 0.0)
-    radius: Metres = 1.0
+    position: Place = (0.0, 0.0, 0.0)
+    radius: PositiveMetres = 1.0
 
     @model_validator(mode="after")
     def _check(self) -> Sphere:
-        _positive(self, "radius")
         return self
 
     @property
@@ -98,7 +90,7 @@ class Plane(Surface):
     """
 
     kind: Literal["plane"] = "plane"
-    position: Point = (0.0, 0.0, 0.0)
+    position: Place = (0.0, 0.0, 0.0)
     normal: Triple = (0.0, 0.0, 1.0)
 
     @model_validator(mode="after")
@@ -137,13 +129,13 @@ class Rectangle(Surface):
 
     holds_volume: ClassVar[bool] = False
     kind: Literal["rectangle"] = "rectangle"
-    position: Point | None = None
+    position: Place | None = None
     normal: Triple | None = None
-    size: tuple[Metres, Metres] | None = None
+    size: tuple[PositiveMetres, PositiveMetres] | None = None
     up: Triple | None = None
-    corner: Point | None = None
-    first_edge: Point | None = None
-    second_edge: Point | None = None
+    corner: Place | None = None
+    first_edge: Place | None = None
+    second_edge: Place | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Rectangle:
@@ -162,8 +154,6 @@ class Rectangle(Surface):
             return self
         if self.size is None:
             raise DomainError("size", None, ways)
-        if min(self.size) <= 0:
-            raise DomainError("size", self.size, "must be two lengths above 0")
         normal = _unit("normal", self.normal or (0.0, 0.0, 1.0))
         if self.up is not None and np.linalg.norm(np.cross(_unit("up", self.up), normal)) < SQUARE:
             raise DomainError("up", self.up, "must not be along the normal")
@@ -207,15 +197,13 @@ class Box(Surface):
     """
 
     kind: Literal["box"] = "box"
-    position: Point = (0.0, 0.0, 0.0)
-    size: tuple[Metres, Metres, Metres] = (1.0, 1.0, 1.0)
+    position: Place = (0.0, 0.0, 0.0)
+    size: Sizes = (1.0, 1.0, 1.0)
     axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: float = 0.0
+    turn_deg: Degrees = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Box:
-        if min(self.size) <= 0:
-            raise DomainError("size", self.size, "must be three lengths above 0")
         _unit("axis", self.axis)
         return self
 
@@ -241,20 +229,20 @@ class Disk(Surface):
     normal : three numbers
         Of any length.
     radius : length
+        [m]
     inner_radius : length
         Of the hole; 0 without one.
     """
 
     holds_volume: ClassVar[bool] = False
     kind: Literal["disk"] = "disk"
-    position: Point = (0.0, 0.0, 0.0)
+    position: Place = (0.0, 0.0, 0.0)
     normal: Triple = (0.0, 0.0, 1.0)
-    radius: Metres = 1.0
-    inner_radius: Metres = 0.0
+    radius: PositiveMetres = 1.0
+    inner_radius: NonNegativeMetres = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Disk:
-        _positive(self, "radius")
         if not 0 <= self.inner_radius < self.radius:
             raise DomainError("inner_radius", self.inner_radius, f"must be from 0 to below the radius, {self.radius}")
         _unit("normal", self.normal)

@@ -33,7 +33,7 @@ class TestExponential(DensityFieldBase):
         ({"scale_height": -1.0}, "scale_height = -1.0"),
         ({"scale_height": 0.0}, "scale_height = 0.0"),
         ({"scale_height": 1e3, "top": -2.0}, "top = -2.0"),
-        ({"scale_height": "8 parsec"}, "scale_height"),
+        ({"scale_height": "8 s"}, "scale_height"),
         ({}, "scale_height is missing"),
     )
 
@@ -66,7 +66,7 @@ class TestTent(DensityFieldBase):
     refused = (
         ({"base": 10.0, "peak": 5.0, "top": 40.0}, "peak = 5.0"),
         ({"base": 10.0, "peak": 50.0, "top": 40.0}, "peak = 50.0"),
-        ({"base": -1.0, "peak": 5.0, "top": 40.0}, "0 <= base"),
+        ({"base": -1.0, "peak": 5.0, "top": 40.0}, "base = -1.0: is never negative"),
     )
 
     def expected(self, field: Any, h: float) -> float:
@@ -109,7 +109,7 @@ class TestTabulated(DensityFieldBase):
     )
     refused = (
         ({"altitudes": (0, 1), "densities": (1.0,)}, "altitudes = 2"),
-        ({"altitudes": (0, 1), "densities": (1.0, -0.5)}, "densities = -0.5"),
+        ({"altitudes": (0, 1), "densities": (1.0, -0.5)}, "densities.1 = -0.5: is never negative"),
         ({"altitudes": (0, 1), "densities": (1.0, 0.0)}, 'interpolation = "linear"'),
         ({"altitudes": (1, 1), "densities": (1.0, 1.0)}, "must start at or above 0 and increase"),
         ({"altitudes": (0, 1), "densities": (0.0, 0.0), "interpolation": "linear"}, "nought everywhere"),

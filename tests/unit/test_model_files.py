@@ -143,7 +143,7 @@ def test_a_model_built_in_python_is_the_model_of_the_file() -> None:
         (
             "wavelengths = [400, 700]",
             "wavelength = [400, 700]",
-            ["ground.albedo: wavelength: no such field", "did you mean wavelengths?"],
+            ["ground.albedo.wavelength: no such field", "did you mean wavelengths?"],
         ),
         ('kind = "exponential"', 'kin = "exponential"', ["components.0.density.kin", "did you mean kind?"]),
         ('kind = "exponential", ', "", ["components.0.density.kind is missing"]),
@@ -152,7 +152,7 @@ def test_a_model_built_in_python_is_the_model_of_the_file() -> None:
         (
             "densities = [1.0, 0.5]",
             "densities = [1.0, -0.5]",
-            ["components.1.density", "densities = -0.5", "never negative"],
+            ["components.1.density.densities.1 = -0.5: is never negative"],
         ),
         ('kind = "draine"', 'kind = "drain"', ["components.1.optics", "drain", "henyey-greenstein"]),
         ('kind = "exponential"', 'kind = "exp"', ["components.0.density", "exp", "exponential"]),
@@ -176,7 +176,7 @@ def test_wrong_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str,
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"name = ", ["is not TOML"]), (b"\xff\xfe", ["is not TOML"]), (b"", ["is missing"])],
+    [(b"name = ", ["is not TOML"]), (b"\xff\xfe", ["is not TOML"])],
 )
 def test_broken_files(tmp_path: Path, content: bytes, words: list[str]) -> None:
     path = tmp_path / "broken.toml"

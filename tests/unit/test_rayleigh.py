@@ -72,9 +72,9 @@ def test_unsorted_and_repeated_wavelengths_are_fine_for_the_phase_function() -> 
     ("build", "words"),
     [
         (lambda: RayleighPowerLaw(coefficient=-1e-5), ["coefficient = -1e-05", "never negative"]),
-        (lambda: RayleighPowerLaw(coefficient=1e-5, wavelength="550 parsec"), ["wavelength", "parsec", "nm"]),
+        (lambda: RayleighPowerLaw(coefficient=1e-5, wavelength="550 s"), ["wavelength", "550 s", "nm"]),
         (lambda: RayleighAir(number_density=-1.0), ["number_density = -1.0"]),
-        (lambda: RayleighAir(co2_ppm=-3.0), ["co2_ppm = -3.0", "parts per million"]),
+        (lambda: RayleighAir(co2_ppm=-3.0), ["co2_ppm = -3.0", "below 100000 ppm"]),
         (lambda: RayleighAir().coefficients([150.0], 1.0), ["wavelength = 150.0", "230 to 2600 nm"]),
         (lambda: RayleighAir().coefficients([550.0, 2700.0], 1.0), ["wavelength = 2700.0", "230 to 2600 nm"]),
         (

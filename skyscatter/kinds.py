@@ -1,0 +1,119 @@
+"""Which kinds of records there are, and which of them fit where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args
+
+from skyscatter.record import Record
+
+#: What a model is of, by the command that renders it.
+SORTS = {"sky": "a planet with its air", "nebula": "a nebula", "render": "a scene of surfaces"}
+#: Optics of use in each sort of model, the plain ones first; others are not refused.
+_OPTICS = {
+    "sky": ("rayleigh-air", "rayleigh", "particles", "mie", "gas-absorption", "absorption-table"),
+    "nebula": ("dust", "gas-lines", "particles", "mie", "rayleigh", "absorption-table"),
+    "render": ("particles", "mie", "artist", "rayleigh-air", "rayleigh", "gas-absorption", "absorption-table"),
+}
+
+
+def kinds_of(union: Any) -> dict[str, type[Record]]:
+    """Classes of a union of records by their kinds."""
+    found: dict[str, type[Record]] = {}
+    for part in get_args(union):
+        if isinstance(part, type) and issubclass(part, Record):
+            found[str(part.model_fields["kind"].default)] = part
+        else:
+            found |= kinds_of(part)
+    return found
+
+
+def densities(command: str) -> dict[str, type[Record]]:
+    """Density fields that fit the components of a sort of models, by their kinds."""
+    from skyscatter.media.everywhere import Everywhere
+    from skyscatter.media.fields import AnyField
+    from skyscatter.media.operations import AnySpatialField
+
+    if command == "sky":
+        return kinds_of(AnyField)
+    return kinds_of(AnySpatialField) | ({"everywhere": Everywhere} if command == "render" else {})
+
+
+def fitting_kinds(command: str, path: str, kinds: Sequence[str]) -> Sequence[str]:
+    """Those kinds, of all that a type allows, that fit at a place of a model's file."""
+    parts = path.split(".")
+    in_component = len(parts) > 2 and parts[-3] == "components" and parts[0] in ("components", "media")
+    if in_component and parts[-1] == "density":
+        return list(densities(command))
+    if in_component and parts[-1] == "optics":
+        return _OPTICS[command]
+    return [kind for kind in kinds if not (parts[-1] == "camera" and kind == "planet")]
+
+
+def misplaced(command: str, content: Mapping[str, Any]) -> list[str]:
+    """A line for each density field that belongs to another sort of model."""
+    fitting = densities(command)
+    others = {kind for sort in SORTS for kind in densities(sort)} - set(fitting)
+    rule = f"does not fit {SORTS[command]}; choose {', '.join(fitting)}"
+    return [f"{path}.density.kind = {kind!r}: {rule}" for path, kind in _densities(content) if kind in others]
+
+
+def _densities(content: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Paths of components and the kinds of their densities."""
+    for name in ("components", "media"):
+        tables = content.get(name)
+        for place, table in enumerate(tables if isinstance(tables, (list, tuple)) else ()):
+            if not isinstance(table, Mapping):
+                continue
+            density = table.get("density")
+            if name == "media":
+                yield from _densities(table, f"{path}media.{place}.")
+            elif isinstance(density, Mapping) and isinstance(density.get("kind"), str):
+                yield f"{path}components.{place}", density["kind"]
+
+
+def sorts() -> dict[str, type[Record]]:
+    """Classes of the models by the command that renders them."""
+    from skyscatter.model import Model
+    from skyscatter.nebula import NebulaModel
+    from skyscatter.surfaces.model import SurfaceModel
+
+    return {"sky": Model, "nebula": NebulaModel, "render": SurfaceModel}
+
+
+def groups() -> dict[str, dict[str, type[Record]]]:
+    """All kinds, by what they serve."""
+    from skyscatter.geometry.camera import Camera
+    from skyscatter.media.medium import AnyOptics
+    from skyscatter.optics.phase import AnyPhase
+    from skyscatter.surfaces.lamps import AnyLamp
+    from skyscatter.surfaces.lobes import AnyLobe
+    from skyscatter.surfaces.materials import AnyMaterial
+    from skyscatter.surfaces.meshes import AnyShape
+
+    unions = {
+        "optics": AnyOptics, "phase functions": AnyPhase, "lamps": AnyLamp, "lobes": AnyLobe,
+        "materials": AnyMaterial, "shapes": AnyShape, "cameras": Camera,
+    }  # fmt: skip
+    fields = {"densities of skies": densities("sky"), "densities in space": densities("render")}
+    return fields | {title: kinds_of(union) for title, union in unions.items()}
+
+
+def tables() -> list[type[Record]]:
+    """Records without a kind that models are made of, in the order in which they are met."""
+    named = [record for kinds in groups().values() for record in kinds.values()]
+    found: list[type[Record]] = []
+    waiting: list[type[Record]] = [*sorts().values(), *named]
+    while waiting:
+        for record in (one for info in waiting.pop(0).model_fields.values() for one in records_in(info.annotation)):
+            if record not in found and "kind" not in record.model_fields:
+                found.append(record)
+                waiting.append(record)
+    return found
+
+
+def records_in(annotation: Any) -> list[type[Record]]:
+    """Records that a field of this type holds."""
+    if isinstance(annotation, type) and issubclass(annotation, Record):
+        return [annotation]
+    return [one for part in get_args(annotation) for one in records_in(part)]
