@@ -99,7 +99,9 @@ def _plain(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, tuple):
         return f"[{', '.join(_plain(part) for part in value)}]"
-    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else shown(value)
+    if isinstance(value, float):
+        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return f'"{value}"' if isinstance(value, str) else shown(value)
 
 
 def _written(annotation: Any, metadata: tuple[Any, ...]) -> str:

@@ -106,4 +106,6 @@ def _draft7(node: Any) -> Any:
     if not isinstance(node, dict):
         return node
     renamed = {"prefixItems": "items"}
-    return {renamed.get(key, key): _draft7(value) for key, value in node.items() if key != "discriminator"}
+    # The kind first: validators that go by the order then leave the branches of other kinds at once.
+    ordered = {"kind": node["kind"], **node} if "kind" in node else node
+    return {renamed.get(key, key): _draft7(value) for key, value in ordered.items() if key != "discriminator"}

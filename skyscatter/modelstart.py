@@ -89,8 +89,9 @@ def _left_out(text: str, model: type[Record]) -> Iterator[str]:
     """Tables that the file does not have, with their defaults, as comments."""
     for name, info in model.model_fields.items():
         record = info.annotation
-        plain = isinstance(record, type) and issubclass(record, Record) and not info.is_required()
-        if plain and f"[{name}]" not in text:
+        if not (isinstance(record, type) and issubclass(record, Record)) or info.is_required():
+            continue
+        if f"[{name}]" not in text:
             yield from (
                 "",
                 *_comment(f"{_first_sentence(record)}  As it is when this table is left out:"),

@@ -125,7 +125,8 @@ class Measure:
             factor = self.factor(match[2] or "") if match else None
             if match is None or factor is None:
                 raise UnitsError(name, value, self._expected)
-            return float(match[1]) * factor
+            # 95 * 0.01 is not 0.95 to the last bit.
+            return float(match[1]) / 100 if match[2] == "%" and factor == 0.01 else float(match[1]) * factor
         try:
             return float(value.to_value(self._astropy)) if hasattr(value, "to_value") else float(value)
         except Exception as error:

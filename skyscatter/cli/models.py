@@ -1,4 +1,4 @@
-"""``skyscatter models``: lists, shows, draws and checks model files."""
+"""``skyscatter models``: lists, shows, draws, checks and starts model files, and says what may stand in them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from skyscatter.atomic import atomic_path
 from skyscatter.cli import common, parse
 from skyscatter.cli.examples import epilog
-from skyscatter.errors import ModelFileError, SkyscatterError
+from skyscatter.errors import DomainError, ModelFileError, SkyscatterError
 from skyscatter.plotting import plot_model, vertical_optical_depth
 
 app = typer.Typer(
-    help="List, show, draw and check model files.",
+    help="List, show, draw, check and start model files; what may stand in them.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -85,6 +86,57 @@ def check(
         typer.echo(check_nebula(file, model))
     if plot is not None:
         plot_model(model, plot)
+
+
+@app.command("new", epilog=epilog("models new"))
+def new(
+    name: Annotated[str, typer.Argument(help="Name of a shipped model to start from; skyscatter models lists them.")],
+    file: Annotated[Path, typer.Argument(help="The TOML file to write.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+) -> None:
+    """Write a shipped model as a file to edit, with comments on its tables and kinds and on what it leaves out."""
+    from skyscatter.modelstart import model_to_edit
+
+    text = model_to_edit(name)
+    parse.check_output(file, (".toml",))
+    if file.exists() and not force:
+        raise DomainError("file", str(file), "exists; choose another name, or add --force to replace it")
+    _write(text, file)
+    typer.echo(f"{file}: edit it, then skyscatter models check {file}", err=True)
+
+
+@app.command("schema", epilog=epilog("models schema"))
+def schema(
+    sort: Annotated[str | None, typer.Argument(help="Only of sky, nebula or render; of all when left out.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Else on stdout.")] = None,
+) -> None:
+    """Print the JSON schema of model files, with which an editor completes and checks them."""
+    import json
+
+    from skyscatter.modelschema import model_schema
+
+    _write(json.dumps(model_schema(sort), indent=1) + "\n", output)
+
+
+@app.command("reference", epilog=epilog("models reference"))
+def reference(
+    name: Annotated[str | None, typer.Argument(help="Only of this kind or table, such as tabulated.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Else on stdout.")] = None,
+) -> None:
+    """Print what a model file may say: every table, kind and field, with units, defaults, ranges and examples."""
+    from skyscatter.modelreference import reference
+
+    _write(reference(name), output)
+
+
+def _write(text: str, file: Path | None) -> None:
+    """The text into a file, or on stdout."""
+    if file is None:
+        typer.echo(text, nl=False)
+        return
+    parse.check_output(file, (file.suffix.lower(),))
+    with atomic_path(file) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _check_plot(plot: Path | None, no_clobber: bool) -> None:

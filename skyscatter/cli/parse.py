@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError, MissingDataError, UnitsError
-from skyscatter.units import metres, nanometres
+from skyscatter.units import ANGLE, LENGTH, TIME, Measure, degrees, nanometres
 
 #: Formats by extension: picture, spectral layers, RGB for lighting, FITS cube, netCDF.
 OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc")
@@ -108,47 +108,38 @@ def parse_degrees(text: str | None, name: str, limit: float, default: float) -> 
     if text is None:
         return default
     try:
-        value = float(text)
-    except ValueError:
+        value = degrees(text, name)
+    except UnitsError:
         value = math.nan
     if not -limit <= value <= limit:
-        raise DomainError(name, text, f"give an angle between {-limit:g} and {limit:g} degrees")
+        raise DomainError(name, text, f"give an angle between {-limit:g} and {limit:g} degrees, such as 30 or 30deg")
     return value
 
 
-_ANGLE = {"deg": 1.0, "arcmin": 1.0 / 60.0, "arcsec": 1.0 / 3600.0, "mas": 1.0 / 3600e3}
-_TIME = {"s": 1.0, "min": 60.0, "h": 3600.0}
-
-
-def _with_unit(text: str, units: dict[str, float]) -> float:
-    """A number with one of the units; not a number for anything else."""
-    for unit in sorted(units, key=len, reverse=True):
-        if text.strip().endswith(unit):
-            try:
-                return float(text.strip().removesuffix(unit)) * units[unit]
-            except ValueError:
-                return math.nan
-    return math.nan
+def _with_unit(text: str, measure: Measure) -> float:
+    """A number with a unit; not a number for anything else, a bare number included."""
+    try:
+        return math.nan if text.strip()[-1:].isdigit() else measure.read(text, measure.noun)
+    except UnitsError:
+        return math.nan
 
 
 def parse_angle(text: str, name: str) -> float:
     """An angle above 0 [degree] from a number with its unit, such as ``0.5arcsec``."""
-    value = _with_unit(text, _ANGLE)
+    value = _with_unit(text, ANGLE)
     if not 0.0 < value < math.inf:
-        raise DomainError(name, text, f"give an angle above 0 with its unit ({', '.join(_ANGLE)}), such as 0.5arcsec")
+        units = ", ".join(ANGLE.units)
+        raise DomainError(name, text, f"give an angle above 0 with its unit ({units}), such as 0.5arcsec")
     return value
 
 
 def parse_field(text: str) -> tuple[str, float]:
     """``("angle", degrees)`` from ``10arcmin``, ``("length", metres)`` from ``2pc``."""
-    angle = _with_unit(text, _ANGLE)
+    angle = _with_unit(text, ANGLE)
     if 0.0 < angle < math.inf:
         return "angle", angle
     remedy = "give the picture's width as an angle or a length with its unit, such as 10arcmin or 2pc"
-    try:
-        length = math.nan if text.strip()[-1:].isdigit() else metres(text, "field_of_view")
-    except UnitsError:
-        length = math.nan
+    length = _with_unit(text, LENGTH)
     if not 0.0 < length < math.inf:
         raise DomainError("field_of_view", text, remedy)
     return "length", length
@@ -156,9 +147,9 @@ def parse_field(text: str) -> tuple[str, float]:
 
 def parse_time(text: str, name: str) -> float:
     """A time above 0 [s] from a number with its unit, such as ``20min``."""
-    value = _with_unit(text, _TIME)
+    value = _with_unit(text, TIME)
     if not 0.0 < value < math.inf:
-        raise DomainError(name, text, f"give a time above 0 with its unit ({', '.join(_TIME)}), such as 600s")
+        raise DomainError(name, text, f"give a time above 0 with its unit ({', '.join(TIME.units)}), such as 600s")
     return value
 
 
@@ -205,7 +196,7 @@ def _share(text: str) -> float:
 def parse_place(text: str) -> tuple[float, float]:
     """``LAT,LON`` in degrees, north and east positive."""
     try:
-        latitude, longitude = (float(word) for word in text.split(","))
+        latitude, longitude = (degrees(word, "place") for word in text.split(","))
     except ValueError:
         raise DomainError(
             "place", text, "give LATITUDE,LONGITUDE in degrees, north and east positive, for instance 48.86,2.35"

@@ -186,8 +186,8 @@ def _radius(component: Component, wavelength: float) -> float:
     """Effective radius of all modes together before any cut [m]: third over second moment."""
     if not isinstance(component.optics, MieAerosol):
         raise _refuse(component, f"{component.name}.effective_radius", "only optics of kind mie have sizes")
-    modes = component.optics.modes
-    if not all(isinstance(mode, LogNormalMode) for mode in modes):
+    modes = [mode for mode in component.optics.modes if isinstance(mode, LogNormalMode)]
+    if len(modes) < len(component.optics.modes):
         raise _refuse(component, f"{component.name}.effective_radius", "only log-normal modes can be stretched")
     s2 = np.array([np.log(m.geometric_standard_deviation) ** 2 for m in modes])
     r, n = np.array([m.median_radius for m in modes]), np.array([m.fraction for m in modes])

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, PlainSerializer
-from pydantic.json_schema import SkipJsonSchema
+from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.space import SpatialField
@@ -80,7 +79,10 @@ def unwritten(value: Any) -> bool:
 
 #: A field of a record that holds an array; takes anything that numpy takes, `None` for no array.
 ArrayField = Annotated[
-    SkipJsonSchema[Any], BeforeValidator(_frozen), PlainSerializer(_written, return_type=Any, when_used="json")
+    Any,
+    BeforeValidator(_frozen),
+    PlainSerializer(_written, return_type=Any, when_used="json"),
+    WithJsonSchema({"type": "array"}),
 ]
 
 

@@ -157,8 +157,7 @@ class SizeTable(TableRecord):
         """Exponential of the standard deviation of ln r."""
         radius, number = self.sizes(500e-9)
         x = np.log(radius)
-        mean = number @ x
-        return float(np.exp(np.sqrt(max(number @ (x - mean) ** 2, 0.0))))
+        return float(np.exp(np.sqrt(number @ (x - number @ x) ** 2)))
 
     def sizes(self, wavelength_m: float) -> tuple[Array, Array]:
         """Radii [m] and numbers of the size quadrature (a trapezoid in ln r; the numbers sum to 1)."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, WithJsonSchema, model_validator
 from pydantic_core import CoreSchema, core_schema
 
 from skyscatter import units
@@ -38,7 +38,7 @@ class SpectralTable(TableRecord):
     columns: ClassVar[dict[str, Wanted]] = {"wavelengths": _WAVELENGTH, "values": Wanted(("value",), units.RELATIVE)}
 
     wavelengths: Wavelengths
-    values: Numbers
+    values: Annotated[Numbers, WithJsonSchema({"type": "array", "items": {"type": ["number", "string"]}})]
 
     @model_validator(mode="after")
     def _check(self) -> SpectralTable:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from skyscatter import Model, Scene, load_model, model_names, optical_depth
+from skyscatter.cli.main import main
 from skyscatter.errors import ModelFileError
 from skyscatter.model import parse_model
 
@@ -201,3 +202,58 @@ def test_no_components_is_refused(tmp_path: Path) -> None:
     content = tomllib.loads(GOOD) | {"components": []}
     with pytest.raises(ModelFileError, match="at least one component"):
         parse_model(content, "text")
+
+
+def test_all_that_is_wrong_is_said_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "wrong.toml"
+    text = GOOD.replace('radius = "1000 km"', 'raduis = "1000 km"').replace("coefficient = 1e-5", 'coefficient = "2 s"')
+    text = text.replace('kind = "draine"', 'kind = "drain"').replace("densities = ", "values = ")
+    text = text.replace("temperature = 4000", 'temperature = "30 deg"').replace('"8 km"', "-8")
+    path.write_text(text.replace("weight = 0.5", "weight = true"), encoding="utf-8")
+    assert main(["models", "check", str(path)]) == 2
+    lines = [line.removeprefix(f"skyscatter: error: {path}: ") for line in capsys.readouterr().err.splitlines()]
+    assert [line.split(" = ")[0].split(":")[0] for line in lines] == [
+        "planet.raduis", "star.temperature", "components.0.density.scale_height", "components.0.optics.coefficient",
+        "components.1.density.values", "components.1.optics.phase.kind", "components.1.weight",
+    ]  # fmt: skip
+    assert "'30 deg': give a temperature, such as \"4000 K\"" in lines[1]
+    assert lines[2].endswith("= -8: must be a positive length")
+    assert lines[4].endswith("no such field; did you mean densities?")
+    assert "no such kind here; did you mean draine? there are isotropic, rayleigh," in lines[5]
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("expo", "did you mean exponential? there are exponential, uniform, tent, gaussian, chapman, tabulated, us-"),
+        ("sphere", "does not fit a planet with its air; choose exponential, uniform,"),
+        ("everywhere", "does not fit a planet with its air; choose exponential, uniform,"),
+    ],
+)
+def test_kinds_are_those_of_the_place(kind: str, words: str) -> None:
+    with pytest.raises(ModelFileError) as caught:
+        parse_model(tomllib.loads(GOOD.replace('kind = "exponential"', f'kind = "{kind}"')), "text")
+    message = str(caught.value).splitlines()[0]
+    assert message.startswith(f"text: components.0.density.kind = '{kind}': ")
+    assert words in message
+    assert "plummer" not in message
+
+
+def test_kinds_of_nebulae_and_scenes_are_their_own() -> None:
+    component = {"name": "a", "density": {"kind": "exponentia"}, "optics": {"kind": "mee"}}
+    for content, there, absent in (
+        ({"view": {}, "components": [component]}, "there are sphere, gaussian-sphere", "everywhere"),
+        ({"media": [{"name": "a", "components": [component]}], "viewpoint": {}}, "everywhere", "us-standard-1976"),
+    ):
+        with pytest.raises(ModelFileError) as caught:
+            parse_model({"name": "x", **content}, "text")
+        density = next(line for line in str(caught.value).splitlines() if ".density.kind" in line)
+        assert there in density
+        assert absent not in density
+    with pytest.raises(ModelFileError, match=r"camera\.kind = 'orb': no such kind here; there are panorama, fisheye"):
+        parse_model({"name": "x", "viewpoint": {}, "camera": {"kind": "orb"}}, "text")
+
+
+def test_a_misspelt_model_is_guessed() -> None:
+    with pytest.raises(ModelFileError, match=r"marss: no such model; did you mean mars\?"):
+        load_model("marss")

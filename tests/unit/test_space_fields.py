@@ -61,7 +61,7 @@ class TestSphere(SpatialFieldBase):
     field_class = Sphere
     examples = (Sphere(radius=2.0), Sphere(radius="1 pc"), Sphere(radius=3.0, **PLACED))
     refused = (
-        ({"radius": 0.0}, "radius = 0.0: must be above 0"),
+        ({"radius": 0.0}, "radius = 0.0: must be a positive length"),
         ({"radius": "1 s"}, "radius"),
         ({}, "radius is missing"),
         *(({"radius": 1.0, **bad}, message) for bad, message in BAD_PLACES),
@@ -267,7 +267,7 @@ class TestBipolarLobes(SpatialFieldBase):
 class TestSlab(SpatialFieldBase):
     field_class = Slab
     examples = (Slab(half_thickness=1.0, half_width=3.0), Slab(half_thickness=0.1, half_width=1.0, **PLACED))
-    refused = (({"half_thickness": 0.0}, "half_thickness = 0.0"), ({"half_thickness": 1, "half_width": -1}, "width = -1"))
+    refused = (({"half_thickness": 0.0}, "half_thickness = 0.0"), ({"half_thickness": 1, "half_width": -1}, "= -1"))
 
     def expected(self, field: Any, points: Array) -> Array:
         x, y, z = abs(own_frame(field, points)).T
