@@ -10,8 +10,8 @@ from skyscatter.errors import DomainError
 from skyscatter.media.arrays import ArrayField
 from skyscatter.record import Record
 from skyscatter.spectra.surfaces import surface_albedo
-from skyscatter.spectra.table import Albedo, Spectral, evaluate
-from skyscatter.units import PositiveMetres
+from skyscatter.spectra.table import Albedo, Albedos, Spectral, evaluate
+from skyscatter.units import PositiveMetres, default
 
 #: Albedos that a map can tell apart; the kernels number them, and what lies outside, in a byte.
 MOST_CLASSES = 255
@@ -50,7 +50,7 @@ class GroundMap(Record):
     """
 
     classes: ArrayField
-    albedos: tuple[Albedo, ...]
+    albedos: Albedos
     cell_size: PositiveMetres
 
     @model_validator(mode="after")
@@ -90,7 +90,7 @@ class Ground(Record):
         them.  For the solvers ``path`` and ``single``.
     """
 
-    albedo: Albedo = 0.0
+    albedo: Albedo = default(0.0)
     map: GroundMap | None = None
 
     @model_validator(mode="after")

@@ -14,8 +14,21 @@ from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.optics.base import Array
 from skyscatter.record import Record
 from skyscatter.spectra.solar import blackbody_irradiance
-from skyscatter.spectra.table import Irradiance, SpectralTable, bounds, evaluate
-from skyscatter.units import Degrees, Elevation, Kelvin, Luminosity, Magnitude, Place, PositiveMetres, Share, Triple
+from skyscatter.spectra.table import Irradiance, OptionalSpectral, SpectralTable, bounds, evaluate
+from skyscatter.units import (
+    Degrees,
+    Elevation,
+    Kelvin,
+    Luminosity,
+    Magnitude,
+    OptionalNumber,
+    OptionalTriple,
+    Place,
+    PositiveMetres,
+    Share,
+    Triple,
+    default,
+)
 
 #: Irradiance of magnitude 0 in V at 550 nm [W m-2 nm-1]: Vega's, Bessell, Castelli & Plez (1998), A&A 333, 231.
 VEGA_V = 3.631e-11
@@ -60,11 +73,11 @@ class PointStar(Record):
     """
 
     name: str = "star"
-    position: Place = (0.0, 0.0, 0.0)
-    temperature: Kelvin | None = None
-    luminosity: Luminosity | None = None
-    radius: PositiveMetres | None = None
-    magnitude_v: Magnitude | None = None
+    position: Place = default((0.0, 0.0, 0.0))
+    temperature: OptionalNumber[Kelvin] = default(None)
+    luminosity: OptionalNumber[Luminosity] = default(None)
+    radius: OptionalNumber[PositiveMetres] = default(None)
+    magnitude_v: OptionalNumber[Magnitude] = default(None)
     spectrum: SpectralTable | None = None
 
     @model_validator(mode="after")
@@ -159,12 +172,12 @@ class ParallelLight(Record):
     """
 
     name: str = "light"
-    direction: Triple | None = None
-    azimuth_deg: Degrees | None = None
-    elevation_deg: Elevation | None = None
-    irradiance: Irradiance | None = None
-    temperature: Kelvin | None = None
-    dilution: Share | None = None
+    direction: OptionalTriple[Triple] = default(None)
+    azimuth_deg: OptionalNumber[Degrees] = default(None)
+    elevation_deg: OptionalNumber[Elevation] = default(None)
+    irradiance: OptionalSpectral[Irradiance] = default(None)
+    temperature: OptionalNumber[Kelvin] = default(None)
+    dilution: OptionalNumber[Share] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -14,6 +14,7 @@ from skyscatter.record import Record
 from skyscatter.space import SpaceScene, View
 from skyscatter.spectra.table import Background
 from skyscatter.starfield import StarField
+from skyscatter.units import default
 
 
 class NebulaModel(Record):
@@ -50,7 +51,7 @@ class NebulaModel(Record):
     components: tuple[Component, ...]
     stars: tuple[PointStar, ...] = ()
     parallel: tuple[ParallelLight, ...] = ()
-    background: Background = 0.0
+    background: Background = default(0.0)
     star_field: StarField | None = None
 
     @model_validator(mode="after")

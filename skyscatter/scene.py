@@ -15,7 +15,16 @@ from skyscatter.media.medium import Medium
 from skyscatter.record import Record
 from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, disk_mean, limb_darkening, solar_irradiance
 from skyscatter.spectra.table import Radiance, StarSpectrum, evaluate
-from skyscatter.units import AstronomicalUnits, Degrees, Elevation, Kelvin, Metres, NonNegativeMetres
+from skyscatter.units import (
+    AstronomicalUnits,
+    Degrees,
+    Elevation,
+    Kelvin,
+    Metres,
+    NonNegativeMetres,
+    OptionalNumber,
+    default,
+)
 
 AU = 149597870700.0  #: astronomical unit [m], IAU 2012 resolution B2
 
@@ -36,10 +45,10 @@ class Star(Record):
         Darken the disk as the Sun's (Neckel & Labs 1994); a uniform disk otherwise.
     """
 
-    spectrum: StarSpectrum = "astm-g173"
-    temperature: Kelvin = 5772.0
-    radius: NonNegativeMetres = SOLAR_RADIUS
-    distance: Metres = AU
+    spectrum: StarSpectrum = default("astm-g173")
+    temperature: Kelvin = default(5772.0)
+    radius: NonNegativeMetres = default(SOLAR_RADIUS)
+    distance: Metres = default(AU)
     limb_darkening: bool = True
 
     @model_validator(mode="after")
@@ -94,9 +103,9 @@ class Sun(Record):
         Place and time for which the Sun stands there, where they are known.
     """
 
-    elevation_deg: Elevation = 30.0
-    azimuth_deg: Degrees = 180.0
-    distance_au: AstronomicalUnits | None = None
+    elevation_deg: Elevation = default(30.0)
+    azimuth_deg: Degrees = default(180.0)
+    distance_au: OptionalNumber[AstronomicalUnits] = default(None)
     site: Site | None = None
 
     @property
@@ -139,8 +148,8 @@ class Scene(Record):
     ground: Ground = Ground()
     star: Star = Star()
     sun: Sun = Sun()
-    altitude: NonNegativeMetres = 0.0
-    background: Radiance = 0.0
+    altitude: NonNegativeMetres = default(0.0)
+    background: Radiance = default(0.0)
 
     @property
     def observer(self) -> Observer:

@@ -16,7 +16,7 @@ from skyscatter.media.medium import Medium
 from skyscatter.record import Record
 from skyscatter.spectra.table import Background, evaluate
 from skyscatter.starfield import StarField
-from skyscatter.units import PARSEC, Elevation, PositiveMetres, RightAscension, Turn
+from skyscatter.units import PARSEC, Elevation, PositiveMetres, RightAscension, Turn, default
 
 Array = NDArray[np.float64]
 
@@ -38,12 +38,12 @@ class View(Record):
         [degree]
     """
 
-    ra_deg: RightAscension = 0.0
-    dec_deg: Elevation = 0.0
-    distance: PositiveMetres = 1000 * PARSEC
-    inclination_deg: Turn = 0.0
-    azimuth_deg: Turn = 0.0
-    position_angle_deg: Turn = 0.0
+    ra_deg: RightAscension = default(0.0)
+    dec_deg: Elevation = default(0.0)
+    distance: PositiveMetres = default(1000 * PARSEC)
+    inclination_deg: Turn = default(0.0)
+    azimuth_deg: Turn = default(0.0)
+    position_angle_deg: Turn = default(0.0)
 
     @property
     def matrix(self) -> Array:
@@ -97,7 +97,7 @@ class SpaceScene(Record):
     medium: Medium
     stars: tuple[PointStar, ...] = ()
     parallel: tuple[ParallelLight, ...] = ()
-    background: Background = 0.0
+    background: Background = default(0.0)
     star_field: StarField | None = None
     view: View = View()
 

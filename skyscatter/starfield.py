@@ -13,7 +13,7 @@ from skyscatter.errors import DomainError
 from skyscatter.lights import VISUAL_WAVELENGTH, visual_irradiance
 from skyscatter.optics.base import Array
 from skyscatter.record import Record
-from skyscatter.units import Magnitude, StarTemperature
+from skyscatter.units import Magnitude, OptionalNumber, StarTemperature, default
 
 _PER_CELL = 32.0  # mean number of stars in a cell of the plane: few cells, little drawn in vain at the edges
 _WIDEST_CELL = 8.0  # [degree]
@@ -70,9 +70,9 @@ class StarField(Record):
 
     count_per_square_degree: float = Field(gt=0.0)
     limiting_magnitude: Magnitude
-    brightest_magnitude: Magnitude | None = None
+    brightest_magnitude: OptionalNumber[Magnitude] = default(None)
     slope: float = Field(default=0.3, gt=0.0)
-    median_temperature: StarTemperature = 5250.0
+    median_temperature: StarTemperature = default(5250.0)
     temperature_spread: float = Field(default=0.1, ge=0.0, le=0.5)
     seed: int = Field(default=0, ge=0)
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Protocol, TypeVar
 
 from pydantic import BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
@@ -277,52 +277,148 @@ def starts_as_number(text: str) -> bool:
     return _NUMBER_AND_UNIT.fullmatch(text) is not None
 
 
+def default(value: Any) -> Any:
+    """A field's default, for a type checker of any type: it takes fields for descriptors."""
+    return value
+
+
 def _listed(value: Any) -> Any:
     """Arrays, with or without a unit, as the lists that records take."""
     return list(value) if getattr(value, "ndim", 0) > 0 else value
 
 
-Metres = Annotated[float, LENGTH]
-PositiveMetres = Annotated[float, LENGTH.within(0.0, above=True)]
-NonNegativeMetres = Annotated[float, LENGTH.within(0.0)]
-AstronomicalUnits = Annotated[float, ASTRONOMICAL.within(0.0, above=True)]
-PositiveNanometres = Annotated[float, WAVELENGTH.within(0.0, above=True)]
-Degrees = Annotated[float, ANGLE]
-Turn = Annotated[float, ANGLE.within(-360.0, 360.0)]
-Elevation = Annotated[float, ANGLE.within(-90.0, 90.0)]
-LowElevation = Annotated[float, ANGLE.within(-90.0, 90.0, below=True)]
-HighElevation = Annotated[float, ANGLE.within(-90.0, 90.0, above=True)]
-RightAscension = Annotated[float, ANGLE.within(0.0, 360.0, below=True)]
-HalfAngle = Annotated[float, ANGLE.within(0.0, 90.0, above=True, below=True)]
-Kelvin = Annotated[float, TEMPERATURE]
-StarTemperature = Annotated[float, TEMPERATURE.within(1000.0, 100000.0)]
-Number = Annotated[float, NUMBER]
-PositiveNumber = Annotated[float, NUMBER.within(0.0, above=True)]
-NonNegative = Annotated[float, NUMBER.within(0.0)]
-Share = Annotated[float, SHARE]
-Coefficient = Annotated[float, EXTINCTION.within(0.0)]
-NumberDensity = Annotated[float, NUMBER_DENSITY.within(0.0)]
-MassDensity = Annotated[float, MASS_DENSITY.within(0.0)]
-ColumnDensity = Annotated[float, COLUMN.within(0.0)]
-DobsonUnits = Annotated[float, DOBSON.within(0.0)]
-PartsPerMillion = Annotated[float, PARTS.within(0.0, 1e5, below=True)]
-Magnitude = Annotated[float, MAGNITUDE]
-Extinction = Annotated[float, MAGNITUDE.within(0.0)]
-Luminosity = Annotated[float, LUMINOSITY.within(0.0, above=True)]
-PhotonRate = Annotated[float, RATE.within(0.0, above=True)]
-Watts = Annotated[float, POWER.within(0.0)]
-Lumens = Annotated[float, LUMENS.within(0.0)]
-Lux = Annotated[float, LUX.within(0.0)]
-Candela = Annotated[float, CANDELA.within(0.0)]
-WattsPerArea = Annotated[float, WATTS_PER_AREA.within(0.0)]
-WattsPerAreaAndAngle = Annotated[float, WATTS_PER_AREA_SR.within(0.0)]
-Place = Annotated[tuple[Metres, Metres, Metres], BeforeValidator(_listed)]
-Sizes = Annotated[tuple[PositiveMetres, PositiveMetres, PositiveMetres], BeforeValidator(_listed)]
-Radii = Annotated[tuple[PositiveMetres, ...], BeforeValidator(_listed)]
-Triple = Annotated[tuple[float, float, float], BeforeValidator(_listed)]
-Altitudes = Annotated[tuple[NonNegativeMetres, ...], BeforeValidator(_listed)]
-Wavelengths = Annotated[tuple[PositiveNanometres, ...], BeforeValidator(_listed)]
-Angles = Annotated[tuple[Annotated[float, ANGLE.within(0.0, 180.0)], ...], BeforeValidator(_listed)]
-Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed)]
-Densities = Annotated[tuple[NonNegative, ...], BeforeValidator(_listed)]
-Intensities = Annotated[tuple[NonNegative, ...], BeforeValidator(_listed)]
+_Sort = TypeVar("_Sort")
+_Kept = TypeVar("_Kept", covariant=True)
+_Written = TypeVar("_Written", contravariant=True)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    # For type checkers a field is a descriptor: it is set with a text or a Quantity as well, and read as a number.
+
+    class _Quantity(Protocol):
+        def to_value(self, unit: Any) -> Any: ...
+
+    Amount = float | str | _Quantity
+    Amounts = Sequence[Amount] | NDArray[Any] | _Quantity
+
+    class Given(Generic[_Kept, _Written]):
+        """A field that is read as one type and may be given as others."""
+
+        def __get__(self, instance: object, owner: Any) -> _Kept: ...
+        def __set__(self, instance: object, value: _Written) -> None: ...
+
+    class OptionalNumber(Given[float | None, Amount | None], Generic[_Sort]):
+        """A number, or none."""
+
+    class OptionalTriple(Given[tuple[float, float, float] | None, Amounts | None], Generic[_Sort]):
+        """Three numbers, or none."""
+
+    class OptionalPair(Given[tuple[float, float] | None, Amounts | None], Generic[_Sort]):
+        """Two numbers, or none."""
+
+    Metres = Given[float, Amount]
+    PositiveMetres = Given[float, Amount]
+    NonNegativeMetres = Given[float, Amount]
+    AstronomicalUnits = Given[float, Amount]
+    PositiveNanometres = Given[float, Amount]
+    Degrees = Given[float, Amount]
+    Turn = Given[float, Amount]
+    Elevation = Given[float, Amount]
+    LowElevation = Given[float, Amount]
+    HighElevation = Given[float, Amount]
+    RightAscension = Given[float, Amount]
+    HalfAngle = Given[float, Amount]
+    Kelvin = Given[float, Amount]
+    StarTemperature = Given[float, Amount]
+    Number = Given[float, Amount]
+    PositiveNumber = Given[float, Amount]
+    NonNegative = Given[float, Amount]
+    Share = Given[float, Amount]
+    Coefficient = Given[float, Amount]
+    NumberDensity = Given[float, Amount]
+    MassDensity = Given[float, Amount]
+    ColumnDensity = Given[float, Amount]
+    DobsonUnits = Given[float, Amount]
+    PartsPerMillion = Given[float, Amount]
+    Magnitude = Given[float, Amount]
+    Extinction = Given[float, Amount]
+    Luminosity = Given[float, Amount]
+    PhotonRate = Given[float, Amount]
+    Watts = Given[float, Amount]
+    Lumens = Given[float, Amount]
+    Lux = Given[float, Amount]
+    Candela = Given[float, Amount]
+    WattsPerArea = Given[float, Amount]
+    WattsPerAreaAndAngle = Given[float, Amount]
+    Place = Given[tuple[float, float, float], Amounts]
+    Sizes = Given[tuple[float, float, float], Amounts]
+    Triple = Given[tuple[float, float, float], Amounts]
+    Radii = Given[tuple[float, ...], Amounts]
+    Altitudes = Given[tuple[float, ...], Amounts]
+    Wavelengths = Given[tuple[float, ...], Amounts]
+    Angles = Given[tuple[float, ...], Amounts]
+    Numbers = Given[tuple[float, ...], Amounts]
+    Densities = Given[tuple[float, ...], Amounts]
+    Intensities = Given[tuple[float, ...], Amounts]
+    Size = Given[tuple[float, float], Amounts]
+    Places = Given[tuple[tuple[float, float, float], ...], Sequence[Amounts] | NDArray[Any] | _Quantity]
+    Profile = Given[tuple[tuple[float, float], ...], Sequence[Amounts] | NDArray[Any] | _Quantity]
+    Rows = Given[tuple[tuple[float, ...], ...], Sequence[Amounts] | NDArray[Any] | _Quantity]
+else:
+
+    class OptionalNumber:
+        """A number, or none."""
+
+        def __class_getitem__(cls, sort: Any) -> Any:
+            return sort | None
+
+    OptionalTriple = OptionalPair = OptionalNumber
+    Metres = Annotated[float, LENGTH]
+    PositiveMetres = Annotated[float, LENGTH.within(0.0, above=True)]
+    NonNegativeMetres = Annotated[float, LENGTH.within(0.0)]
+    AstronomicalUnits = Annotated[float, ASTRONOMICAL.within(0.0, above=True)]
+    PositiveNanometres = Annotated[float, WAVELENGTH.within(0.0, above=True)]
+    Degrees = Annotated[float, ANGLE]
+    Turn = Annotated[float, ANGLE.within(-360.0, 360.0)]
+    Elevation = Annotated[float, ANGLE.within(-90.0, 90.0)]
+    LowElevation = Annotated[float, ANGLE.within(-90.0, 90.0, below=True)]
+    HighElevation = Annotated[float, ANGLE.within(-90.0, 90.0, above=True)]
+    RightAscension = Annotated[float, ANGLE.within(0.0, 360.0, below=True)]
+    HalfAngle = Annotated[float, ANGLE.within(0.0, 90.0, above=True, below=True)]
+    Kelvin = Annotated[float, TEMPERATURE]
+    StarTemperature = Annotated[float, TEMPERATURE.within(1000.0, 100000.0)]
+    Number = Annotated[float, NUMBER]
+    PositiveNumber = Annotated[float, NUMBER.within(0.0, above=True)]
+    NonNegative = Annotated[float, NUMBER.within(0.0)]
+    Share = Annotated[float, SHARE]
+    Coefficient = Annotated[float, EXTINCTION.within(0.0)]
+    NumberDensity = Annotated[float, NUMBER_DENSITY.within(0.0)]
+    MassDensity = Annotated[float, MASS_DENSITY.within(0.0)]
+    ColumnDensity = Annotated[float, COLUMN.within(0.0)]
+    DobsonUnits = Annotated[float, DOBSON.within(0.0)]
+    PartsPerMillion = Annotated[float, PARTS.within(0.0, 1e5, below=True)]
+    Magnitude = Annotated[float, MAGNITUDE]
+    Extinction = Annotated[float, MAGNITUDE.within(0.0)]
+    Luminosity = Annotated[float, LUMINOSITY.within(0.0, above=True)]
+    PhotonRate = Annotated[float, RATE.within(0.0, above=True)]
+    Watts = Annotated[float, POWER.within(0.0)]
+    Lumens = Annotated[float, LUMENS.within(0.0)]
+    Lux = Annotated[float, LUX.within(0.0)]
+    Candela = Annotated[float, CANDELA.within(0.0)]
+    WattsPerArea = Annotated[float, WATTS_PER_AREA.within(0.0)]
+    WattsPerAreaAndAngle = Annotated[float, WATTS_PER_AREA_SR.within(0.0)]
+    Place = Annotated[tuple[Metres, Metres, Metres], BeforeValidator(_listed)]
+    Sizes = Annotated[tuple[PositiveMetres, PositiveMetres, PositiveMetres], BeforeValidator(_listed)]
+    Radii = Annotated[tuple[PositiveMetres, ...], BeforeValidator(_listed)]
+    Triple = Annotated[tuple[float, float, float], BeforeValidator(_listed)]
+    Altitudes = Annotated[tuple[NonNegativeMetres, ...], BeforeValidator(_listed)]
+    Wavelengths = Annotated[tuple[PositiveNanometres, ...], BeforeValidator(_listed)]
+    Angles = Annotated[tuple[Annotated[float, ANGLE.within(0.0, 180.0)], ...], BeforeValidator(_listed)]
+    Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed)]
+    Densities = Annotated[tuple[NonNegative, ...], BeforeValidator(_listed)]
+    Intensities = Annotated[tuple[NonNegative, ...], BeforeValidator(_listed)]
+    Size = Annotated[tuple[PositiveMetres, PositiveMetres], BeforeValidator(_listed)]
+    Places = Annotated[tuple[Place, ...], BeforeValidator(_listed)]
+    Profile = Annotated[tuple[tuple[Metres, Metres], ...], BeforeValidator(_listed)]
+    Rows = Annotated[tuple[Annotated[tuple[Metres, ...], BeforeValidator(_listed)], ...], BeforeValidator(_listed)]

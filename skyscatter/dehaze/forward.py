@@ -22,7 +22,7 @@ from skyscatter.media.medium import Component, Medium
 from skyscatter.optics.rayleigh import RayleighAir
 from skyscatter.record import Record, nearest
 from skyscatter.scene import Scene
-from skyscatter.units import Metres
+from skyscatter.units import Metres, default
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Atmosphere(Record):
 
     aerosol: str = "continental"
     pressure_hpa: float = STANDARD_PRESSURE
-    planet_radius: Metres = 6371e3
+    planet_radius: Metres = default(6371e3)
 
     @model_validator(mode="after")
     def _check(self) -> Atmosphere:

@@ -24,7 +24,7 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.pinhole import Array, CameraBase, ObserverLike, Pinhole
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.geometry.vectors import azimuth_elevation_from_direction, camera_frame, direction_from_azimuth_elevation
-from skyscatter.units import ANGLE, Elevation, HighElevation, LowElevation, Turn
+from skyscatter.units import ANGLE, Elevation, HighElevation, LowElevation, OptionalNumber, Turn, default
 
 
 class Panorama(CameraBase):
@@ -42,9 +42,9 @@ class Panorama(CameraBase):
     """
 
     kind: Literal["panorama"] = "panorama"
-    elevation_min_deg: LowElevation = -90.0
-    elevation_max_deg: HighElevation = 90.0
-    centre_azimuth_deg: Turn = 180.0
+    elevation_min_deg: LowElevation = default(-90.0)
+    elevation_max_deg: HighElevation = default(90.0)
+    centre_azimuth_deg: Turn = default(180.0)
 
     @model_validator(mode="after")
     def _check(self) -> Panorama:
@@ -101,9 +101,9 @@ class Fisheye(CameraBase):
     projection: Literal["equidistant", "equisolid"] = "equidistant"
     fov_deg: Annotated[float, ANGLE.within(0.0, 360.0, above=True)] = 180.0
     # A camera that faces south and is tilted up to the zenith has north at the top.
-    azimuth_deg: Turn = 180.0
-    elevation_deg: Elevation = 90.0
-    roll_deg: Turn = 0.0
+    azimuth_deg: Turn = default(180.0)
+    elevation_deg: Elevation = default(90.0)
+    roll_deg: Turn = default(0.0)
     east_left: bool = True
 
     def _radius_and_half_field(self) -> tuple[float, float]:
@@ -175,10 +175,10 @@ class Perspective(Pinhole):
     """
 
     kind: Literal["perspective"] = "perspective"
-    azimuth_deg: Turn | None = None
-    elevation_deg: Elevation = 0.0
+    azimuth_deg: OptionalNumber[Turn] = default(None)
+    elevation_deg: Elevation = default(0.0)
     fov_deg: Annotated[float, ANGLE.within(0.0, 180.0, above=True, below=True)] = 60.0
-    roll_deg: Turn = 0.0
+    roll_deg: Turn = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Perspective:

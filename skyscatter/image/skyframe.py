@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError
 
 from skyscatter.errors import DomainError
 from skyscatter.record import Record
-from skyscatter.units import Metres
+from skyscatter.units import Metres, OptionalNumber, default
 
 Array = NDArray[np.float64]
 Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -31,9 +31,9 @@ class SkyFrame(Record):
     name: Annotated[str, Field(max_length=68, pattern=r"^[ -~]*$")] = ""  #: of the object; as FITS takes it
     frame: Literal["icrs"] = "icrs"
     #: How the model is turned (for the record: the picture itself always has north up).
-    inclination_deg: Turn | None = None
-    azimuth_deg: Turn | None = None
-    position_angle_deg: Turn | None = None
+    inclination_deg: OptionalNumber[Turn] = default(None)
+    azimuth_deg: OptionalNumber[Turn] = default(None)
+    position_angle_deg: OptionalNumber[Turn] = default(None)
 
     @classmethod
     def seen(cls, view: Any, camera: Any, name: str = "") -> SkyFrame:

@@ -17,7 +17,7 @@ from skyscatter import units
 from skyscatter.errors import DomainError
 from skyscatter.record import Record
 from skyscatter.tablefile import TableRecord, Wanted
-from skyscatter.units import Altitudes, Densities, Metres, NonNegativeMetres, PositiveMetres
+from skyscatter.units import Altitudes, Densities, Metres, NonNegativeMetres, OptionalNumber, PositiveMetres, default
 
 # The kinds of `kernels.columns`, repeated as plain numbers so that describing a field does not load the compiler.
 EXPONENTIAL, LINEAR, LOGARITHMIC, GAUSSIAN, CHAPMAN = 0, 1, 2, 3, 4
@@ -81,7 +81,7 @@ class Exponential(DensityField):
 
     kind: Literal["exponential"] = "exponential"
     scale_height: PositiveMetres
-    top: PositiveMetres | None = None
+    top: OptionalNumber[PositiveMetres] = default(None)
 
     def row(self) -> FieldRow:
         """The field as data for the kernels."""
@@ -99,7 +99,7 @@ class Uniform(DensityField):
     """
 
     kind: Literal["uniform"] = "uniform"
-    base: NonNegativeMetres = 0.0
+    base: NonNegativeMetres = default(0.0)
     top: PositiveMetres
 
     @model_validator(mode="after")
@@ -155,7 +155,7 @@ class Gaussian(DensityField):
     kind: Literal["gaussian"] = "gaussian"
     peak: Metres
     width: PositiveMetres
-    top: PositiveMetres | None = None
+    top: OptionalNumber[PositiveMetres] = default(None)
 
     def row(self) -> FieldRow:
         """The field as data for the kernels."""
@@ -181,7 +181,7 @@ class ChapmanLayer(DensityField):
     kind: Literal["chapman"] = "chapman"
     peak: Metres
     scale_height: PositiveMetres
-    top: PositiveMetres | None = None
+    top: OptionalNumber[PositiveMetres] = default(None)
 
     def row(self) -> FieldRow:
         """The field as data for the kernels."""

@@ -11,7 +11,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.programs import FILAMENT
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape
 from skyscatter.media.space import Array
-from skyscatter.units import Place, PositiveMetres, PositiveNumber
+from skyscatter.units import OptionalNumber, Places, PositiveMetres, PositiveNumber, default
 
 #: Straight pieces between two points of a smooth filament.
 PIECES_PER_SPAN = 8
@@ -38,11 +38,11 @@ class Filament(Shape):
     """
 
     kind: Literal["filament"] = "filament"
-    points: tuple[Place, ...]
+    points: Places
     width: PositiveMetres
     profile: Literal["gaussian", "plummer"] = "gaussian"
-    exponent: PositiveNumber = 2.0
-    cut: PositiveMetres | None = None
+    exponent: PositiveNumber = default(2.0)
+    cut: OptionalNumber[PositiveMetres] = default(None)
     smooth: bool = True
 
     @model_validator(mode="after")

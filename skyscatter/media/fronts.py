@@ -11,7 +11,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.programs import FRONT
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, radii
 from skyscatter.media.space import Array
-from skyscatter.units import Degrees, Metres, NonNegativeMetres
+from skyscatter.units import Degrees, NonNegativeMetres, Rows, default
 
 
 class Front(Shape):
@@ -31,9 +31,9 @@ class Front(Shape):
     """
 
     kind: Literal["front"] = "front"
-    radii: tuple[tuple[Metres, ...], ...]
-    width: NonNegativeMetres = 0.0
-    opening_deg: Degrees = 180.0
+    radii: Rows
+    width: NonNegativeMetres = default(0.0)
+    opening_deg: Degrees = default(180.0)
 
     @model_validator(mode="after")
     def _check(self) -> Front:

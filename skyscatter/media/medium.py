@@ -20,7 +20,7 @@ from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
 from skyscatter.record import Record
 from skyscatter.spectra.table import Emission
 from skyscatter.surfaces.artist import ArtistMedium
-from skyscatter.units import NonNegative, PositiveMetres
+from skyscatter.units import NonNegative, OptionalNumber, PositiveMetres, default
 
 AnyOptics = Annotated[
     RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines
@@ -51,8 +51,8 @@ class Component(Record):
     name: str
     density: AnyDensity
     optics: AnyOptics
-    weight: NonNegative = 1.0
-    emission: Emission = 0.0
+    weight: NonNegative = default(1.0)
+    emission: Emission = default(0.0)
 
 
 class Medium(Record):
@@ -66,7 +66,7 @@ class Medium(Record):
     """
 
     components: tuple[Component, ...]
-    planet_radius: PositiveMetres | None = None
+    planet_radius: OptionalNumber[PositiveMetres] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Medium:

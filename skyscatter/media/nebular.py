@@ -15,7 +15,18 @@ from skyscatter.media.shapes import axis_rotation, require_positive
 from skyscatter.media.space import Array, FieldTerm, SpatialField
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.record import Record
-from skyscatter.units import Degrees, Kelvin, Luminosity, NonNegativeMetres, NumberDensity, PhotonRate, Place
+from skyscatter.units import (
+    Degrees,
+    Kelvin,
+    Luminosity,
+    NonNegativeMetres,
+    NumberDensity,
+    OptionalNumber,
+    OptionalTriple,
+    PhotonRate,
+    Place,
+    default,
+)
 
 if TYPE_CHECKING:
     from skyscatter.media.operations import AnySpatialField
@@ -40,10 +51,10 @@ class IonisingSource(Record):
         Its bolometric luminosity [nominal solar luminosities].
     """
 
-    position: Place = (0.0, 0.0, 0.0)
-    ionising_photons: PhotonRate | None = None
-    temperature: Kelvin | None = None
-    luminosity: Luminosity | None = None
+    position: Place = default((0.0, 0.0, 0.0))
+    ionising_photons: OptionalNumber[PhotonRate] = default(None)
+    temperature: OptionalNumber[Kelvin] = default(None)
+    luminosity: OptionalNumber[Luminosity] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> IonisingSource:
@@ -107,12 +118,12 @@ class IonisedGas(SpatialField):
     gas: AnySpatialField
     hydrogen_density: NumberDensity
     sources: tuple[IonisingSource, ...]
-    front_width: NonNegativeMetres = 0.0
+    front_width: NonNegativeMetres = default(0.0)
     power: Literal[1, 2] = 2
     inverse: bool = False
     layer: tuple[float, float] = (0.0, 1.0)
-    gas_temperature: Kelvin = 1e4
-    resolution_deg: Degrees = 3.0
+    gas_temperature: Kelvin = default(1e4)
+    resolution_deg: Degrees = default(3.0)
     tolerance: float = 1e-4
 
     @model_validator(mode="after")
@@ -247,8 +258,8 @@ class Sampled(SpatialField):
     kind: Literal["sampled"] = "sampled"
     field: AnySpatialField
     cells: int | tuple[int, int, int] = 128
-    low: Place | None = None
-    high: Place | None = None
+    low: OptionalTriple[Place] = default(None)
+    high: OptionalTriple[Place] = default(None)
     edge: Literal["falling", "sharp"] = "falling"
 
     @model_validator(mode="after")

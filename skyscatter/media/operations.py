@@ -45,7 +45,7 @@ from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
 from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
 from skyscatter.media.turbulence import Turbulence, random_directions
 from skyscatter.media.voxels import VoxelGrid
-from skyscatter.units import Degrees, Place, PositiveMetres, PositiveNumber, Triple
+from skyscatter.units import Degrees, OptionalNumber, Place, PositiveMetres, PositiveNumber, Triple, default
 
 #: Modes of each component of a warp; also in `kernels.shapes`.
 WARP_MODES = 8
@@ -120,9 +120,9 @@ class Rotated(_Mapped):
     """
 
     kind: Literal["rotate"] = "rotate"
-    axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: Degrees = 0.0
-    about: Place = (0.0, 0.0, 0.0)
+    axis: Triple = default((0.0, 0.0, 1.0))
+    turn_deg: Degrees = default(0.0)
+    about: Place = default((0.0, 0.0, 0.0))
 
     @model_validator(mode="after")
     def _check(self) -> Rotated:
@@ -150,7 +150,7 @@ class Scaled(_Mapped):
 
     kind: Literal["scale"] = "scale"
     factors: Triple
-    about: Place = (0.0, 0.0, 0.0)
+    about: Place = default((0.0, 0.0, 0.0))
 
     @model_validator(mode="after")
     def _check(self) -> Scaled:
@@ -275,7 +275,7 @@ class Carved(SpatialField):
     kind: Literal["carve"] = "carve"
     field: AnySpatialField
     by: AnySpatialField
-    level: PositiveNumber | None = None
+    level: OptionalNumber[PositiveNumber] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Carved:

@@ -14,7 +14,7 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_arrays
 from skyscatter.media.space import Array, FieldTerm, Instruction
 from skyscatter.media.voxels import VoxelGrid
-from skyscatter.units import PositiveMetres
+from skyscatter.units import PositiveMetres, default
 
 # The kinds of `kernels.space`, repeated as plain numbers so that describing a field does not load the compiler.
 PARTICLES = 51
@@ -69,7 +69,7 @@ class ParticleSet(ArrayRecord):
     masses: ArrayField = None
     smoothing_lengths: ArrayField = None
     file: str | None = None
-    length_unit: PositiveMetres = 1.0
+    length_unit: PositiveMetres = default(1.0)
     factor: float = Field(default=1.0, gt=0)
     neighbours: int = Field(default=32, ge=1)
     resolution: Literal["auto"] | int = "auto"

@@ -22,7 +22,7 @@ from skyscatter.media.programs import (
     method_of,
 )
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
-from skyscatter.units import Degrees, Metres, Place, PositiveMetres, PositiveNumber, Triple
+from skyscatter.units import Degrees, Metres, OptionalNumber, Place, PositiveMetres, PositiveNumber, Triple, default
 
 #: Widths at which a Gaussian is cut: it has fallen to 1e-8 of its middle.
 GAUSSIAN_CUT = 6.07
@@ -36,7 +36,7 @@ def require_positive(field: SpatialField, *names: str) -> None:
             raise DomainError(name, value, "must be above 0")
 
 
-def axis_rotation(axis: Triple, turn_deg: float) -> Array:
+def axis_rotation(axis: tuple[float, float, float], turn_deg: float) -> Array:
     """Rotation (3, 3) that turns by `turn_deg` about z, then takes z to `axis` on the shortest way."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
@@ -52,7 +52,7 @@ class Leaf(NamedTuple):
     """A shape in its own frame."""
 
     operation: int
-    unit: float | Triple  #: length [m] of the frame's unit, along each axis
+    unit: float | tuple[float, float, float]  #: length [m] of the frame's unit, along each axis
     reach: float | Array  #: radius of the ball, or corners (2, 3) of the box, that holds it, in units
     scale: float  #: longest panel of the quadrature, in (the shortest of the) units
     parameters: tuple[float, ...] = ()
@@ -76,10 +76,10 @@ class Shape(SpatialField):
         Factors by which it is stretched along its own x, y and z.
     """
 
-    position: Place = (0.0, 0.0, 0.0)
-    axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: Degrees = 0.0
-    axes: Triple = (1.0, 1.0, 1.0)
+    position: Place = default((0.0, 0.0, 0.0))
+    axis: Triple = default((0.0, 0.0, 1.0))
+    turn_deg: Degrees = default(0.0)
+    axes: Triple = default((1.0, 1.0, 1.0))
 
     @model_validator(mode="after")
     def _check_place(self) -> Shape:
@@ -228,7 +228,7 @@ class Plummer(_PowerLawSphere):
 
     kind: Literal["plummer"] = "plummer"
     radius: PositiveMetres
-    cut: PositiveMetres | None = None
+    cut: OptionalNumber[PositiveMetres] = default(None)
 
     def _shape(self) -> tuple[float, float, float]:
         return self.radius, 5.0, 40.0 * self.radius if self.cut is None else self.cut

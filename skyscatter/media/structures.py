@@ -11,7 +11,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.programs import BOX, CONE, DISK
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, Shell, radii
 from skyscatter.media.space import Array, FieldTerm
-from skyscatter.units import HalfAngle, NonNegativeMetres, PositiveMetres, Share, Sizes
+from skyscatter.units import HalfAngle, NonNegativeMetres, OptionalNumber, PositiveMetres, Share, Sizes, default
 
 #: Half width of a slab without sides, in half thicknesses.
 ENDLESS = 1e4
@@ -53,7 +53,7 @@ class FlaredDisk(Shape):
     @property
     def centre(self) -> Array:
         """Point (3,) [m] through which the reference column goes."""
-        return np.array(self.position) + self.rotation @ [self.radius * self.axes[0], 0.0, 0.0]
+        return np.array(self.position) + self.rotation @ np.array([self.radius * np.array(self.axes)[0], 0.0, 0.0])
 
     def leaf(self) -> Leaf:
         """The shape in its own frame."""
@@ -98,7 +98,7 @@ class Cone(Shape):
     kind: Literal["cone"] = "cone"
     half_angle_deg: HalfAngle
     length: PositiveMetres
-    inner: NonNegativeMetres = 0.0
+    inner: NonNegativeMetres = default(0.0)
     exponent: float = 0.0
     both_sides: bool = False
 
@@ -113,7 +113,7 @@ class Cone(Shape):
     @property
     def centre(self) -> Array:
         """Point (3,) [m] through which the reference column goes: on the axis, half-way between the radii."""
-        height = 0.5 * (self.inner + self.length) * self.axes[2]
+        height = 0.5 * (self.inner + self.length) * float(np.array(self.axes)[2])
         return np.array(self.position) + self.rotation @ [0.0, 0.0, height]
 
     def leaf(self) -> Leaf:
@@ -167,7 +167,7 @@ class BipolarLobes(Shape):
     kind: Literal["bipolar-lobes"] = "bipolar-lobes"
     length: PositiveMetres
     width: PositiveMetres
-    hollow: Share = 0.0
+    hollow: Share = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> BipolarLobes:
@@ -177,8 +177,9 @@ class BipolarLobes(Shape):
 
     def _lobes(self) -> tuple[Shell, Shell]:
         half, slim = 0.5 * self.length, self.width / self.length
-        axes = (self.axes[0] * slim, self.axes[1] * slim, self.axes[2])
-        shift = self.rotation @ [0.0, 0.0, half * self.axes[2]]
+        own = np.array(self.axes)
+        axes = (float(own[0]) * slim, float(own[1]) * slim, float(own[2]))
+        shift = self.rotation @ np.array([0.0, 0.0, half * own[2]])
         lobes = [
             Shell(
                 position=tuple(float(x) for x in np.array(self.position) + sign * shift),
@@ -249,7 +250,7 @@ class Slab(_Cuboid):
 
     kind: Literal["slab"] = "slab"
     half_thickness: PositiveMetres
-    half_width: PositiveMetres | None = None
+    half_width: OptionalNumber[PositiveMetres] = default(None)
 
     def _half_sizes(self) -> tuple[float, float, float]:
         side = ENDLESS * self.half_thickness if self.half_width is None else self.half_width

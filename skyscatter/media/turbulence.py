@@ -13,7 +13,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.programs import TURBULENCE
 from skyscatter.media.shapes import Leaf, Shape
 from skyscatter.media.space import Array
-from skyscatter.units import PositiveMetres, PositiveNumber, Sizes
+from skyscatter.units import OptionalTriple, PositiveMetres, PositiveNumber, Sizes, default
 
 #: Half size of a turbulent field without sides, in outer scales.
 ENDLESS = 1e3
@@ -73,11 +73,11 @@ class Turbulence(Shape):
     kind: Literal["turbulence"] = "turbulence"
     outer_scale: PositiveMetres
     inner_scale: PositiveMetres
-    deviation: PositiveNumber = 1.0
+    deviation: PositiveNumber = default(1.0)
     slope: float = 5 / 3
     seed: int = 0
     modes: int = 200
-    half_sizes: Sizes | None = None
+    half_sizes: OptionalTriple[Sizes] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Turbulence:

@@ -12,7 +12,7 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_cube
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
-from skyscatter.units import Metres, Place, PositiveNumber
+from skyscatter.units import Metres, OptionalTriple, Place, PositiveNumber, default
 
 # The kinds of `kernels.space`, repeated as plain numbers so that describing a field does not load the compiler.
 VOXELS = 50
@@ -60,11 +60,11 @@ class VoxelGrid(ArrayRecord):
     kind: Literal["voxels"] = "voxels"
     values: ArrayField = None
     file: str | None = None
-    factor: PositiveNumber = 1.0
-    low: Place | None = None
-    high: Place | None = None
+    factor: PositiveNumber = default(1.0)
+    low: OptionalTriple[Place] = default(None)
+    high: OptionalTriple[Place] = default(None)
     spacing: Metres | Place | None = None
-    position: Place = (0.0, 0.0, 0.0)
+    position: Place = default((0.0, 0.0, 0.0))
     interpolation: Literal["linear", "nearest"] = "linear"
     edge: Literal["falling", "sharp"] = "falling"
     periodic: tuple[bool, bool, bool] = (False, False, False)

@@ -12,9 +12,9 @@ from pydantic import model_validator
 from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
-from skyscatter.spectra.table import SpectralArea, SpectralExtinction, SpectralTable, evaluate
+from skyscatter.spectra.table import OptionalSpectral, SpectralArea, SpectralExtinction, SpectralTable, evaluate
 from skyscatter.tablefile import column_names
-from skyscatter.units import ColumnDensity, DobsonUnits, Kelvin, NumberDensity
+from skyscatter.units import ColumnDensity, DobsonUnits, Kelvin, NumberDensity, OptionalNumber, default
 
 Array = NDArray[np.float64]
 
@@ -97,9 +97,9 @@ class _Amount(_PureAbsorber):
         Molecules per volume where the density is 1 [m-3].
     """
 
-    column_du: DobsonUnits | None = None
-    column_m2: ColumnDensity | None = None
-    number_density: NumberDensity | None = None
+    column_du: OptionalNumber[DobsonUnits] = default(None)
+    column_m2: OptionalNumber[ColumnDensity] = default(None)
+    number_density: OptionalNumber[NumberDensity] = default(None)
 
     def amounts_given(self) -> int:
         """How many of the three fields are set."""
@@ -130,7 +130,7 @@ class GasAbsorption(_Amount):
 
     kind: Literal["gas-absorption"] = "gas-absorption"
     species: Literal["o3", "no2"]
-    temperature: Kelvin | None = None
+    temperature: OptionalNumber[Kelvin] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -172,8 +172,8 @@ class TabulatedAbsorption(_Amount):
     """
 
     kind: Literal["absorption-table"] = "absorption-table"
-    coefficient: SpectralExtinction | None = None
-    cross_section: SpectralArea | None = None
+    coefficient: OptionalSpectral[SpectralExtinction] = default(None)
+    cross_section: OptionalSpectral[SpectralArea] = default(None)
     file: str | None = None
 
     @model_validator(mode="before")

@@ -17,7 +17,7 @@ from skyscatter.errors import DomainError
 from skyscatter.optics.base import Array, Coefficients, OpticalModel
 from skyscatter.optics.phase import Draine, HenyeyGreenstein, draine_mean_cosine
 from skyscatter.spectra.table import SpectralTable
-from skyscatter.units import Extinction, MassDensity, NonNegative, NumberDensity
+from skyscatter.units import Extinction, MassDensity, NonNegative, NumberDensity, OptionalNumber, default
 
 _TABLE = "dust_draine2003.csv"
 
@@ -156,10 +156,10 @@ class Dust(OpticalModel):
 
     kind: Literal["dust"] = "dust"
     mixture: str = "milky-way-3.1"
-    visual_extinction: Extinction | None = None
-    hydrogen_density: NumberDensity | None = None
-    dust_density: MassDensity | None = None
-    dust_to_gas: NonNegative | None = None
+    visual_extinction: OptionalNumber[Extinction] = default(None)
+    hydrogen_density: OptionalNumber[NumberDensity] = default(None)
+    dust_density: OptionalNumber[MassDensity] = default(None)
+    dust_to_gas: OptionalNumber[NonNegative] = default(None)
     phase: Literal["henyey-greenstein", "draine"] = "henyey-greenstein"
 
     @model_validator(mode="after")

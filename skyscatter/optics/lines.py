@@ -14,7 +14,7 @@ from skyscatter.optics.base import Array, Coefficients, OpticalModel
 from skyscatter.optics.phase import Isotropic
 from skyscatter.record import Record
 from skyscatter.spectra.cells import cell_edges
-from skyscatter.units import Kelvin, NumberDensity, PositiveNanometres
+from skyscatter.units import Kelvin, NumberDensity, PositiveNanometres, default
 
 #: Vacuum wavelengths [nm] (NIST Atomic Spectra Database; the names carry the customary angstroms in air).
 WAVELENGTHS = {
@@ -133,10 +133,10 @@ class GasLines(OpticalModel):
 
     kind: Literal["gas-lines"] = "gas-lines"
     electron_density: NumberDensity
-    temperature: Kelvin = 1e4
+    temperature: Kelvin = default(1e4)
     ratios: LineRatios = LineRatios()
     hydrogen: bool = True
-    line_width: PositiveNanometres = 0.05
+    line_width: PositiveNanometres = default(0.05)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -22,16 +22,18 @@ from skyscatter.errors import DomainError
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
 from skyscatter.optics.spheres import coefficients, scattering_elements, series_length
 from skyscatter.record import Record
-from skyscatter.spectra.table import SpectralNonNegative, SpectralPositive, evaluate
+from skyscatter.spectra.table import OptionalSpectral, SpectralNonNegative, SpectralPositive, evaluate
 from skyscatter.tablefile import TableRecord, Wanted
 from skyscatter.units import (
     Densities,
     NonNegative,
     NumberDensity,
+    OptionalNumber,
     PositiveMetres,
     PositiveNanometres,
     PositiveNumber,
     Radii,
+    default,
 )
 
 Array = NDArray[np.float64]
@@ -62,9 +64,9 @@ class LogNormalMode(Record):
 
     median_radius: PositiveMetres
     geometric_standard_deviation: float = Field(ge=1.0, le=5.0)
-    fraction: PositiveNumber = 1.0
-    min_radius: PositiveMetres | None = None
-    max_radius: PositiveMetres | None = None
+    fraction: PositiveNumber = default(1.0)
+    min_radius: OptionalNumber[PositiveMetres] = default(None)
+    max_radius: OptionalNumber[PositiveMetres] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -140,7 +142,7 @@ class SizeTable(TableRecord):
 
     radii: Radii
     numbers: Densities
-    fraction: PositiveNumber = 1.0
+    fraction: PositiveNumber = default(1.0)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -220,12 +222,12 @@ class MieAerosol(OpticalModel):
 
     kind: Literal["mie"] = "mie"
     modes: Annotated[tuple[AnyMode, ...], Field(min_length=1)]
-    refractive_index_real: SpectralPositive | None = None
-    refractive_index_imag: SpectralNonNegative | None = None
+    refractive_index_real: OptionalSpectral[SpectralPositive] = default(None)
+    refractive_index_imag: OptionalSpectral[SpectralNonNegative] = default(None)
     material: Literal["water"] | None = None
-    optical_depth: NonNegative | None = None
-    wavelength: PositiveNanometres = 550.0
-    number_density: NumberDensity | None = None
+    optical_depth: OptionalNumber[NonNegative] = default(None)
+    wavelength: PositiveNanometres = default(550.0)
+    number_density: OptionalNumber[NumberDensity] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

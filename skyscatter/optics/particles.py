@@ -11,8 +11,8 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
 from skyscatter.optics.phase import AnyPhase
-from skyscatter.spectra.table import SpectralExtinction, SpectralNonNegative, SpectralShare, evaluate
-from skyscatter.units import PositiveNanometres
+from skyscatter.spectra.table import OptionalSpectral, SpectralExtinction, SpectralNonNegative, SpectralShare, evaluate
+from skyscatter.units import PositiveNanometres, default
 
 
 class Particles(OpticalModel):
@@ -38,11 +38,11 @@ class Particles(OpticalModel):
     """
 
     kind: Literal["particles"] = "particles"
-    optical_depth: SpectralNonNegative | None = None
-    extinction: SpectralExtinction | None = None
-    wavelength: PositiveNanometres = 550.0
+    optical_depth: OptionalSpectral[SpectralNonNegative] = default(None)
+    extinction: OptionalSpectral[SpectralExtinction] = default(None)
+    wavelength: PositiveNanometres = default(550.0)
     angstrom_exponent: float = 0.0
-    single_scattering_albedo: SpectralShare = 1.0
+    single_scattering_albedo: SpectralShare = default(1.0)
     phase: AnyPhase
 
     @model_validator(mode="after")

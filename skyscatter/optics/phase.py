@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError
 from skyscatter.optics.base import Array, PhaseFunction
 from skyscatter.spectra.table import SpectralNumber, SpectralShare, bounds, evaluate
-from skyscatter.units import Numbers, Wavelengths
+from skyscatter.units import Numbers, Wavelengths, default
 
 #: Below this |g| the antiderivative of the Draine family loses digits, and quadrature is exact to rounding.
 _SMALL_G = 0.1
@@ -122,7 +122,7 @@ class Rayleigh(_DraineFamily):
     """
 
     kind: Literal["rayleigh"] = "rayleigh"
-    depolarisation: SpectralNumber = 0.0
+    depolarisation: SpectralNumber = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Rayleigh:
@@ -211,7 +211,7 @@ class Draine(_DraineFamily):
 
     kind: Literal["draine"] = "draine"
     g: SpectralNumber
-    alpha: SpectralNumber = 1.0
+    alpha: SpectralNumber = default(1.0)
 
     @model_validator(mode="after")
     def _check(self) -> Draine:

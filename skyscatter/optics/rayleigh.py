@@ -11,7 +11,7 @@ from skyscatter.errors import DomainError
 from skyscatter.optics.base import Array, Coefficients, OpticalModel
 from skyscatter.optics.phase import Rayleigh
 from skyscatter.spectra.table import SpectralTable
-from skyscatter.units import Coefficient, Number, NumberDensity, PartsPerMillion, PositiveNanometres
+from skyscatter.units import Coefficient, Number, NumberDensity, PartsPerMillion, PositiveNanometres, default
 
 #: Number density of air at 288.15 K and 1013.25 hPa [m-3], as Bodhaine et al. (1999) use it.
 STANDARD_NUMBER_DENSITY = 2.546899e25
@@ -32,8 +32,8 @@ class RayleighPowerLaw(OpticalModel):
 
     kind: Literal["rayleigh"] = "rayleigh"
     coefficient: Coefficient
-    wavelength: PositiveNanometres = 550.0
-    depolarisation: Number = 0.0
+    wavelength: PositiveNanometres = default(550.0)
+    depolarisation: Number = default(0.0)
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
         """Coefficients per unit density; see `OpticalModel`."""
@@ -90,8 +90,8 @@ class RayleighAir(OpticalModel):
     """
 
     kind: Literal["rayleigh-air"] = "rayleigh-air"
-    number_density: NumberDensity = STANDARD_NUMBER_DENSITY
-    co2_ppm: PartsPerMillion = 420.0
+    number_density: NumberDensity = default(STANDARD_NUMBER_DENSITY)
+    co2_ppm: PartsPerMillion = default(420.0)
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:
         """Coefficients per unit density; see `OpticalModel`."""

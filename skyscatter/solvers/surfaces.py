@@ -255,7 +255,7 @@ def free_lamps(scene: SurfaceScene, wl: Array) -> list[Lamp]:
             lamps.append(surroundings(lamp.name, amount))
         else:
             lobe = lamp.distribution.table()
-            lamps.append(point_lamp(lamp.name, amount, lamp.position, lamp.direction, lobe))
+            lamps.append(point_lamp(lamp.name, amount, np.array(lamp.position), lamp.direction, lobe))
     return lamps
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,10 @@ from skyscatter import units
 from skyscatter.errors import DomainError
 from skyscatter.record import nearest
 from skyscatter.tablefile import TableRecord, Wanted, with_columns
-from skyscatter.units import Measure, Numbers, Wavelengths
+from skyscatter.units import Measure, Numbers, OptionalNumber, Wavelengths
+
+if TYPE_CHECKING:
+    from skyscatter.units import Amount, Given
 
 _WAVELENGTH = Wanted(("wavelength", "wl", "lambda"), units.WAVELENGTH.within(0.0, above=True), rising=True)
 
@@ -109,31 +112,62 @@ class SpectralMeasure:
         return {"anyOf": [number, {"type": "string"} if self.named else text, *ways, *names]}
 
 
-#: Fields of records, by what their numbers are.
-SpectralNumber = Annotated[Spectral, SpectralMeasure(units.NUMBER)]
-SpectralPositive = Annotated[Spectral, SpectralMeasure(units.NUMBER.within(0.0, above=True))]
-SpectralNonNegative = Annotated[Spectral, SpectralMeasure(units.NUMBER.within(0.0))]
-SpectralShare = Annotated[Spectral, SpectralMeasure(units.SHARE)]
-SpectralExtinction = Annotated[Spectral, SpectralMeasure(units.EXTINCTION.within(0.0))]
-SpectralArea = Annotated[Spectral, SpectralMeasure(units.AREA.within(0.0))]
-SpectralLength = Annotated[Spectral, SpectralMeasure(units.LENGTH.within(0.0, above=True))]
-SpectralPower = Annotated[Spectral, SpectralMeasure(units.SPECTRAL_POWER.within(0.0))]
-Irradiance = Annotated[Spectral, SpectralMeasure(units.IRRADIANCE.within(0.0))]
-Radiance = Annotated[Spectral, SpectralMeasure(units.RADIANCE.within(0.0))]
-Background = Annotated[
-    Spectral | Literal["interstellar"], SpectralMeasure(units.RADIANCE.within(0.0), names=("interstellar",))
-]
-StarSpectrum = Annotated[
-    Spectral | Literal["astm-g173", "blackbody"],
-    SpectralMeasure(units.IRRADIANCE.within(0.0), names=("astm-g173", "blackbody")),
-]
-#: Share of the light that a surface throws back, or its name.
-Albedo = Annotated[Spectral | str, SpectralMeasure(units.SHARE, named=True)]
-#: Refractive index, or the name of a substance.
-Index = Annotated[Spectral | str, SpectralMeasure(units.NUMBER.within(0.1, 10.0, above=True), named=True)]
-#: Shape of a lamp's spectrum: a table in any unit per nm, or a name.
-LampSpectrum = Annotated[SpectralTable | str, SpectralMeasure(units.RELATIVE, named=True)]
-Emission = Annotated[Spectral, SpectralMeasure(units.EMISSION.within(0.0))]
+_Sort = TypeVar("_Sort")
+
+if TYPE_CHECKING:
+    SpectralAmount = Amount | SpectralTable | Mapping[str, Any]
+
+    class OptionalSpectral(Given[Spectral | None, SpectralAmount | None], Generic[_Sort]):
+        """A number or a table, or none."""
+
+    class OptionalLamp(Given[SpectralTable | str | None, SpectralAmount | None], Generic[_Sort]):
+        """A table or a name, or none."""
+
+    SpectralNumber = Given[Spectral, SpectralAmount]
+    SpectralPositive = Given[Spectral, SpectralAmount]
+    SpectralNonNegative = Given[Spectral, SpectralAmount]
+    SpectralShare = Given[Spectral, SpectralAmount]
+    SpectralExtinction = Given[Spectral, SpectralAmount]
+    SpectralArea = Given[Spectral, SpectralAmount]
+    SpectralLength = Given[Spectral, SpectralAmount]
+    SpectralPower = Given[Spectral, SpectralAmount]
+    Irradiance = Given[Spectral, SpectralAmount]
+    Radiance = Given[Spectral, SpectralAmount]
+    Emission = Given[Spectral, SpectralAmount]
+    Background = Given[Spectral | str, SpectralAmount]
+    StarSpectrum = Given[Spectral | str, SpectralAmount]
+    Albedo = Given[Spectral | str, SpectralAmount]
+    Index = Given[Spectral | str, SpectralAmount]
+    Albedos = Given[tuple[Spectral | str, ...], Sequence[SpectralAmount]]
+    LampSpectrum = Given[SpectralTable | str, SpectralAmount]
+else:
+    OptionalSpectral = OptionalLamp = OptionalNumber
+    #: Fields of records, by what their numbers are.
+    SpectralNumber = Annotated[Spectral, SpectralMeasure(units.NUMBER)]
+    SpectralPositive = Annotated[Spectral, SpectralMeasure(units.NUMBER.within(0.0, above=True))]
+    SpectralNonNegative = Annotated[Spectral, SpectralMeasure(units.NUMBER.within(0.0))]
+    SpectralShare = Annotated[Spectral, SpectralMeasure(units.SHARE)]
+    SpectralExtinction = Annotated[Spectral, SpectralMeasure(units.EXTINCTION.within(0.0))]
+    SpectralArea = Annotated[Spectral, SpectralMeasure(units.AREA.within(0.0))]
+    SpectralLength = Annotated[Spectral, SpectralMeasure(units.LENGTH.within(0.0, above=True))]
+    SpectralPower = Annotated[Spectral, SpectralMeasure(units.SPECTRAL_POWER.within(0.0))]
+    Irradiance = Annotated[Spectral, SpectralMeasure(units.IRRADIANCE.within(0.0))]
+    Radiance = Annotated[Spectral, SpectralMeasure(units.RADIANCE.within(0.0))]
+    Background = Annotated[
+        Spectral | Literal["interstellar"], SpectralMeasure(units.RADIANCE.within(0.0), names=("interstellar",))
+    ]
+    StarSpectrum = Annotated[
+        Spectral | Literal["astm-g173", "blackbody"],
+        SpectralMeasure(units.IRRADIANCE.within(0.0), names=("astm-g173", "blackbody")),
+    ]
+    #: Share of the light that a surface throws back, or its name.
+    Albedo = Annotated[Spectral | str, SpectralMeasure(units.SHARE, named=True)]
+    Albedos = tuple[Albedo, ...]
+    #: Refractive index, or the name of a substance.
+    Index = Annotated[Spectral | str, SpectralMeasure(units.NUMBER.within(0.1, 10.0, above=True), named=True)]
+    #: Shape of a lamp's spectrum: a table in any unit per nm, or a name.
+    LampSpectrum = Annotated[SpectralTable | str, SpectralMeasure(units.RELATIVE, named=True)]
+    Emission = Annotated[Spectral, SpectralMeasure(units.EMISSION.within(0.0))]
 
 
 def evaluate(value: Any, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:

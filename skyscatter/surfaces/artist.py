@@ -29,7 +29,7 @@ from skyscatter.errors import DomainError
 from skyscatter.ground import check_albedo, spectrum_of
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
 from skyscatter.spectra.table import Albedo, SpectralLength, evaluate
-from skyscatter.units import Number
+from skyscatter.units import Number, default
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class ArtistMedium(OpticalModel):
     kind: Literal["artist"] = "artist"
     colour: Albedo
     distance: SpectralLength
-    g: Number = 0.0
+    g: Number = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> ArtistMedium:

@@ -10,10 +10,22 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
-from skyscatter.spectra.table import Irradiance, Radiance, evaluate
+from skyscatter.spectra.table import Irradiance, OptionalSpectral, Radiance, evaluate
 from skyscatter.surfaces.lobes import AnyLobe, ConeLobe, CosinePowerLobe, IsotropicLobe, LambertLobe, Lobe
 from skyscatter.surfaces.power import Powered, Shining
-from skyscatter.units import Candela, Degrees, Elevation, Lux, Place, Triple, WattsPerArea, WattsPerAreaAndAngle
+from skyscatter.units import (
+    Candela,
+    Degrees,
+    Elevation,
+    Lux,
+    OptionalNumber,
+    OptionalTriple,
+    Place,
+    Triple,
+    WattsPerArea,
+    WattsPerAreaAndAngle,
+    default,
+)
 
 Array = NDArray[np.float64]
 
@@ -35,8 +47,8 @@ class _PointSource(Powered):
 
     name: str = "lamp"
     position: Place
-    target: Place | None = None
-    axis: Triple | None = None
+    target: OptionalTriple[Place] = default(None)
+    axis: OptionalTriple[Triple] = default(None)
 
     @model_validator(mode="after")
     def _check_axis(self) -> Self:
@@ -92,8 +104,8 @@ class SpotLamp(_PointSource):
     """
 
     kind: Literal["spot"] = "spot"
-    half_angle_deg: Degrees = 20.0
-    edge_deg: Degrees = 0.0
+    half_angle_deg: Degrees = default(20.0)
+    edge_deg: Degrees = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -116,7 +128,7 @@ class Led(_PointSource):
     """
 
     kind: Literal["led"] = "led"
-    half_angle_deg: Degrees = 60.0
+    half_angle_deg: Degrees = default(60.0)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -140,7 +152,7 @@ class AreaLamp(Powered):
         About the normal; Lambert's (the same radiance from all sides) when not given.
     """
 
-    radiance: Radiance | None = None
+    radiance: OptionalSpectral[Radiance] = default(None)
     lobe: AnyLobe = LambertLobe()
 
     @classmethod
@@ -188,12 +200,12 @@ class ParallelLamp(Shining):
 
     kind: Literal["parallel"] = "parallel"
     name: str = "light"
-    direction: Triple | None = None
-    azimuth_deg: Degrees | None = None
-    elevation_deg: Elevation | None = None
-    irradiance: Irradiance | None = None
-    watts_per_m2: WattsPerArea | None = None
-    lux: Lux | None = None
+    direction: OptionalTriple[Triple] = default(None)
+    azimuth_deg: OptionalNumber[Degrees] = default(None)
+    elevation_deg: OptionalNumber[Elevation] = default(None)
+    irradiance: OptionalSpectral[Irradiance] = default(None)
+    watts_per_m2: OptionalNumber[WattsPerArea] = default(None)
+    lux: OptionalNumber[Lux] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -232,9 +244,9 @@ class Surroundings(Shining):
 
     kind: Literal["surroundings"] = "surroundings"
     name: str = "surroundings"
-    radiance: Radiance | None = None
-    watts_per_m2_sr: WattsPerAreaAndAngle | None = None
-    candela_per_m2: Candela | None = None
+    radiance: OptionalSpectral[Radiance] = default(None)
+    watts_per_m2_sr: OptionalNumber[WattsPerAreaAndAngle] = default(None)
+    candela_per_m2: OptionalNumber[Candela] = default(None)
 
 
 AnyLamp = Annotated[PointLamp | SpotLamp | Led | ParallelLamp | Surroundings, Field(discriminator="kind")]

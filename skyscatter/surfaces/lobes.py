@@ -17,7 +17,7 @@ from skyscatter import units
 from skyscatter.errors import DomainError
 from skyscatter.record import Record
 from skyscatter.tablefile import TableRecord, Wanted
-from skyscatter.units import Angles, Degrees, Intensities, Share
+from skyscatter.units import Angles, Degrees, Intensities, Share, default
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class CosinePowerLobe(Lobe):
     """
 
     kind: Literal["cosine-power"] = "cosine-power"
-    half_angle_deg: Degrees = 60.0
+    half_angle_deg: Degrees = default(60.0)
 
     @model_validator(mode="after")
     def _check(self) -> CosinePowerLobe:
@@ -119,8 +119,8 @@ class ConeLobe(Lobe):
     """
 
     kind: Literal["cone"] = "cone"
-    half_angle_deg: Degrees = 20.0
-    edge_deg: Degrees = 0.0
+    half_angle_deg: Degrees = default(20.0)
+    edge_deg: Degrees = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> ConeLobe:
@@ -201,8 +201,8 @@ class CityLobe(Lobe):
     """
 
     kind: Literal["city"] = "city"
-    ground_albedo: Share = 0.15
-    direct_share: Share = 0.15
+    ground_albedo: Share = default(0.15)
+    direct_share: Share = default(0.15)
 
     @model_validator(mode="after")
     def _check(self) -> CityLobe:

@@ -11,9 +11,16 @@ from pydantic import Field, model_validator
 from skyscatter.errors import DomainError
 from skyscatter.ground import check_albedo, spectrum_of
 from skyscatter.record import Record
-from skyscatter.spectra.table import Albedo, SpectralNonNegative, SpectralPositive, SpectralShare, evaluate
+from skyscatter.spectra.table import (
+    Albedo,
+    OptionalSpectral,
+    SpectralNonNegative,
+    SpectralPositive,
+    SpectralShare,
+    evaluate,
+)
 from skyscatter.surfaces.indices import check_metal, metal_index
-from skyscatter.units import Number
+from skyscatter.units import Number, default
 
 Array = NDArray[np.float64]
 #: Least GGX alpha of a rough surface: below it the lobe is narrower than anything that could be told from smooth.
@@ -36,7 +43,7 @@ class Lambert(Record):
     """
 
     kind: Literal["lambert"] = "lambert"
-    albedo: Albedo = 0.5
+    albedo: Albedo = default(0.5)
 
     @model_validator(mode="after")
     def _check(self) -> Lambert:
@@ -58,7 +65,7 @@ class Mirror(Record):
     """
 
     kind: Literal["mirror"] = "mirror"
-    reflectance: SpectralShare = 1.0
+    reflectance: SpectralShare = default(1.0)
 
 
 def _check_roughness(value: float) -> None:
@@ -79,7 +86,7 @@ class Dielectric(Record):
     """
 
     kind: Literal["dielectric"] = "dielectric"
-    roughness: Number = 0.0
+    roughness: Number = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Dielectric:
@@ -102,9 +109,9 @@ class Conductor(Record):
 
     kind: Literal["conductor"] = "conductor"
     metal: str | None = None
-    n: SpectralPositive | None = None
-    k: SpectralNonNegative | None = None
-    roughness: Number = 0.0
+    n: OptionalSpectral[SpectralPositive] = default(None)
+    k: OptionalSpectral[SpectralNonNegative] = default(None)
+    roughness: Number = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Conductor:

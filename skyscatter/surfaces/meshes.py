@@ -14,7 +14,7 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.arrays import ArrayField, unwritten
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Rectangle, Sphere, Surface
-from skyscatter.units import Degrees, Metres, Place, PositiveNumber, Triple
+from skyscatter.units import Degrees, Place, PositiveNumber, Profile, Triple, default
 
 Integers = NDArray[np.int64]
 #: Corners that are nearer to each other than this share of the mesh's size are one.
@@ -35,10 +35,10 @@ class Faceted(Surface):
     """What all surfaces of flat triangles share."""
 
     kind: str
-    scale: PositiveNumber = 1.0
-    position: Place = (0.0, 0.0, 0.0)
-    axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: Degrees = 0.0
+    scale: PositiveNumber = default(1.0)
+    position: Place = default((0.0, 0.0, 0.0))
+    axis: Triple = default((0.0, 0.0, 1.0))
+    turn_deg: Degrees = default(0.0)
     inside_out: bool = False
 
     @model_validator(mode="after")
@@ -198,7 +198,7 @@ class Turned(Faceted):
     """
 
     kind: Literal["turned"] = "turned"
-    profile: tuple[tuple[Metres, Metres], ...]
+    profile: Profile
     segments: Annotated[int, Field(ge=3, le=65536)] = 256
 
     @model_validator(mode="after")

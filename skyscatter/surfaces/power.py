@@ -12,8 +12,16 @@ from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError
 from skyscatter.record import Record, nearest
 from skyscatter.spectra.cells import cell_means
-from skyscatter.spectra.table import LampSpectrum, SpectralPower, SpectralTable, bounds, evaluate
-from skyscatter.units import Lumens, Watts
+from skyscatter.spectra.table import (
+    LampSpectrum,
+    OptionalLamp,
+    OptionalSpectral,
+    SpectralPower,
+    SpectralTable,
+    bounds,
+    evaluate,
+)
+from skyscatter.units import Lumens, OptionalNumber, Watts, default
 
 Array = NDArray[np.float64]
 
@@ -126,7 +134,7 @@ class Shining(Record):
             watts = getattr(self, self._luminous) / luminous_efficacy(table)
         return watts * spectrum_shape(table, wavelengths_nm)
 
-    spectrum: LampSpectrum | None = None
+    spectrum: OptionalLamp[LampSpectrum] = default(None)
 
 
 class Powered(Shining):
@@ -142,6 +150,6 @@ class Powered(Shining):
         Its shape: a table in any unit per nm, or the name of a shipped one, such as "led-4000k".
     """
 
-    power: SpectralPower | None = None
-    watts: Watts | None = None
-    lumens: Lumens | None = None
+    power: OptionalSpectral[SpectralPower] = default(None)
+    watts: OptionalNumber[Watts] = default(None)
+    lumens: OptionalNumber[Lumens] = default(None)

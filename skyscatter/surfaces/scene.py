@@ -18,7 +18,7 @@ from skyscatter.surfaces.indices import check_index
 from skyscatter.surfaces.lamps import AnyLamp, AreaLamp
 from skyscatter.surfaces.materials import AnyMaterial
 from skyscatter.surfaces.meshes import AnyShape
-from skyscatter.units import Place, Triple
+from skyscatter.units import Place, Triple, default
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class SurfaceMedium(Record):
 
     name: str
     components: tuple[Component, ...] = ()
-    index: Index = 1.0
+    index: Index = default(1.0)
     priority: Annotated[int, Field(ge=-1000, le=1000)] = 0
 
     @model_validator(mode="after")
@@ -121,9 +121,9 @@ class Viewpoint(Record):
         The direction that is upwards in the picture, of any length, not along the line of sight.
     """
 
-    position: Place = (0.0, 0.0, 0.0)
-    target: Place = (0.0, 1.0, 0.0)
-    up: Triple = (0.0, 0.0, 1.0)
+    position: Place = default((0.0, 0.0, 0.0))
+    target: Place = default((0.0, 1.0, 0.0))
+    up: Triple = default((0.0, 0.0, 1.0))
 
     @model_validator(mode="after")
     def _check(self) -> Viewpoint:

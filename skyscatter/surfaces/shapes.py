@@ -15,7 +15,18 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.record import Record
-from skyscatter.units import Degrees, NonNegativeMetres, Place, PositiveMetres, Sizes, Triple
+from skyscatter.units import (
+    Degrees,
+    NonNegativeMetres,
+    OptionalPair,
+    OptionalTriple,
+    Place,
+    PositiveMetres,
+    Size,
+    Sizes,
+    Triple,
+    default,
+)
 
 Array = NDArray[np.float64]
 
@@ -41,7 +52,7 @@ class Surface(Record):
             raise DomainError("inside", kind, "holds no volume: give a sphere, a box, a plane, a turned or meshed body")
 
 
-def _unit(name: str, vector: Triple) -> Array:
+def _unit(name: str, vector: tuple[float, float, float]) -> Array:
     """A direction of unit length."""
     length = float(np.linalg.norm(vector))
     if not length > 0:
@@ -65,8 +76,8 @@ class Sphere(Surface):
     """
 
     kind: Literal["sphere"] = "sphere"
-    position: Place = (0.0, 0.0, 0.0)
-    radius: PositiveMetres = 1.0
+    position: Place = default((0.0, 0.0, 0.0))
+    radius: PositiveMetres = default(1.0)
 
     @model_validator(mode="after")
     def _check(self) -> Sphere:
@@ -90,8 +101,8 @@ class Plane(Surface):
     """
 
     kind: Literal["plane"] = "plane"
-    position: Place = (0.0, 0.0, 0.0)
-    normal: Triple = (0.0, 0.0, 1.0)
+    position: Place = default((0.0, 0.0, 0.0))
+    normal: Triple = default((0.0, 0.0, 1.0))
 
     @model_validator(mode="after")
     def _check(self) -> Plane:
@@ -129,13 +140,13 @@ class Rectangle(Surface):
 
     holds_volume: ClassVar[bool] = False
     kind: Literal["rectangle"] = "rectangle"
-    position: Place | None = None
-    normal: Triple | None = None
-    size: tuple[PositiveMetres, PositiveMetres] | None = None
-    up: Triple | None = None
-    corner: Place | None = None
-    first_edge: Place | None = None
-    second_edge: Place | None = None
+    position: OptionalTriple[Place] = default(None)
+    normal: OptionalTriple[Triple] = default(None)
+    size: OptionalPair[Size] = default(None)
+    up: OptionalTriple[Triple] = default(None)
+    corner: OptionalTriple[Place] = default(None)
+    first_edge: OptionalTriple[Place] = default(None)
+    second_edge: OptionalTriple[Place] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> Rectangle:
@@ -197,10 +208,10 @@ class Box(Surface):
     """
 
     kind: Literal["box"] = "box"
-    position: Place = (0.0, 0.0, 0.0)
-    size: Sizes = (1.0, 1.0, 1.0)
-    axis: Triple = (0.0, 0.0, 1.0)
-    turn_deg: Degrees = 0.0
+    position: Place = default((0.0, 0.0, 0.0))
+    size: Sizes = default((1.0, 1.0, 1.0))
+    axis: Triple = default((0.0, 0.0, 1.0))
+    turn_deg: Degrees = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Box:
@@ -236,10 +247,10 @@ class Disk(Surface):
 
     holds_volume: ClassVar[bool] = False
     kind: Literal["disk"] = "disk"
-    position: Place = (0.0, 0.0, 0.0)
-    normal: Triple = (0.0, 0.0, 1.0)
-    radius: PositiveMetres = 1.0
-    inner_radius: NonNegativeMetres = 0.0
+    position: Place = default((0.0, 0.0, 0.0))
+    normal: Triple = default((0.0, 0.0, 1.0))
+    radius: PositiveMetres = default(1.0)
+    inner_radius: NonNegativeMetres = default(0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Disk:
