@@ -189,7 +189,7 @@ def refused(capsys, arguments):
         (["--tolerance", "fine"], ["tolerance", "'fine'", "0.005"]),
         (["--altitude", "high"], ["altitude", "'high'", "km"]),
         (["--view", "globe"], ["view", "'globe'", "fisheye"]),
-        (["--view", "perspective:0,0,200"], ["fov_deg", "200", "less than 180"]),
+        (["--view", "perspective:0,0,200"], ["fov_deg", "200", "below 180"]),
         (["--view", "planet"], ["altitude", "above"]),
         (["--sun-elevation", "91"], ["sun_elevation", "91"]),
         (["--sun-azimuth", "1000"], ["sun_azimuth", "1000"]),
