@@ -240,6 +240,7 @@ VIEWS = (
     "perspective:AZIMUTH,ELEVATION,FOV, planet"
 )
 
+
 def camera_from_view(
     view: str, width: int, height: int, sun_azimuth_deg: float = 180.0
 ) -> Panorama | Fisheye | Perspective | PlanetView:

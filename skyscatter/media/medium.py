@@ -23,7 +23,14 @@ from skyscatter.surfaces.artist import ArtistMedium
 from skyscatter.units import NonNegative, OptionalNumber, PositiveMetres, default
 
 AnyOptics = Annotated[
-    RayleighPowerLaw | RayleighAir | Particles | MieAerosol | GasAbsorption | TabulatedAbsorption | Dust | GasLines
+    RayleighPowerLaw
+    | RayleighAir
+    | Particles
+    | MieAerosol
+    | GasAbsorption
+    | TabulatedAbsorption
+    | Dust
+    | GasLines
     | ArtistMedium,
     Field(discriminator="kind"),
 ]

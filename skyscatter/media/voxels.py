@@ -23,7 +23,6 @@ REPEATS = 10_000
 _LOOKS = 16
 
 
-
 class VoxelGrid(ArrayRecord):
     """Density on a grid of equal cells, read from an array or a file.
 
