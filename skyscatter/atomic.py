@@ -52,6 +52,13 @@ def _explain(path: Path, error: OSError) -> SkyscatterError:
     return SkyscatterError(f"{path}: cannot be written: {remedy}")
 
 
+def explained(error: OSError) -> str:
+    """What the operating system refused, and the remedy, as one line."""
+    text = error.strerror or str(error)
+    remedy = _REMEDY.get(error.errno or 0, text)
+    return f"{error.filename or 'standard output'}: {text if remedy == text else f'{text}: {remedy}'}"
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary path to write to; on success it takes the place of `path`, on failure it is removed.

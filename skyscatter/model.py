@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from functools import partial
 from pathlib import Path
@@ -163,9 +164,9 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
     """
     text = str(name_or_path)
     path = Path(text)
-    if not path.suffix and not path.is_file():
+    if not path.suffix and not os.path.isfile(path):
         path = models_dir() / f"{text}.toml"
-        if not path.is_file():
+        if not os.path.isfile(path):  # unlike Path.is_file, also for names that no file can have
             meant = similar(text, model_names())
             hint = f"did you mean {meant}? " if meant else ""
             rule = f"no such model; {hint}choose from {', '.join(model_names())}, or give a .toml file"
@@ -175,7 +176,9 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
             content = tomllib.load(file)
     except OSError as error:
         raise ModelFileError(path, f"cannot be read ({error.strerror or error}); check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError as error:
+        raise ModelFileError(path, "its brackets are nested too deep; no field needs that") from error
+    except ValueError as error:  # of TOML, of UTF-8, or a name with a NUL in it
         raise ModelFileError(path, f"is not TOML: {error}") from error
     return parse_model(anchored(content, path.parent.absolute()), path)
 

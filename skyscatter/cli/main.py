@@ -12,7 +12,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from typing import Annotated, TextIO
 
@@ -20,6 +20,7 @@ import typer
 from pydantic import ValidationError
 
 import skyscatter
+from skyscatter.atomic import explained
 from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping
 from skyscatter.cli.examples import epilog
 from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, SkyscatterError
@@ -66,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_json(arguments)
         with _log_on_stderr():
             result = app(args=arguments, prog_name="skyscatter", standalone_mode=False, obj=arguments)
+        sys.stdout.flush()  # here, where a full disk can still be spoken of
     except (KeyboardInterrupt, typer.Abort):
         return _say("interrupted", stopping.status())
     except ValidationError as error:
@@ -80,8 +82,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except BrokenPipeError:
         # The reader of our output went away; nothing more can be said to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence_stdout()
         return 1
+    except OSError as error:
+        if error.filename is None:
+            _silence_stdout()
+        return _say(f"error: {explained(error)}", 2)
+    except MemoryError:
+        return _say("error: not enough memory; ask for fewer pixels, wavelengths or cells", 2)
+    except RecursionError:
+        return _say("error: something in the input is nested too deep; make it flatter", 2)
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's usage errors, whose classes moved between its versions
             context = getattr(error, "ctx", None)
@@ -96,6 +106,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"internal error: {type(error).__name__}: {error} (SKYSCATTER_TRACEBACK=1 shows where; please report it)", 1
         )
     return result if isinstance(result, int) else 0
+
+
+def _silence_stdout() -> None:
+    """Let what is still to be written to stdout vanish, so that the end of the process does not fail on it."""
+    with suppress(OSError, ValueError):  # tests have no file behind stdout
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _check_json(arguments: Sequence[str]) -> None:

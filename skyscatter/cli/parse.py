@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.atomic import explained
 from skyscatter.errors import DomainError, MissingDataError, UnitsError
 from skyscatter.units import ANGLE, LENGTH, TIME, Measure, degrees, nanometres
 
@@ -239,6 +240,12 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
         from skyscatter.netcdf import check_writable
 
         check_writable()
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise DomainError("output", str(path), explained(error)) from error
     if path.is_dir():
         raise DomainError("output", str(path), "this is a folder; add a file name")
     if not path.parent.is_dir():
@@ -258,7 +265,7 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
 def check_new(paths: Iterable[Path | None]) -> None:
     """Refuse to replace a file (--no-clobber)."""
     for path in paths:
-        if path is not None and path.exists():
+        if path is not None and os.path.exists(path):
             raise DomainError("output", str(path), "exists; choose another name, or leave out --no-clobber")
 
 
@@ -276,6 +283,6 @@ def check_outputs(paths: list[Path], no_clobber: bool = False) -> list[Path]:
 
 def check_input(path: Path, what: str) -> Path:
     """The path, if a file is there."""
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, also of names that no file can have
         raise MissingDataError(path, f"there is no such {what}; check the path")
     return path

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.media.space import SpatialField
 
 #: Arrays of up to so many numbers are written out with their record; larger ones only as shape and digest.
@@ -100,7 +102,7 @@ def read_arrays(path: str, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
 
     Names that the file does not have are left out.
     """
-    return _read_arrays(*_stamp(path), names)
+    return _read_arrays(*stamp(path), names)
 
 
 def read_cube(path: str) -> NDArray[Any]:
@@ -109,21 +111,35 @@ def read_cube(path: str) -> NDArray[Any]:
     In .npy and .npz files the axes are as they are in Python.  The fastest axis of a FITS image, NAXIS1, is x, NAXIS3
     is z, as in every other FITS cube; the first image with three axes is taken.
     """
-    return _read_cube(*_stamp(path))
+    return _read_cube(*stamp(path))
 
 
-def _stamp(path: str) -> tuple[str, int]:
+def stamp(path: str) -> tuple[str, int]:
     """The path and the time of its last change, so that a file that was written anew is read anew."""
     try:
         return path, Path(path).stat().st_mtime_ns
     except OSError as error:
         raise MissingDataError(path, f"cannot be read ({error.strerror or error}); check the path") from error
+    except ValueError as error:  # a NUL in the name
+        raise MissingDataError(path, f"no file has such a name ({error})") from error
+
+
+@contextmanager
+def undamaged(path: str) -> Iterator[None]:
+    """Say of a file that its reader stumbles over that it is damaged; readers raise whatever their parsing meets."""
+    try:
+        yield
+    except SkyscatterError:
+        raise
+    except Exception as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise MissingDataError(path, f"is damaged, or not what its name says ({what})") from error
 
 
 @lru_cache(maxsize=8)
 def _read_arrays(path: str, _: int, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     if path.endswith(".npz"):
-        with np.load(path, allow_pickle=False) as file:
+        with undamaged(path), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             return {name: _native(file[name]) for name in names if name in file.files}
     from astropy.io import fits
 
@@ -138,9 +154,10 @@ def _read_arrays(path: str, _: int, names: tuple[str, ...]) -> dict[str, NDArray
 @lru_cache(maxsize=8)
 def _read_cube(path: str, _: int) -> NDArray[Any]:
     if path.endswith(".npy"):
-        return _native(np.load(path, allow_pickle=False))
+        with undamaged(path):
+            return _native(np.load(path, allow_pickle=False))
     if path.endswith(".npz"):
-        with np.load(path, allow_pickle=False) as file:
+        with undamaged(path), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             name = "values" if "values" in file.files else file.files[0]
             return _native(file[name])
     with _opened_fits(path) as hdus:
@@ -150,13 +167,18 @@ def _read_cube(path: str, _: int) -> NDArray[Any]:
     raise MissingDataError(path, "holds no image with three axes; give a .npy or .npz file or a FITS cube")
 
 
-def _opened_fits(path: str) -> Any:
+@contextmanager
+def _opened_fits(path: str) -> Iterator[Any]:
+    """Its parts; the file is opened here, for astropy leaves it open where a header is damaged."""
     from astropy.io import fits
 
-    try:
-        return fits.open(path, memmap=False)
-    except OSError as error:
-        raise MissingDataError(path, "is neither .npy nor .npz nor FITS; check the file") from error
+    with undamaged(path), open(path, "rb") as raw:
+        try:
+            hdus = fits.open(raw, memmap=False)
+        except OSError as error:
+            raise MissingDataError(path, "is neither .npy nor .npz nor FITS; check the file") from error
+        with hdus:
+            yield hdus
 
 
 def _native(values: Any) -> NDArray[Any]:

@@ -45,6 +45,8 @@ _NARROW = 1.2  # below this geometric standard deviation resonances survive: no 
 _NODE_STEP = 0.08  # ratio of neighbouring wavelength nodes minus 1, in the logarithm
 _SIZE_STEP = 0.01  # step of the size quadrature in the logarithm of the radius
 _WINDOW = 4.5  # half width of the size quadrature in standard deviations
+#: Largest size parameters, outside and inside the spheres, that are summed within a minute and a gigabyte.
+_LARGEST, _LARGEST_NARROW, _LARGEST_INSIDE = 20_000.0, 2_000.0, 100_000.0
 
 
 class LogNormalMode(Record):
@@ -330,6 +332,7 @@ def _node(modes: tuple[Mode, ...], wavelength_nm: float, index: complex) -> _Nod
     order = np.argsort(radius)
     radius, number = radius[order], number[order]
     wavenumber = 2 * np.pi / wavelength
+    _check_size(modes, float(radius[-1]), wavelength, index)
     a, b = coefficients(index, wavenumber * radius)
     n = np.arange(1, a.shape[1] + 1)
     to_area = number * 2 * np.pi / wavenumber**2
@@ -344,6 +347,20 @@ def _node(modes: tuple[Mode, ...], wavelength_nm: float, index: complex) -> _Nod
     matrix = elements / (2 * np.pi * np.trapezoid(elements[0], cosines))
     matrix.flags.writeable = False
     return _NodeOptics(float(extinction), float(scattering), float(asymmetry), matrix)
+
+
+def _check_size(modes: tuple[LogNormalMode, ...], radius: float, wavelength: float, index: complex) -> None:
+    """Refuse what would take hours: the largest radius [m], or the refractive index, beside the wavelength [m]."""
+    narrow = min(mode.geometric_standard_deviation for mode in modes) < _NARROW
+    allowed = (_LARGEST_NARROW if narrow else _LARGEST) * wavelength / (2 * np.pi)
+    beside = f"beside a wavelength of {wavelength * 1e9:g} nm"
+    if not radius <= allowed:
+        rule = f'{beside} the modes may reach up to {allowed:.2g} m; write units, as in "0.2 um", or give a max_radius'
+        raise DomainError("modes", f"radii up to {radius:.3g} m", rule)
+    steepest = _LARGEST_INSIDE * wavelength / (2 * np.pi * radius)
+    if not abs(index) <= steepest:
+        rule = f"{beside} and for radii up to {radius:.2g} m its absolute value must not exceed {steepest:.3g}"
+        raise DomainError("refractive_index", f"{index.real:g} + {index.imag:g}i", rule)
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError, MissingDataError
-from skyscatter.media.arrays import ArrayField, unwritten
+from skyscatter.media.arrays import ArrayField, stamp, unwritten
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Rectangle, Sphere, Surface
 from skyscatter.units import Degrees, Place, PositiveNumber, Profile, Triple, default
@@ -174,7 +174,7 @@ class Mesh(Faceted):
 
     def _made(self) -> tuple[Array, Integers]:
         if self.file is not None:
-            return _read(*_stamp(self.file))
+            return _read(*stamp(self.file))
         assert self.vertices is not None
         assert self.faces is not None
         return self.vertices.array.astype(float), self.faces.array.astype(np.int64)
@@ -265,14 +265,6 @@ def _check_arrays(vertices: NDArray[np.generic], faces: NDArray[np.generic]) -> 
         raise DomainError("faces", float(rows[~known][0]), f"must be whole numbers from 0 to {len(vertices) - 1}")
 
 
-def _stamp(path: str) -> tuple[str, int]:
-    """The path and the time of its last change, so that a file that was written anew is read anew."""
-    try:
-        return path, Path(path).stat().st_mtime_ns
-    except OSError as error:
-        raise MissingDataError(path, f"cannot be read ({error.strerror or error}); check the path") from error
-
-
 @lru_cache(maxsize=8)
 def _read(path: str, _: int) -> tuple[Array, Integers]:
     """Vertices and faces of a file."""
@@ -287,5 +279,26 @@ def _read(path: str, _: int) -> tuple[Array, Integers]:
         raise MissingDataError(path, f"not a mesh that can be read ({error})") from error
     if len(faces) == 0:
         raise MissingDataError(path, "has no triangles")
+    _check_text(path)
     _check_arrays(vertices, faces)
     return vertices, faces
+
+
+def _check_text(path: str) -> None:
+    """Refuse what trimesh reads as another mesh: OBJ files that count from 0, PLY files that were cut short."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".obj", ".ply"):
+        return
+    lines = [line.split() for line in Path(path).read_text(encoding="utf-8", errors="replace").splitlines()]
+    if suffix == ".obj":
+        for number, words in enumerate(lines, 1):
+            for word in words[1:] if words[:1] == ["f"] else ():
+                if set(word.split("/")[0]) == {"0"}:
+                    rule = "OBJ files count vertices from 1, or backwards from -1"
+                    raise MissingDataError(path, f"line {number}: a face names vertex 0; {rule}")
+    elif ["format", "ascii", "1.0"] in lines and ["end_header"] in lines:
+        end = lines.index(["end_header"])
+        counts = [int(words[2]) for words in lines[:end] if words[:1] == ["element"] and words[2:][:1]]
+        rows = [words for words in lines[end + 1 :] if words]
+        if len(rows) < sum(counts):
+            raise MissingDataError(path, f"ends after {len(rows)} of {sum(counts)} lines; it was cut short")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import logging
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -86,10 +87,31 @@ def source_stamp(file: Path, root: Path = ROOT) -> str:
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    compiled = njit(nogil=True, error_model="numpy", **options)(function)
+    try:
+        compiled.enable_caching()
+    except RuntimeError:  # no folder that numba knows of may be written to
+        _say_uncached("no folder may be written to")
+        return compiled
     # The index of the cache compares this stamp and starts over when it differs.
     compiled._cache._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename))
+    save = compiled._cache.save_overload
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        try:
+            save(signature, data)
+        except OSError as error:  # such as a full disk
+            _say_uncached(error.strerror or str(error))
+
+    compiled._cache.save_overload = save_if_possible
     return compiled
+
+
+@cache
+def _say_uncached(reason: str) -> None:
+    """Say once why every run will compile anew."""
+    remedy = "every run compiles for up to a minute; name a folder for them in NUMBA_CACHE_DIR"
+    logging.getLogger(PACKAGE).warning("compiled kernels cannot be kept (%s): %s", reason, remedy)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
