@@ -349,7 +349,7 @@ def _node(modes: tuple[Mode, ...], wavelength_nm: float, index: complex) -> _Nod
     return _NodeOptics(float(extinction), float(scattering), float(asymmetry), matrix)
 
 
-def _check_size(modes: tuple[LogNormalMode, ...], radius: float, wavelength: float, index: complex) -> None:
+def _check_size(modes: tuple[Mode, ...], radius: float, wavelength: float, index: complex) -> None:
     """Refuse what would take hours: the largest radius [m], or the refractive index, beside the wavelength [m]."""
     narrow = min(mode.geometric_standard_deviation for mode in modes) < _NARROW
     allowed = (_LARGEST_NARROW if narrow else _LARGEST) * wavelength / (2 * np.pi)
