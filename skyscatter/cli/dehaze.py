@@ -69,7 +69,9 @@ def dehaze(
             "error); else estimated: auto.",
         ),
     ] = None,
-    aerosol: Annotated[str | None, typer.Option(metavar="NAME", help="Aerosol model, else estimated: auto.")] = None,
+    aerosol: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Aerosol model, or your own: .csv, .toml; else: auto.")
+    ] = None,
     haze_map: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the map of the haze: .tif.")] = None,
     sigma: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the standard uncertainty of every band: .tif.")

@@ -12,7 +12,7 @@ All are spheres, which is untrue of desert dust: its backscatter is overestimate
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import erf, exp, log, sqrt
 from typing import Literal, NamedTuple
@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.datafiles import read_table
+from skyscatter.dehaze.ownaerosol import SUFFIXES, is_file, read_aerosol
 from skyscatter.errors import DomainError
 from skyscatter.media.fields import Exponential
 from skyscatter.media.medium import Component
 from skyscatter.optics.mie import LogNormalMode, MieAerosol
+from skyscatter.optics.particles import Particles
 from skyscatter.record import nearest
 from skyscatter.spectra.table import SpectralTable
 
@@ -77,13 +79,27 @@ class _Part(NamedTuple):
     """One sort of sphere: optics with the optical depth 1 at 550 nm, and its share in that of the mixture."""
 
     name: str
-    optics: MieAerosol
+    optics: MieAerosol | Particles
     share: float
 
 
 def aerosol_names() -> tuple[str, ...]:
     """Names that `aerosol_components` knows."""
     return (*_VOLUMES, *_SITES)
+
+
+def check_aerosol(aerosol: str, known: Sequence[str]) -> None:
+    """Refuse what is neither one of the known names nor the file of an aerosol.
+
+    Raises
+    ------
+    MissingDataError, DomainError
+    """
+    if is_file(str(aerosol)):
+        read_aerosol(aerosol)
+    elif aerosol not in known:
+        rule = f"{nearest(str(aerosol), known)}; or a file of your own, {' or '.join(SUFFIXES)}"
+        raise DomainError("aerosol", aerosol, rule)
 
 
 def aerosol_components(
@@ -97,7 +113,8 @@ def aerosol_components(
     Parameters
     ----------
     aerosol : str or mapping of str to float
-        A name, or names and their shares in the optical depth at 550 nm (not negative, summing to 1).
+        A name, or the file of an aerosol of one's own (see `ownaerosol.read_aerosol`);
+        or names and their shares in the optical depth at 550 nm (not negative, summing to 1).
     optical_depth : float
         Vertical extinction optical depth at 550 nm of all components together, at least 0.
     scale_height : float
@@ -117,14 +134,15 @@ def aerosol_components(
     if not (np.isfinite(optical_depth) and optical_depth >= 0):
         raise DomainError("optical_depth", optical_depth, "a finite number, at least 0")
     density = Exponential(scale_height=scale_height, top=top)
-    return tuple(
-        Component(
-            name=part.name,
-            density=density,
-            optics=part.optics.model_copy(update={"optical_depth": float(optical_depth * part.share)}),
-        )
-        for part in _parts(aerosol)
-    )
+    return tuple(_component(part, density, float(optical_depth * part.share)) for part in _parts(aerosol))
+
+
+def _component(part: _Part, density: Exponential, depth: float) -> Component:
+    """A sort of particles with that optical depth at 550 nm; that of a table is a spectrum, which weighs."""
+    if isinstance(part.optics, MieAerosol):
+        optics = part.optics.model_copy(update={"optical_depth": depth})
+        return Component(name=part.name, density=density, optics=optics)
+    return Component(name=part.name, density=density, optics=part.optics, weight=depth)
 
 
 def aerosol_spectrum(aerosol: str | Mapping[str, float], wavelengths_nm: ArrayLike) -> tuple[Array, Array, Array]:
@@ -132,27 +150,38 @@ def aerosol_spectrum(aerosol: str | Mapping[str, float], wavelengths_nm: ArrayLi
     wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
     depth, scattered, forward = np.zeros((3, wl.size))
     for part in _parts(aerosol):
-        extinction, albedo, asymmetry = part.optics.optical_properties(wl)
-        own = part.share * extinction / part.optics.optical_properties([REFERENCE_NM])[0][0]
+        extinction, albedo, asymmetry = _properties(part.optics, wl)
+        own = part.share * extinction / _properties(part.optics, np.array([REFERENCE_NM]))[0][0]
         depth += own
         scattered += own * albedo
         forward += own * albedo * asymmetry
     return depth, scattered / depth, forward / scattered
 
 
+def _properties(optics: MieAerosol | Particles, wl: Array) -> tuple[Array, Array, Array]:
+    """Extinction of some unit, single-scattering albedo and asymmetry, each (wavelength,)."""
+    if isinstance(optics, MieAerosol):
+        extinction, albedo, asymmetry = optics.optical_properties(wl)
+        return extinction, albedo, asymmetry
+    scattering, absorption, _ = optics.coefficients(wl, 1.0)
+    total = scattering + absorption
+    return total, scattering / total, optics.phase.mean_cosine(wl)
+
+
 def _parts(aerosol: str | Mapping[str, float]) -> tuple[_Part, ...]:
     """All sorts of spheres; a sort that two mixtures share is one part."""
     shares = {aerosol: 1.0} if isinstance(aerosol, str) else dict(aerosol)
     for name, share in shares.items():
-        if name not in aerosol_names():
-            raise DomainError("aerosol", name, nearest(str(name), aerosol_names()))
+        check_aerosol(name, aerosol_names())
         if not share >= 0:
             raise DomainError(f"share of {name}", share, "not negative")
     if abs(sum(shares.values()) - 1.0) > 1e-6:
         raise DomainError("aerosol", shares, "shares that sum to 1")
     merged: dict[str, _Part] = {}
     for name, share in shares.items():
-        for part in _mixture(name) if share > 0 else ():
+        # A file may change while the program runs; what is made of names may be kept.
+        parts = (_Part("own", read_aerosol(name), 1.0),) if is_file(name) else _mixture(name)
+        for part in parts if share > 0 else ():
             before = merged[part.name].share if part.name in merged else 0.0
             merged[part.name] = part._replace(share=before + share * part.share)
     return tuple(merged.values())

@@ -104,7 +104,7 @@ class Sensor(Record):
             If the file cannot be read, or is no such table.
         """
         path = Path(path)
-        header, rows = _read_csv(path)
+        header, rows = read_csv(path)
         try:
             table = np.array([[float(cell) for cell in row] for row in rows], dtype=float)
             if table.ndim != 2 or not np.all(np.isfinite(table)):
@@ -212,7 +212,7 @@ def load_sensor(name: str) -> Sensor:
     raise DomainError("sensor", name, f"there are {', '.join(sensor_names())}; give others as a table of responses")
 
 
-def _read_csv(path: Path) -> tuple[list[str], list[list[str]]]:
+def read_csv(path: Path) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table of responses."""
     try:
         text = path.read_text(encoding="utf-8-sig")

@@ -20,7 +20,7 @@ from skyscatter.errors import DomainError
 from skyscatter.media.fields import UsStandard1976
 from skyscatter.media.medium import Component, Medium
 from skyscatter.optics.rayleigh import RayleighAir
-from skyscatter.record import Record, nearest
+from skyscatter.record import Record
 from skyscatter.scene import Scene
 from skyscatter.units import Metres, default
 
@@ -63,10 +63,9 @@ class Atmosphere(Record):
         if not 50 <= self.pressure_hpa <= 1200:
             raise DomainError("pressure", self.pressure_hpa, "at the ground, between 50 and 1200 hPa")
         if self.aerosol != "none":
-            from skyscatter.dehaze.aerosols import aerosol_names
+            from skyscatter.dehaze.aerosols import aerosol_names, check_aerosol
 
-            if self.aerosol not in aerosol_names():
-                raise DomainError("aerosol", self.aerosol, nearest(self.aerosol, ("none", *aerosol_names())))
+            check_aerosol(self.aerosol, ("none", *aerosol_names()))
         return self
 
     def medium(self, aod: float) -> Medium:

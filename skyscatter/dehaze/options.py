@@ -129,7 +129,7 @@ class DehazeOptions(Record):
     aod_map : str, optional
         GeoTIFF of the optical depth, and in a second band of its standard deviation; it is resampled to the image.
     aerosol : str
-        Name of an aerosol model, or auto.
+        Name of an aerosol model, a file of one's own (``.csv``, ``.toml``: see `ownaerosol.read_aerosol`), or auto.
     pressure_hpa, ground_height_m : float, optional
         Pressure on the ground, or its height above the sea; one of them.
     ozone_du, water_vapour_g_cm2 : float, optional
@@ -196,10 +196,9 @@ class DehazeOptions(Record):
         if self.pressure_hpa is not None and self.ground_height_m is not None:
             raise DomainError("pressure_hpa", self.pressure_hpa, "give the pressure or the ground's height, not both")
         if self.aerosol not in ("auto", "none"):
-            from skyscatter.dehaze.aerosols import aerosol_names
+            from skyscatter.dehaze.aerosols import aerosol_names, check_aerosol
 
-            if self.aerosol not in aerosol_names():
-                raise DomainError("aerosol", self.aerosol, nearest(self.aerosol, ("auto", "none", *aerosol_names())))
+            check_aerosol(self.aerosol, ("auto", "none", *aerosol_names()))
         if self.aerosol == "none" and self.aod not in ("auto", 0.0):
             raise DomainError("aod", self.aod, "there is no haze where aerosol is none; leave one of them out")
         return self
