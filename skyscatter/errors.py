@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
+#: Longest value that is shown whole; of longer ones both ends.
+LONGEST, END = 200, 90
+
 
 def shown(value: Any) -> str:
-    """A value as a user wrote it: numbers of numpy as plain ones, inside of tuples and lists too."""
+    """A value as a user wrote it: numbers of numpy as plain ones, inside of tuples and lists too; long ones cut."""
+    return shortened(_written(value))
+
+
+def shortened(text: str) -> str:
+    """A text that fits on a line: of a long one both ends."""
+    return text if len(text) <= LONGEST else f"{text[:END]} ... {text[-END:]}"
+
+
+def _written(value: Any) -> str:
     if isinstance(value, (tuple, list)) and type(value) in (tuple, list):
-        inner = ", ".join(shown(part) for part in value)
+        inner = ", ".join(_written(part) for part in value)
         if isinstance(value, list):
             return f"[{inner}]"
         return f"({inner},)" if len(value) == 1 else f"({inner})"

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from skyscatter.errors import DomainError, UnitsError, shown
+from skyscatter.errors import DomainError, UnitsError, shortened, shown
 from skyscatter.record import UNKNOWN_FIELD, similar
 
 #: Longest value that is shown whole.
@@ -69,7 +69,7 @@ def _path(problem: Mapping[str, Any], content: Any) -> str:
             node = node[part]
         elif content is not None or "(" in str(part):
             continue
-        parts.append(str(part))
+        parts.append(shortened(str(part)))
     return ".".join(parts)
 
 
@@ -96,7 +96,7 @@ def unknown_kind(field: str, kind: str, kinds: Sequence[str]) -> str:
     """The line for a kind that is not among those that fit."""
     meant = similar(kind, kinds)
     hint = f"did you mean {meant}? " if meant else ""
-    return f"{field} = {kind!r}: no such kind here; {hint}there are {', '.join(kinds)}"
+    return f"{field} = {shown(kind)}: no such kind here; {hint}there are {', '.join(kinds)}"
 
 
 def _own_words(problem: Mapping[str, Any], path: str, error: Any) -> str:

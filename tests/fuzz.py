@@ -426,7 +426,7 @@ def run(number: int, main: Callable[[list[str]], int], sorts: Sequence[str] = SO
     if status not in (0, 2) or "internal error" in said or "Traceback" in said or "np.float64(" in said:
         return "finding", f"{words}: exit status {status}: {said[:400]}"
     lines = [line for line in said.splitlines() if line.strip()]
-    if status == 2 and words and "--help" not in said and not 1 <= len(lines) <= 8:
+    if status == 2 and words and "--help" not in said and not 1 <= len(lines) <= 100:
         return "finding", f"{words}: {len(lines)} lines on stderr: {said[:400]}"
     if status == 2 and (left or any(len(line) > 2000 for line in lines)):
         return "finding", f"{words}: left {left}, lines of {[len(line) for line in lines]}: {said[:200]}"

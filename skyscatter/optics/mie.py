@@ -184,7 +184,7 @@ class _NodeOptics(NamedTuple):
 
 def _sort_of_mode(value: Any) -> str:
     """Which sort of mode a table means, by the fields that only one has."""
-    given = value if isinstance(value, Mapping) else dict.fromkeys(type(value).model_fields)
+    given = value if isinstance(value, Mapping) else getattr(type(value), "model_fields", {})
     return "table" if not {"radii", "numbers", "file"}.isdisjoint(given) else "log-normal"
 
 

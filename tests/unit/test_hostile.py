@@ -24,7 +24,7 @@ from skyscatter.surfaces import Mesh
 MIE: dict[str, Any] = {"refractive_index_real": 1.5, "refractive_index_imag": 0.0, "optical_depth": 0.1}
 
 
-@pytest.mark.parametrize("number", range(50))
+@pytest.mark.parametrize("number", range(20))
 def test_fuzzed_command_lines_and_models_end_in_one_line(number: int) -> None:
     with fuzz.nothing_is_rendered():
         _, finding = fuzz.run(number, main, sorts=("commands", "skies"))
@@ -40,6 +40,21 @@ def test_spheres_that_would_take_hours_are_refused(radius: Any, changed: dict[st
     mode = LogNormalMode(median_radius=radius, geometric_standard_deviation=narrow)
     with pytest.raises(ValueError, match=said):
         MieAerosol(modes=(mode,), **(MIE | changed)).optical_properties([550.0])
+
+
+def test_what_is_no_mode_is_refused() -> None:
+    with pytest.raises(ValueError, match="modes"):
+        MieAerosol(modes=("sand",), **MIE)
+
+
+def test_long_values_and_names_are_cut(tmp_path: Path) -> None:
+    long = tmp_path / "long.toml"
+    long.write_text(f'name = "{"x" * 3000}"\n{"y" * 3000} = 1\n[planet]\nradius = "{"z" * 3000}"\n')
+    with pytest.raises(ModelFileError) as refused:
+        skyscatter.load_model(str(long))
+    lines = str(refused.value).splitlines()
+    assert len(lines) > 1
+    assert all(len(line) < 1000 for line in lines)
 
 
 def test_brackets_without_end_and_names_that_no_file_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
