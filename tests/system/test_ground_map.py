@@ -173,7 +173,7 @@ def test_refuses() -> None:
         ({"classes": cells + 0.5, "albedos": (0.1, 0.2), "cell_size": 1}, ["classes = 0.5", "whole numbers"]),
         ({"classes": cells - np.inf, "albedos": (0.1, 0.2), "cell_size": 1}, ["classes = -inf"]),
         ({"classes": cells, "albedos": (), "cell_size": 1}, ["albedos = 0", "1 to 255"]),
-        ({"classes": cells, "albedos": (0.1, 1.5), "cell_size": 1}, ["albedo = 1.5", "between 0 and 1"]),
+        ({"classes": cells, "albedos": (0.1, 1.5), "cell_size": 1}, ["albedos.1 = 1.5", "between 0 and 1"]),
         ({"classes": cells, "albedos": ("cheese",), "cell_size": 1}, ["cheese"]),
         ({"classes": cells, "albedos": (0.1,), "cell_size": 0}, ["cell_size = 0", "positive"]),
     ):

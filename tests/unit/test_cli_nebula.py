@@ -286,7 +286,7 @@ def test_angles_lengths_and_times():
     assert parse_field("2pc") == ("length", pytest.approx(2 * PARSEC))
     assert parse_field("1e16m") == ("length", 1e16)
     assert (parse_time("20min", "t"), parse_time("2 h", "t"), parse_time("5s", "t")) == (1200.0, 7200.0, 5.0)
-    for wrong in ("", "arcmin", "0deg", "nandeg", "1parsec", "3"):
+    for wrong in ("", "arcmin", "0deg", "nandeg", "1parsecs", "3"):
         with pytest.raises(DomainError):
             parse_field(wrong)
 

@@ -16,16 +16,20 @@ from skyscatter.solvers.state import Checkpoint, RenderState
 
 #: A command that swallows Ctrl-C, as third parties do, while it writes a file.
 STUBBORN = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests run in the background
 from pathlib import Path
 from skyscatter.atomic import atomic_path
 from skyscatter.cli import stopping
 stopping.PATIENCE = 0.2
 with stopping.answered(), stopping.keeping(lambda: Path("kept").write_text("all")), atomic_path("out.txt") as path:
     path.write_text("half")
-    print("at work", flush=True)
+    said = False
     while True:
         try:
+            if not said:
+                said = True
+                print("at work", flush=True)
             time.sleep(60)
         except KeyboardInterrupt:
             pass
@@ -39,7 +43,10 @@ def test_a_command_that_hangs_is_ended(number, status, tmp_path):
     with subprocess.Popen([sys.executable, "-c", STUBBORN], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "at work\n"
         process.send_signal(number)
-        assert process.wait(20) == status
+        try:
+            assert process.wait(20) == status
+        finally:
+            process.kill()
     assert {path.name for path in tmp_path.iterdir()} == {"kept", "out.txt"}
     assert (tmp_path / "out.txt").read_text() == "old"
 

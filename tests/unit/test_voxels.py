@@ -254,7 +254,7 @@ def test_records_compare_by_content_and_are_written_back():
         ({"values": VALUES, "low": (0, 0, 0), "high": (1, 1, 0)}, "must lie above"),
         ({"values": VALUES, "low": (0, 0, 0), "high": (1, 1, 1), "position": (1, 1, 1)}, "goes with spacing"),
         ({"values": VALUES, "spacing": -1.0}, "positive length"),
-        ({"values": VALUES, "spacing": 1.0, "factor": 0.0}, "must be positive"),
+        ({"values": VALUES, "spacing": 1.0, "factor": 0.0}, "must be above 0"),
     ],
 )
 def test_bad_input_is_told_in_one_line(options, text):
