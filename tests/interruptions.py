@@ -3,7 +3,8 @@
     python tests/interruptions.py --moments 20 --job sky-path --job nebula-photons
 
 ends every job at so many moments, by Ctrl-C (once or twice), SIGTERM and SIGKILL in turn, and goes on from what is
-kept.  It stops at the first thing that is wrong.
+kept.  The moments are random and spread over the whole time that the job takes: loading, tables, solving, writing.  It
+stops at the first thing that is wrong.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,8 @@ WAYS: dict[str, tuple[int, ...]] = {
 STATUS = {"Ctrl-C": 130, "SIGTERM": 143, "SIGKILL": -9, "Ctrl-C twice": 130, "SIGTERM, Ctrl-C": 143}
 #: Seconds within which a command has to answer, and after which the program has begun to listen.
 ANSWER, BEGUN = 5.0, 0.4
+#: The last moments lie this much after the time that a job has taken.
+LONGER = 1.03
 OLD = b"what was there before"
 
 
@@ -47,6 +51,8 @@ class Job:
     outputs: tuple[str, ...]
     resumes: bool = True
     prepare: Callable[[Path], None] = field(default=lambda folder: None)
+    #: Nothing is compiled before: it is ended while it compiles, and goes on with what compiled functions were kept.
+    cold: bool = False
 
     @property
     def checkpoint(self) -> str:
@@ -59,11 +65,32 @@ class Job:
         return {f"{Path(name).stem}.partial{Path(name).suffix}" for name in self.outputs}
 
 
-def measured(folder: Path) -> None:
-    """A clear sky in three directions, as a table."""
+@cache
+def measured_sky() -> str:
+    """A sky of the model that is fitted, in three directions, as a table."""
+    import skyscatter
+    from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+
+    model = skyscatter.load_model("earth-hazy")
+    scene = model.scene(sun_elevation_deg=40.0)
+    places = [(a, e) for a in (90.0, 180.0) for e in (30.0, 60.0)]
+    wavelengths = (450.0, 550.0, 650.0)
+    looks = direction_from_azimuth_elevation(*np.transpose(places))
+    seen = skyscatter.radiance(scene, scene.observer.position, looks, wavelengths, "single").radiance
     lines = ["azimuth_deg,elevation_deg,wavelength_nm,radiance,sigma,sun_elevation_deg"]
-    lines += [f"{a},{e},{w},0.1,0.002,40" for a in (90, 180) for e in (30, 60) for w in (450, 550, 650)]
-    (folder / "sky.csv").write_text("\n".join(lines) + "\n")
+    for (azimuth, elevation), row in zip(places, seen.tolist(), strict=True):
+        lines += [f"{azimuth},{elevation},{w},{x},{0.02 * x},40" for w, x in zip(wavelengths, row, strict=True)]
+    return "\n".join([*lines, ""])
+
+
+def measured(folder: Path) -> None:
+    """That sky as a file."""
+    (folder / "sky.csv").write_text(measured_sky())
+
+
+def cloud(folder: Path) -> None:
+    """A star in a small cloud of dust."""
+    (folder / "cloud.toml").write_text(CLOUD)
 
 
 def hazy_picture(folder: Path) -> None:
@@ -75,30 +102,58 @@ def hazy_picture(folder: Path) -> None:
     Image.fromarray(pixels.astype(np.uint8)).save(folder / "hazy.png")
 
 
+CLOUD = """
+name = "cloud"
+description = "A star in a small cloud of dust."
+view = { ra_deg = 67.9, dec_deg = 18.2, distance = "140 pc" }
+
+[[stars]]
+name = "star"
+temperature = 5000
+luminosity = 1
+
+[[components]]
+name = "dust"
+optics = { kind = "dust", mixture = "milky-way-3.1", hydrogen_density = 3e9 }
+
+[components.density]
+kind = "sampled"
+cells = [24, 24, 24]
+low = ["-260 au", "-260 au", "-260 au"]
+high = ["260 au", "260 au", "260 au"]
+field = { kind = "sphere", radius = "240 au" }
+"""
 SKY = "sky earth-simple --sun-elevation 20 --wavelengths 450,550 --checkpoint 0.2s -o sky.fits -o sky.png"
-NEBULA = "nebula reflection-nebula --wavelengths 450,550 --checkpoint 0.2s -o nebula.fits"
+NEBULA = "nebula cloud.toml --wavelengths 450,550 --checkpoint 0.2s -o nebula.fits"
 ROOM = "render fog-room --wavelengths 450,550 --checkpoint 0.2s -o room.fits"
 JOBS = {
-    "sky-orders": Job(f"{SKY} --size 96x48", ("sky.fits", "sky.png")),
-    "sky-path": Job(f"{SKY} --size 48x24 --solver path --samples 8", ("sky.fits", "sky.png")),
-    "sky-single": Job(f"{SKY} --size 360x180 --solver single", ("sky.fits", "sky.png")),
-    "nebula-path": Job(f"{NEBULA} --size 12x12 --solver path --samples 16", ("nebula.fits",)),
-    "nebula-single": Job(f"{NEBULA} --size 96x96 --solver single", ("nebula.fits",)),
-    "nebula-photons": Job(f"{NEBULA} --size 32x32 --solver photons --samples 30 --photons 2000", ("nebula.fits",)),
-    "render-path": Job(f"{ROOM} --size 12x12 --solver path --samples 16", ("room.fits",)),
-    "render-photons": Job(f"{ROOM} --size 32x24 --solver photons --samples 30 --photons 2000", ("room.fits",)),
+    "sky-orders": Job(f"{SKY} --size 48x24", ("sky.fits", "sky.png")),
+    "sky-path": Job(f"{SKY} --size 24x12 --solver path --samples 8", ("sky.fits", "sky.png")),
+    "sky-single": Job(f"{SKY} --size 256x128 --solver single", ("sky.fits", "sky.png")),
+    "nebula-path": Job(f"{NEBULA} --size 6x6 --solver path --samples 8", ("nebula.fits",), prepare=cloud),
+    "nebula-single": Job(f"{NEBULA} --size 24x24 --solver single", ("nebula.fits",), prepare=cloud),
+    "nebula-photons": Job(
+        f"{NEBULA} --size 16x16 --solver photons --samples 12 --photons 1000", ("nebula.fits",), prepare=cloud,
+    ),
+    "render-path": Job(f"{ROOM} --size 8x8 --solver path --samples 16", ("room.fits",)),
+    "render-photons": Job(f"{ROOM} --size 16x12 --solver photons --samples 20 --photons 1000", ("room.fits",)),
+    "flux": Job(
+        "flux earth-simple --altitude 0:20km:10km --sun-elevation 20,50 --wavelengths 450,550 -o flux.nc -o flux.csv",
+        ("flux.nc", "flux.csv"), False,
+    ),
     "invert": Job(
-        "invert earth-hazy --data sky.csv --solver single --free haze.optical_depth --free ground.albedo -o fit.json",
-        ("fit.json",), prepare=measured,
+        "invert earth-hazy --data sky.csv --solver single --free haze.optical_depth --free ground.grey_albedo "
+        "-o fit.json", ("fit.json",), prepare=measured,
     ),
     "dehaze": Job("dehaze hazy.png -o clear.png", ("clear.png",), False, hazy_picture),
     "models": Job("models show earth-simple --plot earth.png", ("earth.png",), False),
+    "cold-single": Job(f"{NEBULA} --size 8x8 --solver single", ("nebula.fits",), prepare=cloud, cold=True),
     # Passes and walks that take far longer than anyone would wait for.
-    "long-pass": Job(f"{NEBULA} --size 32x32 --solver photons --photons 1000000000", ("nebula.fits",)),
+    "long-pass": Job(f"{NEBULA} --size 32x32 --solver photons --photons 1000000000", ("nebula.fits",), prepare=cloud),
     "long-walk": Job(f"{SKY} --size 16x8 --solver path --noise 0.0001%", ("sky.fits", "sky.png")),
 }  # fmt: skip
 #: Those that do not come to an end, and after how many seconds they are ended at the latest.
-ENDLESS, LATEST = ("long-pass", "long-walk"), 12.0
+ENDLESS, LATEST = ("long-pass", "long-walk"), 6.0
 
 
 def command(job: Job, *more: str) -> list[str]:
@@ -114,6 +169,13 @@ def content(path: Path) -> Any:
 
         image = SpectralImage.load(path)
         return [np.asarray(image.radiance).tobytes(), np.asarray(image.standard_error).tobytes()]
+    if path.suffix == ".nc":
+        import xarray
+
+        with xarray.open_dataset(path) as dataset:
+            return {name: dataset[name].values.tobytes() for name in dataset.variables}
+    if path.suffix == ".csv":
+        return path.read_text()
     if path.suffix == ".json":
         return {name: value for name, value in json.loads(path.read_text()).items() if name != "seconds"}
     from PIL import Image
@@ -132,6 +194,7 @@ class Judge:
     seconds: float = LATEST
     seen: Counter[str] = field(default_factory=Counter)
     slowest: float = 0.0
+    environment: dict[str, str] = field(default_factory=lambda: dict(os.environ))
 
     def measure(self, warm: bool) -> None:
         """Run it to its end, before once more where it may compile."""
@@ -141,11 +204,14 @@ class Judge:
             folder = Path(name)
             self.job.prepare(folder)
             if warm:
-                subprocess.run(command(self.job), cwd=folder, check=True)
+                self._run(folder)
             began = time.monotonic()
-            subprocess.run(command(self.job), cwd=folder, check=True)
+            self._run(folder)
             self.seconds = time.monotonic() - began
             self.wanted = [content(folder / output) for output in self.job.outputs]
+
+    def _run(self, folder: Path, *more: str) -> None:
+        subprocess.run(command(self.job, *more), cwd=folder, check=True, env=self.environment)
 
     def end(self, way: str, after: float) -> None:
         """End it after so many seconds, look at what is there, and go on."""
@@ -174,7 +240,7 @@ class Judge:
             assert not strange, f"{way} after {after:.2f} s left {sorted(strange)}"
             if self.job.checkpoint in there and self.ends:
                 self.seen["gone on"] += 1
-                subprocess.run(command(self.job, "--resume", self.job.checkpoint), cwd=folder, check=True)
+                self._run(folder, "--resume", self.job.checkpoint)
                 left = {path.name for path in folder.iterdir()} - given - hidden
                 self._check_whole(folder, left, f"{way} after {after:.2f} s, gone on")
 
@@ -185,7 +251,9 @@ class Judge:
 
     def _send(self, folder: Path, way: str, after: float) -> int:
         with open(folder.with_suffix(".err"), "w+b") as error:
-            process = subprocess.Popen(command(self.job), cwd=folder, stdout=subprocess.DEVNULL, stderr=error)
+            process = subprocess.Popen(
+                command(self.job), cwd=folder, stdout=subprocess.DEVNULL, stderr=error, env=self.environment
+            )
             try:
                 process.wait(after)
             except subprocess.TimeoutExpired:
@@ -233,9 +301,20 @@ def judge(
     """
     found, draw = Judge(JOBS[name], name not in ENDLESS), random.Random(f"{name} {seed}")
     found.measure(warm)
-    for k in range(moments):
-        found.end(ways[k % len(ways)], draw.uniform(earliest, 1.05) * found.seconds + BEGUN)
+    with tempfile.TemporaryDirectory() as empty:
+        if found.job.cold:
+            found.seconds, found.environment["NUMBA_CACHE_DIR"] = LATEST, empty
+        first = max(BEGUN, earliest * found.seconds)
+        for k, share in enumerate(spread(moments, draw)):
+            found.end(ways[k % len(ways)], first + share * (LONGER * found.seconds - first))
     return found
+
+
+def spread(count: int, draw: random.Random) -> list[float]:
+    """Random numbers between 0 and 1 in random order, one in every one of so many equal parts."""
+    shares = [(k + draw.random()) / count for k in range(count)]
+    draw.shuffle(shares)
+    return shares
 
 
 def main() -> None:
