@@ -138,8 +138,9 @@ JOBS = {
     "render-path": Job(f"{ROOM} --size 8x8 --solver path --samples 16", ("room.fits",)),
     "render-photons": Job(f"{ROOM} --size 16x12 --solver photons --samples 20 --photons 1000", ("room.fits",)),
     "flux": Job(
-        "flux earth-simple --altitude 0:20km:10km --sun-elevation 20,50 --wavelengths 450,550 -o flux.nc -o flux.csv",
-        ("flux.nc", "flux.csv"), False,
+        "flux earth-simple --altitude 0:20km:10km --sun-elevation 20,50 --wavelengths 450,550 --checkpoint 0.2s "
+        "-o flux.nc -o flux.csv",
+        ("flux.nc", "flux.csv"),
     ),
     "invert": Job(
         "invert earth-hazy --data sky.csv --solver single --free haze.optical_depth --free ground.grey_albedo "
@@ -203,15 +204,17 @@ class Judge:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             self.job.prepare(folder)
-            if warm:
+            took = []
+            for _ in range(2 if warm else 1):
+                began = time.monotonic()
                 self._run(folder)
-            began = time.monotonic()
-            self._run(folder)
-            self.seconds = time.monotonic() - began
+                took.append(time.monotonic() - began)
+            self.seconds = min(took)  # others may have been at work
             self.wanted = [content(folder / output) for output in self.job.outputs]
 
     def _run(self, folder: Path, *more: str) -> None:
-        subprocess.run(command(self.job, *more), cwd=folder, check=True, env=self.environment)
+        words = command(self.job, *more)
+        subprocess.run(words, cwd=folder, check=True, env=self.environment, stdout=subprocess.DEVNULL)
 
     def end(self, way: str, after: float) -> None:
         """End it after so many seconds, look at what is there, and go on."""

@@ -295,6 +295,20 @@ def checkpoint_path(outputs: list[Path], otherwise: str = "skyscatter") -> Path:
     return first.with_name(f"{first.name}.partial.npz")
 
 
+def checkpoint_for(
+    resume: Path | None, outputs: list[Path], every: float | None, otherwise: str = "skyscatter"
+) -> Checkpoint:
+    """Where a run is kept: one that is resumed in the same file from then on."""
+    from skyscatter.solvers.state import EVERY, Checkpoint
+
+    checkpoint = Checkpoint(resume or checkpoint_path(outputs, otherwise), every or EVERY)
+    if resume is None and checkpoint.path.is_file():
+        logging.getLogger("skyscatter").warning(
+            "%s of an interrupted run will be replaced; --resume it to go on with that run", checkpoint.path
+        )
+    return checkpoint
+
+
 @dataclass(frozen=True)
 class Rendered:
     """A picture, or as much of it as was finished.
@@ -350,14 +364,8 @@ def render_request(
     import skyscatter
     from skyscatter.progress import Progress
     from skyscatter.solvers.run import Interrupted
-    from skyscatter.solvers.state import EVERY, Checkpoint
 
-    # One that is resumed is also where it is kept from then on.
-    checkpoint = Checkpoint(request.resume or checkpoint_path(request.outputs), request.every or EVERY)
-    if request.resume is None and checkpoint.path.is_file():
-        logging.getLogger("skyscatter").warning(
-            "%s of an interrupted run will be replaced; --resume it to go on with that run", checkpoint.path
-        )
+    checkpoint = checkpoint_for(request.resume, request.outputs, request.every)
     try:
         with stopping.keeping(lambda: keep(checkpoint, arguments)), Progress(1.0, label, request.progress) as progress:
             image = skyscatter.render(

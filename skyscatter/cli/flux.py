@@ -6,16 +6,19 @@ import json
 import time as clock
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
-from skyscatter.cli import common, parse
+from skyscatter.cli import common, parse, stopping
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.state import Checkpoint
 
 SUFFIXES = (".nc", ".csv")
 
@@ -35,9 +38,12 @@ class Request:
     json: bool
     quiet: bool
     progress: str
+    resume: Path | None
+    every: float | None
 
 
 def flux(
+    context: typer.Context,
     model: Annotated[
         str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")
     ] = "earth",
@@ -60,6 +66,8 @@ def flux(
         ),
     ] = None,
     as_json: common.AsJson = False,
+    resume: common.Resume = None,
+    checkpoint: common.Every = None,
     no_clobber: common.NoClobber = False,
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
@@ -81,18 +89,18 @@ def flux(
         json=as_json,
         quiet=quiet,
         progress=common.talk(quiet, verbose, progress),
+        resume=None if resume is None else parse.check_input(resume, "checkpoint"),
+        every=None if checkpoint is None else parse.parse_time(checkpoint, "checkpoint"),
     )
     parse.check_new(request.outputs if no_clobber else ())
     if not np.abs(request.elevations).max() <= 90.0:
         raise DomainError("sun_elevation", sun_elevation, "give elevations between -90 and 90 degrees")
-    return common.stoppable(lambda: run(request))
+    return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 
-def run(request: Request) -> int:
+def run(request: Request, arguments: list[str]) -> int:
     """Solve, write, report; returns the exit status."""
     import skyscatter
-    from skyscatter.progress import Progress
-    from skyscatter.solvers.field import DEFAULT_TOLERANCE
     from skyscatter.solvers.fluxdata import to_csv
 
     started = clock.monotonic()
@@ -102,23 +110,41 @@ def run(request: Request) -> int:
     if not (request.altitudes.min() >= 0.0 and request.altitudes.max() <= top):
         beyond = float(request.altitudes[np.argmax(np.abs(request.altitudes - top / 2))])
         raise DomainError("altitude", beyond, f"lies between 0 and the top of the air, {top:g} m")
-    tolerance = DEFAULT_TOLERANCE if request.tolerance is None else request.tolerance
+    checkpoint = common.checkpoint_for(request.resume, request.outputs, request.every, "skyscatter-flux")
+    try:
+        with stopping.keeping(lambda: common.keep(checkpoint, arguments)):
+            dataset = _solve(request, model, checkpoint)
+        for path in request.outputs:
+            _write(dataset, path)
+    except BaseException:
+        common.keep(checkpoint, arguments)
+        raise
+    checkpoint.remove()
+    if not request.outputs and not request.json:
+        typer.echo(to_csv(dataset), nl=False)
+    return _report(request, model, dataset, clock.monotonic() - started)
+
+
+def _solve(request: Request, model: Any, checkpoint: Checkpoint) -> Any:
+    """The field and its fluxes, as labelled data."""
+    import skyscatter
+    from skyscatter.progress import Progress, say
+    from skyscatter.solvers.field import DEFAULT_TOLERANCE
+
     with Progress(1.0, f"{model.name} fluxes", request.progress) as progress:
         field = skyscatter.solve(
             model.scene(),
             request.wavelengths,
             sun_elevations_deg=(float(request.elevations.min()), float(request.elevations.max())),
-            tolerance=tolerance,
+            tolerance=DEFAULT_TOLERANCE if request.tolerance is None else request.tolerance,
             max_order=request.max_order,
             threads=request.threads,
             progress=progress.to,
+            resume=request.resume,
+            checkpoint=checkpoint,
         )
-        dataset = field.flux_dataset(request.altitudes, request.elevations)
-    for path in request.outputs:
-        _write(dataset, path)
-    if not request.outputs and not request.json:
-        typer.echo(to_csv(dataset), nl=False)
-    return _report(request, model, dataset, clock.monotonic() - started)
+        say("integrals over directions")
+        return field.flux_dataset(request.altitudes, request.elevations, progress=progress.to, checkpoint=checkpoint)
 
 
 def _write(dataset: Any, path: Path) -> None:

@@ -70,6 +70,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()  # here, where a full disk can still be spoken of
     except (KeyboardInterrupt, typer.Abort):
         return _say("interrupted", stopping.status())
+    except Exception as error:
+        if stopping.asked():  # libraries make errors of their own of it, such as of an import that was cut short
+            return _say("interrupted", stopping.status())
+        return _failed(error)
+    return result if isinstance(result, int) else 0
+
+
+def _failed(error: Exception) -> int:
+    """Say what is wrong; returns the exit status."""
+    try:
+        raise error
     except ValidationError as error:
         for problem in problem_lines(error):
             _say(f"error: {problem}", 2)
@@ -105,7 +116,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(
             f"internal error: {type(error).__name__}: {error} (SKYSCATTER_TRACEBACK=1 shows where; please report it)", 1
         )
-    return result if isinstance(result, int) else 0
 
 
 def _silence_stdout() -> None:

@@ -12,6 +12,7 @@ import signal
 import socket
 import sys
 import threading
+from _thread import interrupt_main
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -19,6 +20,8 @@ from typing import Any
 
 #: Seconds that the main thread has to come to an end by itself.
 PATIENCE = 3.5
+#: Seconds after which it is told again what a callback of a library has swallowed.
+AGAIN = 0.05
 #: What is asked to end, and the usual exit status of a program that a signal has ended.
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -29,6 +32,8 @@ class _Stop:
     def __init__(self) -> None:
         self.status: int | None = None
         self.raised = False
+        #: The signal that was raised as an exception.
+        self.number = signal.SIGINT
         #: What signals did before.
         self.before: dict[Any, Any] = {}
         self.keep: Callable[[], None] | None = None
@@ -87,12 +92,15 @@ def answered() -> Iterator[None]:
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
             stop.before[number] = signal.signal(number, lambda got, frame: _raise(stop, got, frame))
+    unraisable = sys.unraisablehook
+    sys.unraisablehook = lambda what: _swallowed(stop, what, unraisable)
     woken = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
     threading.Thread(target=_watch, args=(stop, heard), name="stopping", daemon=True).start()
     try:
         yield
     finally:
         signal.set_wakeup_fd(woken)
+        sys.unraisablehook = unraisable
         stop.ended.set()
         for number, handler in stop.before.items():
             signal.signal(number, handler)
@@ -101,9 +109,22 @@ def answered() -> Iterator[None]:
 
 def _raise(stop: _Stop, number: int, frame: FrameType | None) -> None:
     if not stop.raised:
-        stop.raised = True
+        stop.raised, stop.number = True, signal.Signals(number)
         stop.status = stop.status or SIGNALS[signal.Signals(number)]
         raise KeyboardInterrupt
+
+
+def _swallowed(stop: _Stop, what: Any, otherwise: Callable[[Any], object]) -> None:
+    """Raise it again, outside of the callback that has not let it through; say nothing of that."""
+    if not (issubclass(what.exc_type, KeyboardInterrupt) and stop.raised):
+        otherwise(what)
+        return
+    stop.raised = False
+    main = threading.main_thread().ident or 0
+    tell = (lambda: signal.pthread_kill(main, stop.number)) if hasattr(signal, "pthread_kill") else interrupt_main
+    again = threading.Timer(AGAIN, tell)
+    again.daemon = True
+    again.start()
 
 
 def _watch(stop: _Stop, heard: socket.socket) -> None:

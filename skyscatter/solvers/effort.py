@@ -7,7 +7,8 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import outward_profile
-from skyscatter.solvers.sweeps import ORDERS_SHARE, Problem
+from skyscatter.solvers.series import ORDERS_SHARE
+from skyscatter.solvers.sweeps import Problem
 
 #: Orders and minutes of one processor beyond which a solution is refused.
 MOST_ORDERS, MOST_MINUTES = 1000, 60

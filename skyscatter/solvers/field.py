@@ -22,11 +22,13 @@ from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
-from skyscatter.solvers.fluxes import Fluxes, direct_beam, fluxes, sphere_rule
+from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
-from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, sum_orders, view
+from skyscatter.solvers.series import sum_orders
+from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
+from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
 from skyscatter.solvers.workers import Workers
 
 if TYPE_CHECKING:
@@ -59,16 +61,20 @@ def solve_once(
     degree: int | None = None,
     orders_tolerance: float | None = None,
     grid: Grid | None = None,
+    checkpoint: Checkpoint | None = None,
+    name: str = "",
 ) -> Solution:
     """One solution on one grid.
 
     Phase functions are kept to a given degree, or to one that suits the tolerance; the sum over the orders stops by a
-    tolerance of its own where one is given, and a grid may be given as for `make_problem`.
+    tolerance of its own where one is given, and a grid may be given as for `make_problem`.  With a checkpoint it is
+    kept there under a name, order by order.
     """
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid)
     check_effort(problem, wavelengths, orders_tolerance or tolerance, max_order)
     sweeper = Sweeper(problem, threads)
-    return Solution(problem, sum_orders(sweeper, orders_tolerance or tolerance, max_order, progress))
+    goal = orders_tolerance or tolerance
+    return Solution(problem, sum_orders(sweeper, goal, max_order, progress, checkpoint, name))
 
 
 def seen_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[Array, Array]:
@@ -132,6 +138,8 @@ def solve(
     max_order: int | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
+    resume: str | os.PathLike[str] | None = None,
+    checkpoint: Checkpoint | str | os.PathLike[str] | None = None,
 ) -> RadianceField:
     """Solve the diffuse light of a scene by successive orders of scattering, once for many questions.
 
@@ -155,6 +163,12 @@ def solve(
         All processors when not given.
     progress : callable, optional
         Called with the finished share, 0 to 1.
+    resume : path, optional
+        Checkpoint of an interrupted solution with the same arguments; also kept there from then on, unless
+        `checkpoint` names another file.
+    checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
+        File in which the orders so far are kept, every three minutes or as often as the `Checkpoint` says, and on
+        Ctrl-C.
 
     Returns
     -------
@@ -163,15 +177,35 @@ def solve(
     Raises
     ------
     DomainError
-        For wavelengths, elevations or a tolerance out of range.
+        For wavelengths, elevations or a tolerance out of range, and for a checkpoint of another solution.
     ConvergenceError
         If the orders of scattering do not settle: a very thick medium that absorbs nothing.
     """
+    from skyscatter import __version__
+
     wl = check_wavelengths(wavelengths)
     zenith = zenith_range(scene, sun_elevations_deg, tolerance)
     Options(max_order=max_order).check()
     workers = worker_count(threads)
-    return solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress)
+    recipe = {
+        "skyscatter": __version__,
+        "scene": scene.model_dump(mode="json", exclude={"sun", "altitude"}, exclude_none=True),
+        "wavelengths_nm": wl.tolist(),
+        "sun_elevations_deg": [float(e) for e in sun_elevations_deg],
+        "tolerance": float(tolerance),
+        "stokes": bool(stokes),
+        "max_order": max_order,
+    }
+    kept = checkpoint_of(checkpoint or resume)
+    if kept is not None:
+        kept.begin(RenderState.empty(recipe, 0, 0) if resume is None else RenderState.load(resume, recipe))
+    try:
+        field = solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress, kept)
+    except KeyboardInterrupt:
+        if kept is not None:
+            kept.save()
+        raise
+    return field
 
 
 def zenith_range(scene: Scene, sun_elevations_deg: tuple[float, float], tolerance: float) -> tuple[float, float]:
@@ -194,16 +228,22 @@ def solve_range(
     max_order: int | None,
     threads: int,
     progress: Callable[[float], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> RadianceField:
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
     tolerance = min(tolerance, LOOSEST)
     if progress is not None:
         say("orders of scattering")
-    fine = solve_once(scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress)
+    fine = solve_once(
+        scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress, checkpoint=checkpoint, name="fine"
+    )
     if progress is not None:
         say("orders of scattering, coarser, for the error", anew=False)
-    coarse = solve_once(scene, wavelengths, zenith, COARSER * tolerance, stokes, max_order, threads)
+    coarser = COARSER * tolerance
+    coarse = solve_once(
+        scene, wavelengths, zenith, coarser, stokes, max_order, threads, checkpoint=checkpoint, name="coarse"
+    )
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
 
 
@@ -312,7 +352,14 @@ class RadianceField:
             "estimated",
         )
 
-    def fluxes(self, altitude: ArrayLike, *, sun_elevation_deg: ArrayLike | None = None) -> Fluxes:
+    def fluxes(
+        self,
+        altitude: ArrayLike,
+        *,
+        sun_elevation_deg: ArrayLike | None = None,
+        progress: Callable[[float], None] | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> Fluxes:
         """Fluxes through a horizontal plane, and the actinic flux, at altitudes inside the atmosphere.
 
         Parameters
@@ -321,6 +368,10 @@ class RadianceField:
             Above the ground, to the top of the atmosphere [m].
         sun_elevation_deg : array_like, optional
             Of the Sun there [degree]; the scene's when not given.  Broadcast against the altitudes.
+        progress : callable, optional
+            Called with the finished share, 0 to 1.
+        checkpoint : skyscatter.solvers.state.Checkpoint, optional
+            That with which the field was solved: fluxes are kept there too, and those that it holds are not made again.
 
         Returns
         -------
@@ -343,9 +394,16 @@ class RadianceField:
         if h.size and (zenith.min() < self.zenith[0] - 1e-6 or zenith.max() > self.zenith[1] + 1e-6):
             have = tuple(round(90 - float(np.degrees(z)), 1) for z in self.zenith[::-1])
             raise DomainError("sun_elevation_deg", elevation, f"the field covers {have}; solve a wider range")
-        return fluxes(self.fine, h, zenith, self.coarse)
+        return fluxes(self.fine, h, zenith, self.coarse, Work(progress, checkpoint))
 
-    def flux_dataset(self, altitudes: ArrayLike = 0.0, sun_elevations_deg: ArrayLike | None = None) -> xarray.Dataset:
+    def flux_dataset(
+        self,
+        altitudes: ArrayLike = 0.0,
+        sun_elevations_deg: ArrayLike | None = None,
+        *,
+        progress: Callable[[float], None] | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> xarray.Dataset:
         """Fluxes at every one of some altitudes under every one of some Suns, as an xarray Dataset.
 
         Parameters
@@ -354,6 +412,8 @@ class RadianceField:
             Above the ground, to the top of the atmosphere [m].
         sun_elevations_deg : array_like, shape (sun_elevation,), optional
             Of the Sun there [degree]; the scene's when not given.
+        progress, checkpoint
+            As for `fluxes`.
 
         Returns
         -------
@@ -379,7 +439,8 @@ class RadianceField:
         h, e = (np.atleast_1d(np.asarray(values, float)) for values in (altitudes, elevations))
         if h.ndim != 1 or e.ndim != 1:
             raise DomainError("altitudes", h.shape, "lists of altitudes and of elevations; for other shapes use fluxes")
-        return to_dataset(self, self.fluxes(h[:, None], sun_elevation_deg=e), h, e)
+        found = self.fluxes(h[:, None], sun_elevation_deg=e, progress=progress, checkpoint=checkpoint)
+        return to_dataset(self, found, h, e)
 
     def irradiance(
         self,

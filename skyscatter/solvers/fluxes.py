@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from skyscatter.solvers import grid as grids
 from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.estimate import level_error, stated_error
 from skyscatter.solvers.kernels.lookup import ColumnTable
+from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import Problem, Solution, view
 
 Array = NDArray[np.float64]
@@ -67,6 +69,41 @@ class Integrals(NamedTuple):
     mean: Array  #: over all directions, unweighted
 
 
+@dataclass
+class Work:
+    """How far integrals have come: told, and kept in a checkpoint.
+
+    Attributes
+    ----------
+    progress : callable or None
+        Called with the finished share, 0 to 1.
+    checkpoint : Checkpoint or None
+    share : float
+        Of the work, of the integrals that are made next: the finer ones take longer.
+    """
+
+    progress: Callable[[float], None] | None = None
+    checkpoint: Checkpoint | None = None
+    share: float = 0.8
+    before: float = 0.0
+
+    def begun(self, name: str, altitude: Array, zenith: Array, empty: Array) -> tuple[Array, int]:
+        """Integrals so far and the number of finished points, where they were begun for these points."""
+        kept = {} if self.checkpoint is None else self.checkpoint.part(name)
+        same = kept and all(np.array_equal(kept[k], a) for k, a in (("altitude", altitude), ("zenith", zenith)))
+        return (kept["out"].copy(), int(kept["done"])) if same else (empty, 0)
+
+    def keep(self, name: str, altitude: Array, zenith: Array, out: Array, done: int) -> None:
+        """So many points are finished."""
+        if self.checkpoint is not None:
+            arrays = {"altitude": altitude, "zenith": zenith, "out": out.copy(), "done": np.array(float(done))}
+            self.checkpoint.put(name, arrays)
+        if self.progress is not None:
+            self.progress(self.before + self.share * done / altitude.size)
+        if done == altitude.size:
+            self.before, self.share = self.before + self.share, 1.0 - self.before - self.share
+
+
 def direct_beam(columns: ColumnTable, problem: Problem, altitude: Array, zenith: Array | float) -> Beam:
     """Direct sunlight at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape.
 
@@ -106,51 +143,71 @@ def _smooth(problem: Problem) -> Problem:
     )
 
 
-def integrals(solution: Solution, altitude: Array, zenith: Array) -> Integrals:
+def integrals(
+    solution: Solution, altitude: Array, zenith: Array, work: Work | None = None, name: str = ""
+) -> Integrals:
     """Integrals of the field's own radiances over all directions, at points (point,) [m], [rad].
 
-    The rays are those of `view`, so that fluxes agree with radiances; nothing is interpolated between nodes.
+    The rays are those of `view`, so that fluxes agree with radiances; nothing is interpolated between nodes.  What is
+    finished of them is told to `work`, by a name.
     """
-    problem = _smooth(solution.problem)
-    grid, diffuse = problem.grid, problem.diffuse
-    radius, sun = problem.table.columns.radius, problem.table.optics.disk_axis
-    side = np.cross(sun, [0.0, 0.0, 1.0] if abs(sun[2]) < 0.9 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    other = np.cross(side, sun)
-    count = max(grid.azimuths.size, diffuse.greek.shape[2] - 1 + MORE_AZIMUTHS)
-    phi = np.pi * (np.arange(count) + 0.5) / count
     heights, place = np.unique(altitude, return_inverse=True)
-    rules = grids.directions(heights, radius, diffuse.greek.shape[2] - 1, problem.tolerance, DIRECTIONS)
-    out = np.zeros((3, altitude.size, diffuse.sigma_t.shape[1]))
-    share = max(RAYS // (rules.shape[1] * count), 1)
-    points = np.argsort(place, kind="stable")
-    for chunk in (points[k : k + share] for k in range(0, points.size, share)):
-        z, rule = zenith[chunk], rules[place[chunk]]
-        up = np.cos(z)[:, None] * sun + np.sin(z)[:, None] * other
-        toward = np.sin(z)[:, None] * sun - np.cos(z)[:, None] * other
-        mu, weight = rule[..., 0], rule[..., 1]
-        sine = np.sqrt((1 - mu) * (1 + mu))
-        level = np.cos(phi)[:, None] * toward[:, None] + np.sin(phi)[:, None] * side
-        d = mu[:, :, None, None] * up[:, None, None] + sine[:, :, None, None] * level[:, None]
-        o = np.broadcast_to(((radius + altitude[chunk])[:, None] * up)[:, None, None], d.shape)
-        seen = np.broadcast_to((weight > 0)[..., None], d.shape[:-1])
-        parts = view(problem, solution.loaded, problem.table, o[seen], d[seen])
-        light = np.zeros((*d.shape[:-1], out.shape[2]))
-        light[seen] = parts[0][:, 0] + parts[1][:, 0] + parts[2] + parts[3]
-        ring = light.mean(axis=2) * (2 * np.pi * weight)[..., None]
-        for row, f in enumerate((np.maximum(mu, 0.0), np.maximum(-mu, 0.0), np.ones_like(mu))):
-            out[row, chunk] = np.einsum("pk,pkw->pw", f, ring)
+    problem = _smooth(solution.problem)
+    degree = problem.diffuse.greek.shape[2] - 1
+    rules = grids.directions(heights, problem.table.columns.radius, degree, problem.tolerance, DIRECTIONS)
+    azimuths = max(problem.grid.azimuths.size, degree + MORE_AZIMUTHS)
+    points, share = np.argsort(place, kind="stable"), max(RAYS // (rules.shape[1] * azimuths), 1)
+    out, done = np.zeros((3, altitude.size, problem.diffuse.sigma_t.shape[1])), 0
+    if work is not None:
+        out, done = work.begun(name, altitude, zenith, out)
+    for first in range(done, points.size, share):
+        chunk = points[first : first + share]
+        out[:, chunk] = _at_points(solution, problem, altitude[chunk], zenith[chunk], rules[place[chunk]], azimuths)
+        if work is not None:
+            work.keep(name, altitude, zenith, out, min(first + share, points.size))
     return Integrals(*out)
 
 
-def fluxes(solution: Solution, altitude: Array, zenith: Array, other: Solution | None = None) -> Fluxes:
+def _at_points(
+    solution: Solution, problem: Problem, altitude: Array, zenith: Array, rule: Array, azimuths: int
+) -> Array:
+    """Rows of `Integrals` at a few points with rules (point, direction, 2) of cosines and weights."""
+    sun = problem.table.optics.disk_axis
+    side = np.cross(sun, [0.0, 0.0, 1.0] if abs(sun[2]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    other = np.cross(side, sun)
+    phi = np.pi * (np.arange(azimuths) + 0.5) / azimuths
+    up = np.cos(zenith)[:, None] * sun + np.sin(zenith)[:, None] * other
+    toward = np.sin(zenith)[:, None] * sun - np.cos(zenith)[:, None] * other
+    mu, weight = rule[..., 0], rule[..., 1]
+    sine = np.sqrt((1 - mu) * (1 + mu))
+    level = np.cos(phi)[:, None] * toward[:, None] + np.sin(phi)[:, None] * side
+    d = mu[:, :, None, None] * up[:, None, None] + sine[:, :, None, None] * level[:, None]
+    o = np.broadcast_to(((problem.table.columns.radius + altitude)[:, None] * up)[:, None, None], d.shape)
+    seen = np.broadcast_to((weight > 0)[..., None], d.shape[:-1])
+    parts = view(problem, solution.loaded, problem.table, o[seen], d[seen])
+    light = np.zeros((*d.shape[:-1], problem.diffuse.sigma_t.shape[1]))
+    light[seen] = parts[0][:, 0] + parts[1][:, 0] + parts[2] + parts[3]
+    ring = light.mean(axis=2) * (2 * np.pi * weight)[..., None]
+    over = (np.maximum(mu, 0.0), np.maximum(-mu, 0.0), np.ones_like(mu))
+    return np.stack([np.einsum("pk,pkw->pw", f, ring) for f in over])
+
+
+def fluxes(
+    solution: Solution,
+    altitude: Array,
+    zenith: Array,
+    other: Solution | None = None,
+    work: Work | None = None,
+    name: str = "fluxes",
+) -> Fluxes:
     """Fluxes at altitudes [m] under zenith angles of the Sun [rad]; arrays of one shape (...).
 
     Their errors are estimated from another, coarser solution, as those of radiances are; nan without one.
     """
     h, z = altitude.ravel(), zenith.ravel()
     problem = solution.problem
-    fine = integrals(solution, h, z)
+    fine = integrals(solution, h, z, work, name)
     beam = direct_beam(problem.table.columns, problem, h, z)
     # Delta-M's beam takes the light of the forward peaks along, which counts as diffuse.
     peaks = beam.cut_flux - beam.true_flux
@@ -166,7 +223,7 @@ def fluxes(solution: Solution, altitude: Array, zenith: Array, other: Solution |
     if other is None:
         errors += [np.full_like(fine.down, np.nan)] * 3
     else:
-        coarse = fluxes(other, h, z)
+        coarse = fluxes(other, h, z, None, work, f"{name}, coarser")
         pairs = zip(values[1:], (coarse.diffuse_down, coarse.diffuse_up, coarse.actinic), strict=True)
         level = level_error(z, problem.level_peaks)
         errors += [stated_error(value, rough, problem.tolerance) + level * np.abs(value) for value, rough in pairs]

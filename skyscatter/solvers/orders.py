@@ -25,11 +25,14 @@ from skyscatter.solvers.field import (
     solve_range,
 )
 from skyscatter.solvers.kernels.optics import SceneTable
+from skyscatter.solvers.state import Checkpoint
 
 #: Rays in a tile at most: those of a picture's row share their geometry.
 TILE_RAYS = 1024
 #: Tiles of a picture at least, whatever the threads: rays of a tile share work, and so their last digits depend on it.
 TILES = 16
+#: What is prepared for all rays takes long, and is kept in the checkpoint.
+KEEPS = True
 
 #: Share of the height of what scatters above which a ray's lowest point makes it a limb.
 LIMB = 0.3
@@ -79,6 +82,7 @@ def prepare(
     options: Options,
     threads: int,
     progress: Callable[[float], None] | None,
+    checkpoint: Checkpoint | None = None,
 ) -> Context:
     """Solve the field for the positions of the Sun that the rays can see."""
     from skyscatter.solvers.compile import compile_scene
@@ -94,7 +98,9 @@ def prepare(
         low = high = 0.0
     zenith = window(low, high, reach(medium.radius, top), reach(medium.radius, above))
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-    field = solve_range(scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress)
+    field = solve_range(
+        scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress, checkpoint
+    )
     return Context(field, table)
 
 

@@ -16,7 +16,7 @@ from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.memory import check_picture, format_bytes
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
-from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -82,7 +82,8 @@ def render(
     progress : callable, optional
         Called with the finished share, 0 to 1.
     resume : path, optional
-        Checkpoint of an interrupted render with the same arguments.
+        Checkpoint of an interrupted render with the same arguments; also kept there from then on, unless `checkpoint`
+        names another file.
     checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
         File in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
         Ctrl-C.
@@ -128,7 +129,7 @@ def render(
         state = RenderState.empty(recipe, numbers.size, wl.size)
     else:
         state = RenderState.load(resume, recipe)
-    kept = checkpoint if checkpoint is None or isinstance(checkpoint, Checkpoint) else Checkpoint(checkpoint)
+    kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
         kept.begin(state)
     complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept)

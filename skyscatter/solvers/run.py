@@ -147,7 +147,8 @@ def solve_rays(
     if progress is not None:
         say("tables")
     try:
-        context = module.prepare(scene, rays, wavelengths, options, workers, progress)
+        kept = {"checkpoint": checkpoint} if getattr(module, "KEEPS", False) else {}
+        context = module.prepare(scene, rays, wavelengths, options, workers, progress, **kept)
     except KeyboardInterrupt:
         return False
     if progress is not None:

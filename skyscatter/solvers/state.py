@@ -7,6 +7,7 @@ import logging
 import os
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,8 @@ class RenderState:
     sums: dict[str, Array] = field(default_factory=dict)  #: over passes, of solvers that work in passes
     passes: int = 0  #: in those sums
     total: int = 0  #: passes that were to be made; 0 where rays are solved one by one
+    #: What all rays share, of solvers that have such: arrays of named parts, ``part.array``.
+    shared: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
     def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
@@ -47,7 +50,9 @@ class RenderState:
     @property
     def share(self) -> float:
         """Finished share of the work, 0 to 1."""
-        return self.passes / self.total if self.total else float(self.done.mean())
+        if self.total:
+            return self.passes / self.total
+        return float(self.done.mean()) if self.done.size else 0.0
 
     def put(self, rays: slice, answer: Answer) -> None:
         """Keep the answer for some rays."""
@@ -61,6 +66,7 @@ class RenderState:
         """Write the state to an .npz file, whole or not at all."""
         more: dict[str, Any] = {f"layer_{name}": values for name, values in self.layers.items()}
         more |= {f"sum_{name}": values for name, values in self.sums.items()}
+        more |= {f"shared_{name}": values for name, values in self.shared.items()}
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             np.savez(
                 file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
@@ -77,13 +83,13 @@ class RenderState:
             with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
             found = json.loads(str(content["recipe"]))
-            layers, sums = (
+            layers, sums, shared = (
                 {name.removeprefix(kind): v for name, v in content.items() if name.startswith(kind)}
-                for kind in ("layer_", "sum_")
+                for kind in ("layer_", "sum_", "shared_")
             )
             state = cls(
                 found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers,
-                sums, int(content["passes"]), int(content["total"]),
+                sums, int(content["passes"]), int(content["total"]), shared,
             )  # fmt: skip
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
@@ -121,6 +127,7 @@ class Checkpoint:
         self.lock = threading.RLock()
         self._last = time.monotonic()
         self._share = 0.0
+        self._news = False
 
     def begin(self, state: RenderState) -> None:
         """Belong to a run from now on."""
@@ -139,19 +146,39 @@ class Checkpoint:
         """Write what is finished; whether the file holds it.  Nothing is written where there is nothing new."""
         with self.lock:
             self._last = time.monotonic()
-            if self.state is None or self.state.share <= 0.0:
+            if self.state is None or (self.state.share <= 0.0 and not self.state.shared):
                 return False
-            if self.state.share <= self._share and self.path.is_file():
+            if self.state.share <= self._share and not self._news and self.path.is_file():
                 return True
             try:
                 self.state.save(self.path)
             except SkyscatterError as error:
                 logging.getLogger("skyscatter").warning("the finished part could not be kept: %s", error)
                 return False
-            self._share, self.written = self.state.share, True
+            self._share, self._news, self.written = self.state.share, False, True
             return True
+
+    def part(self, name: str) -> dict[str, Array]:
+        """Arrays of a part of what all rays share, as far as it had come; empty where it had not been begun."""
+        shared = {} if self.state is None else self.state.shared
+        return {key.removeprefix(f"{name}."): a for key, a in shared.items() if key.startswith(f"{name}.")}
+
+    def put(self, name: str, arrays: Mapping[str, Array]) -> None:
+        """Keep such a part, in place of what it was before; the arrays must not be changed any more."""
+        if self.state is None:
+            return
+        with self.lock:
+            others = {key: a for key, a in self.state.shared.items() if not key.startswith(f"{name}.")}
+            self.state.shared = others | {f"{name}.{key}": a for key, a in arrays.items()}
+            self._news = True
+        self.tick()
 
     def remove(self) -> None:
         """Take the file away: the run has come to its end."""
         with suppress(FileNotFoundError):
             self.path.unlink()
+
+
+def checkpoint_of(given: Checkpoint | str | os.PathLike[str] | None) -> Checkpoint | None:
+    """A checkpoint from what was given: one, or the path of one."""
+    return given if given is None or isinstance(given, Checkpoint) else Checkpoint(given)

@@ -1,14 +1,14 @@
 """Successive orders of scattering: the diffuse light of an atmosphere on a grid, order by order.
 
 The radiance that reaches a node from every direction is kept as moments (`moments.py`).  The first order comes from
-sunlight, each later one from the moments of the one before, until what is left is a geometric series; its sum is added.
+sunlight, each later one from the moments of the one before (`series.py` adds them up).
 Lenoble (1985), Radiative Transfer in Scattering and Absorbing Atmospheres, section 2.5; delta-M: Wiscombe (1977),
 J. Atmos. Sci. 34, 1408.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.errors import ConvergenceError, DomainError
+from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
@@ -32,7 +32,6 @@ from skyscatter.solvers.kernels.lookup import ColumnTable
 from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
-from skyscatter.solvers.workers import Workers
 
 Array = NDArray[np.float64]
 
@@ -55,10 +54,6 @@ PEAK_DEGREES, PEAK_LEFT = (300, 700, 1500), 2e-3
 CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Altitudes at which a medium is looked at before its grid is made: even ones, and those within a cell of its table.
 EVEN_SAMPLES, CELL_SAMPLES = 2001, 4
-#: Orders after which a solution that has not converged is given up.
-MOST_ORDERS = 5000
-#: Share of the tolerance that the sum over the orders may miss.
-ORDERS_SHARE = 0.3
 #: Shares of the tolerance for which directions, and positions of the Sun in twilight, are chosen where the Sun may be
 #: below the horizon, and where it may be far below.  Light then comes from one side, low above the horizon: of what
 #: rules of few points miss of it one order, the next misses as much again.
@@ -68,9 +63,6 @@ DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.25
 DEEP = 4.5
 #: Radiances that count as none.
 FLOOR = 1e-35
-#: Radiances below this share of the brightest do not hold the solution up: a hundredth of what is left of the day's
-#: light at the end of astronomical twilight.
-FAINTEST = 1e-10
 #: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
 HAIR = 1e-6
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.
@@ -406,85 +398,6 @@ class Sweeper:
         # As in `refine`: beside a node without light a cubic swings beyond its nodes, by more than is lost in an order.
         field.ground[:] = np.exp(np.clip(logarithm, nodes.min(axis=1), nodes.max(axis=1)))
         return field
-
-
-def sum_orders(
-    sweeper: Sweeper,
-    tolerance: float,
-    max_order: int | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> Sums:
-    """Add up orders of scattering until the rest is a geometric series, and add that.
-
-    Parameters
-    ----------
-    sweeper : Sweeper
-    tolerance : float
-        Relative; three tenths of it are left to the sum over the orders.
-    max_order : int, optional
-        Leave out light scattered or reflected more often.
-
-    Raises
-    ------
-    ConvergenceError
-        If the series has not settled after `MOST_ORDERS` orders.
-    """
-    goal = ORDERS_SHARE * tolerance
-    with Workers(max_workers=sweeper.threads) as pool:
-        moments, flux = sweeper.first(pool)
-        total, total_flux = moments.copy(), flux.copy()
-        change_before, shrinks_before = 1.0, 1.0
-        previous_sum, ratio = total[:, :, 0].copy(), np.zeros_like(total[:, :, 0])
-        previous_flux = flux.copy()
-        # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
-        last = MOST_ORDERS if max_order is None else max_order - 1
-        left, order = 1.0, 1
-        while order < last:
-            order += 1
-            before = moments[:, :, 0]
-            moments, flux = sweeper.next(pool, moments, flux)
-            total += moments
-            total_flux += flux
-            if max_order is None:
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    ratio = np.nan_to_num(np.clip(moments[:, :, 0] / before, 0.0, 0.9999))
-                new_sum = total[:, :, 0] + moments[:, :, 0] * ratio / (1 - ratio)
-                visible = new_sum > FAINTEST * new_sum.max()
-                change = float(np.max(np.abs(new_sum - previous_sum) / np.where(visible, new_sum, np.inf)))
-                # Where the ground shines, what comes down on it is a small part of the light there: fluxes count too.
-                new_flux = total_flux + flux * (ratio / (1 - ratio))[:, None]
-                # Not those of the deep night, which never settle and which nobody sees.
-                most = new_flux.max(axis=0)
-                most = np.where(most > FAINTEST * most.max(), most, np.inf)
-                change = max(change, float(np.max(np.abs(new_flux - previous_flux) / most)))
-                previous_sum, previous_flux = new_sum, new_flux
-                if not np.isfinite(change):
-                    raise ConvergenceError(
-                        f"orders: the sum is no number after {order} orders of scattering; use solver path"
-                    )
-                # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
-                # The worse of two: after one step that was huge, because an order outshone the one before, the next
-                # is small beside it and means nothing.
-                shrinks = change / change_before
-                left = change * min(max(shrinks, shrinks_before), 1.0)
-                change_before, shrinks_before = change, shrinks
-                if progress is not None:
-                    progress(min(0.95, float(np.log(min(max(left, 1e-12), 0.99)) / np.log(goal))))
-                if left < goal:
-                    break
-        else:
-            if max_order is None:
-                raise ConvergenceError(
-                    f"orders: after {MOST_ORDERS} orders of scattering still {left:.1e} of the light is missing; "
-                    "use solver path"
-                )
-        if max_order is None:
-            tail = ratio / (1 - ratio)
-            total += moments * tail[:, :, None]
-            total_flux += flux * tail[:, None]
-        if max_order == 1:  # view rays bring the first order themselves
-            total[:], total_flux[:] = 0.0, 0.0
-        return Sums(total, total_flux, order)
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ class PolarisedImage(Image):
 
 class State:
     share = 0.0
+    shared: dict[str, object] = {}  # noqa: RUF012 - never changed
 
     def save(self, path):
         Path(path).write_text("state")

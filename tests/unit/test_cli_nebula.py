@@ -28,6 +28,7 @@ WL = "486.27,500.82,656.46,672.55"
 class State:
     done = np.array([True, False])
     share = 0.5
+    shared: dict[str, object] = {}  # noqa: RUF012 - never changed
 
     def save(self, path):
         Path(path).write_text("state")

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skyscatter.cli import stopping
+from skyscatter.cli.main import main
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.solvers.base import Answer
 from skyscatter.solvers.state import Checkpoint, RenderState
@@ -49,6 +51,26 @@ def test_a_command_that_hangs_is_ended(number, status, tmp_path):
             process.kill()
     assert {path.name for path in tmp_path.iterdir()} == {"kept", "out.txt"}
     assert (tmp_path / "out.txt").read_text() == "old"
+
+
+#: A library that calls back from compiled code, where exceptions are lost.
+CALLED_BACK = """
+import ctypes, signal, time
+from skyscatter.cli import stopping
+with stopping.answered():
+    try:
+        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGTERM))()
+        time.sleep(60)
+    except KeyboardInterrupt:
+        print("kept", flush=True)
+        raise SystemExit(stopping.status())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_what_a_callback_swallows_is_raised_again():
+    done = subprocess.run([sys.executable, "-c", CALLED_BACK], capture_output=True, text=True, timeout=30, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (143, "kept\n", "")
 
 
 def state(done):
@@ -97,3 +119,16 @@ def test_a_full_disk_leaves_the_old_checkpoint_and_the_run(tmp_path, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
     with pytest.raises(SkyscatterError, match="the disk is full"):
         checkpoint.state.save(Path(tmp_path / "b.npz"))
+
+
+def test_what_a_library_makes_of_a_signal_is_no_error_of_ours(monkeypatch, capsys):
+    def cut_short(name):
+        raise ImportError("numba._devicearray failed to import")
+
+    monkeypatch.setattr("skyscatter.load_model", cut_short)
+    assert main(["flux", "earth"]) == 1
+    assert "internal error: ImportError" in capsys.readouterr().err
+    monkeypatch.setattr(stopping._now, "status", 143)
+    monkeypatch.setenv("SKYSCATTER_TRACEBACK", "1")
+    assert main(["flux", "earth"]) == 143
+    assert capsys.readouterr().err == "skyscatter: interrupted\n"

@@ -1,0 +1,172 @@
+"""The sum over the orders of scattering, kept from order to order so that it can go on later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import ConvergenceError
+from skyscatter.solvers.state import Checkpoint
+from skyscatter.solvers.sweeps import Sums, Sweeper
+from skyscatter.solvers.workers import Workers
+
+Array = NDArray[np.float64]
+
+#: Orders after which a solution that has not converged is given up.
+MOST_ORDERS = 5000
+#: Share of the time that a solution takes of that which it takes with the coarser one for its error.
+FINE_SHARE = 0.9
+#: Share of the tolerance that the sum over the orders may miss.
+ORDERS_SHARE = 0.3
+#: Radiances below this share of the brightest do not hold the solution up: a hundredth of what is left of the day's
+#: light at the end of astronomical twilight.
+FAINTEST = 1e-10
+
+
+class Series(NamedTuple):
+    """Orders that have been added up, and what is needed to add more.
+
+    None of its arrays is changed: a checkpoint may hold them.
+    """
+
+    total: Array  #: moments of all orders so far; (node, sun, moment, wavelength)
+    total_flux: Array  #: (node, 2, sun, wavelength)
+    moments: Array  #: of the last order
+    flux: Array
+    ratio: Array  #: of the last order to the one before; (node, sun, wavelength)
+    #: Number of the last order, its greatest relative change of the sum, that change in units of the one before, and
+    #: the share that is expected to be missing.
+    steps: Array
+
+    @classmethod
+    def first(cls, moments: Array, flux: Array) -> Series:
+        """The first order alone."""
+        return cls(moments, flux, moments, flux, np.zeros_like(moments[:, :, 0]), np.array([1.0, 1.0, 1.0, 1.0]))
+
+    @property
+    def order(self) -> int:
+        """Number of the last order."""
+        return int(self.steps[0])
+
+    @property
+    def left(self) -> float:
+        """Share of the light that is expected to be missing."""
+        return float(self.steps[3])
+
+    def extended(self) -> tuple[Array, Array]:
+        """Mean radiance and fluxes, with the rest as a geometric series."""
+        rest = self.ratio / (1 - self.ratio)
+        mean = self.total[:, :, 0] + self.moments[:, :, 0] * self.ratio / (1 - self.ratio)
+        return mean, self.total_flux + self.flux * rest[:, None]
+
+    def share(self, goal: float) -> float:
+        """Share of the orders that have been made of those until no more than `goal` is missing; 0 where unknown."""
+        change, shrinks = float(self.steps[1]), float(self.steps[2])
+        if self.left <= goal:
+            return 1.0
+        if change >= 1.0 or not 0.0 < shrinks < 1.0:
+            return 0.0
+        return self.order / (self.order + np.log(goal / self.left) / np.log(shrinks))
+
+    def add(self, moments: Array, flux: Array, settles: bool) -> Series:
+        """With one order more; how much is missing is found where the series has to settle."""
+        steps = self.steps.copy()
+        steps[0] += 1
+        more = Series(self.total + moments, self.total_flux + flux, moments, flux, self.ratio, steps)
+        if not settles:
+            return more
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.nan_to_num(np.clip(moments[:, :, 0] / self.moments[:, :, 0], 0.0, 0.9999))
+        more = more._replace(ratio=ratio)
+        change = _change(self.extended(), more.extended())
+        if not np.isfinite(change):
+            raise ConvergenceError(
+                f"orders: the sum is no number after {more.order} orders of scattering; use solver path"
+            )
+        # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
+        # The worse of two: after one step that was huge, because an order outshone the one before, the next
+        # is small beside it and means nothing.
+        shrinks = change / self.steps[1]
+        steps[1:] = change, shrinks, change * min(max(shrinks, self.steps[2]), 1.0)
+        return more
+
+    def whole(self, max_order: int | None) -> Sums:
+        """The sum with the rest of the series, or that of so many orders."""
+        if max_order == 1:  # view rays bring the first order themselves
+            return Sums(np.zeros_like(self.total), np.zeros_like(self.total_flux), self.order)
+        if max_order is not None:
+            return Sums(self.total, self.total_flux, self.order)
+        tail = self.ratio / (1 - self.ratio)
+        return Sums(
+            self.total + self.moments * tail[:, :, None], self.total_flux + self.flux * tail[:, None], self.order
+        )
+
+
+def _change(before: tuple[Array, Array], now: tuple[Array, Array]) -> float:
+    """Greatest relative change of mean radiance or fluxes, where there is light worth the name."""
+    mean, flux = now
+    visible = mean > FAINTEST * mean.max()
+    change = float(np.max(np.abs(mean - before[0]) / np.where(visible, mean, np.inf)))
+    # Where the ground shines, what comes down on it is a small part of the light there: fluxes count too.
+    # Not those of the deep night, which never settle and which nobody sees.
+    most = flux.max(axis=0)
+    most = np.where(most > FAINTEST * most.max(), most, np.inf)
+    return max(change, float(np.max(np.abs(flux - before[1]) / most)))
+
+
+def sum_orders(
+    sweeper: Sweeper,
+    tolerance: float,
+    max_order: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+    name: str = "",
+) -> Sums:
+    """Add up orders of scattering until the rest is a geometric series, and add that.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    tolerance : float
+        Relative; three tenths of it are left to the sum over the orders.
+    max_order : int, optional
+        Leave out light scattered or reflected more often.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+    checkpoint : Checkpoint, optional
+        What has been kept there goes on, and what is finished is kept from order to order.
+    name : str
+        Of the part of the checkpoint.
+
+    Raises
+    ------
+    ConvergenceError
+        If the series has not settled after `MOST_ORDERS` orders.
+    """
+    kept = {} if checkpoint is None else checkpoint.part(name)
+    if "orders" in kept:
+        return Sums(kept["moments"], kept["flux"], int(kept["orders"]))
+    goal = ORDERS_SHARE * tolerance
+    # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
+    last = MOST_ORDERS if max_order is None else max_order - 1
+    with Workers(max_workers=sweeper.threads) as pool:
+        series = Series(**kept) if kept else Series.first(*sweeper.first(pool))
+        while series.order < last and not series.left < goal:
+            if checkpoint is not None:
+                checkpoint.put(name, series._asdict())
+            moments, flux = sweeper.next(pool, series.moments, series.flux)
+            series = series.add(moments, flux, max_order is None)
+            if progress is not None:
+                progress(FINE_SHARE * (series.share(goal) if max_order is None else series.order / last))
+    if max_order is None and not series.left < goal:
+        raise ConvergenceError(
+            f"orders: after {MOST_ORDERS} orders of scattering still {series.left:.1e} of the light is missing; "
+            "use solver path"
+        )
+    sums = series.whole(max_order)
+    if checkpoint is not None:
+        checkpoint.put(name, {"moments": sums.moments, "flux": sums.flux, "orders": np.array(float(sums.orders))})
+    return sums
