@@ -275,12 +275,12 @@ def check_development(space: str, tone: str, bits: int) -> None:
         raise DomainError("bits", bits, "choose 8 or 16")
 
 
-def stoppable(run: Callable[[], int]) -> int:
-    """Exit status of a run; that of an interrupted one where nothing was finished."""
+def stoppable(run: Callable[[], int], kept: str = "") -> int:
+    """Exit status of a run; that of an interrupted one where nothing was finished but what is said to be kept."""
     try:
         return run()
     except KeyboardInterrupt:
-        print("skyscatter: interrupted", file=sys.stderr)
+        print(f"skyscatter: interrupted{kept and '; '}{kept}", file=sys.stderr)
         return stopping.status()
 
 

@@ -218,7 +218,9 @@ def dehaze(
             threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         ),
     )
-    return common.stoppable(lambda: run(request))
+    # No checkpoint: solving atmospheres takes long, and they are kept between runs; a Cloud-Optimised GeoTIFF is laid
+    # out from its whole content, so that half of one could not be gone on with.
+    return common.stoppable(lambda: run(request), "nothing is written; solved atmospheres are kept for the next run")
 
 
 def _source_options(**values: Any) -> Any:

@@ -20,12 +20,15 @@ from skyscatter.inversion.observations import Observation, Run, common_sun
 from skyscatter.inversion.parameters import Parameter, Subject, parse_free, resolve
 from skyscatter.inversion.readers import read_observation
 from skyscatter.model import load_model
+from skyscatter.solvers.memory import check_fits
 
 Array = NDArray[np.float64]
 
 #: Walks per ray with ``path``.
 DEFAULT_SAMPLES = 256
 METHODS = ("optimal_estimation", "posterior")
+#: Arrays of the size of the data, and of their derivatives by a parameter, in memory at once; measured, with caution.
+DATA_COPIES, DERIVATIVE_COPIES = 30, 8
 
 
 def fit(
@@ -110,6 +113,7 @@ def fit(
     run = Run(solver, _options(solver, tolerance, samples, max_order, seed), threads)
     parameters, subject = free_parameters(chosen, free, observations)
     forward = Forward(parameters, subject, observations, run, model_error)
+    _check_memory(forward)
     settings: dict[str, Any] = {
         "free": {p.name: str(p.prior) for p in parameters}, "solver": solver, "method": method, "seed": seed,
         "options": {k: v for k, v in run.options.items() if v is not None}, "model_error": model_error,
@@ -135,6 +139,16 @@ def fit(
         progress=progress and _part(progress, share, 1.0),
     )  # fmt: skip
     return _sampled(forward, _result(forward, estimate, method, settings), found)
+
+
+def _check_memory(forward: Forward) -> None:
+    """Refuse data whose derivatives memory does not hold."""
+    values, free = sum(o.values.size for o in forward.observations), len(forward.parameters)
+    check_fits(
+        8.0 * values * (DATA_COPIES + DERIVATIVE_COPIES * free), "data", f"{values} values",
+        f"with {free} free parameter{'s' * (free != 1)} they take",
+        "average pixels (pixels), or leave wavelengths and directions out",
+    )  # fmt: skip
 
 
 def _check_posterior(method: str, steps: int, emulator: bool | None) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import outward_profile
+from skyscatter.solvers.memory import check_fits, field_bytes
 from skyscatter.solvers.series import ORDERS_SHARE
 from skyscatter.solvers.sweeps import Problem
 
@@ -49,6 +50,25 @@ def expected_minutes(problem: Problem, orders: float) -> float:
     gathered = 4 * grid.sun_zenith.size * grid.azimuths.size * fourier
     at_a_point = grid.fine_sun_zenith.size * moments.degree.size + gathered
     return float(SECONDS / 60 * orders * lines * at_a_point * problem.diffuse.sigma_t.shape[1] * problem.stokes)
+
+
+def check_memory(problem: Problem, threads: int) -> None:
+    """Refuse a solution that memory does not hold.
+
+    Raises
+    ------
+    DomainError
+        That says how much it takes, how much there is, and what to change.
+    """
+    grid, wavelengths = problem.grid, problem.diffuse.sigma_t.shape[1]
+    needed = field_bytes(
+        grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size, wavelengths, grid.rows.size,
+        grid.fine_sun_zenith.size, threads,
+    )  # fmt: skip
+    check_fits(
+        needed, "wavelengths", wavelengths, f"a solution by orders to {problem.tolerance:g} takes",
+        "give fewer wavelengths or a larger tolerance, or use solver path",
+    )  # fmt: skip
 
 
 def check_effort(problem: Problem, wavelengths: Array, tolerance: float, max_order: int | None) -> None:

@@ -20,7 +20,7 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import outward_profile
-from skyscatter.solvers.effort import check_effort
+from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
@@ -72,6 +72,7 @@ def solve_once(
     """
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid)
     check_effort(problem, wavelengths, orders_tolerance or tolerance, max_order)
+    check_memory(problem, threads)
     sweeper = Sweeper(problem, threads)
     goal = orders_tolerance or tolerance
     return Solution(problem, sum_orders(sweeper, goal, max_order, progress, checkpoint, name))

@@ -1,4 +1,4 @@
-"""How much memory a picture takes, and how much there is: what does not fit is refused before any work."""
+"""How much memory work takes, and how much there is: what does not fit is refused before it begins."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from skyscatter.errors import DomainError
 OF_PIXEL = 200
 #: Cubes beside those of the answer: what files are made of.
 OF_FILES = 2
+#: Orders of scattering in memory at once: the sum and the last one, the next ones, and what is kept and made of them.
+ORDERS = 8
+#: Numbers of a point at which photons are gathered, beside its spectrum: with up to a dozen sorts of matter.
+OF_POINT = 40
 _CGROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -53,6 +57,30 @@ def available_bytes() -> int | None:
     return max(min(found), 0) if found else None
 
 
+def check_fits(needed: float, name: str, value: object, what: str, remedy: str) -> None:
+    """Refuse what memory does not hold.
+
+    Parameters
+    ----------
+    needed : float
+        [byte]
+    name, value
+        Of the field that is to be blamed.
+    what : str
+        That takes the memory.
+    remedy : str
+
+    Raises
+    ------
+    DomainError
+        If there is less.
+    """
+    there = available_bytes()
+    if there is not None and needed > there:
+        rule = f"{what} some {format_bytes(needed)} of memory, and {format_bytes(there)} are free; {remedy}"
+        raise DomainError(name, value, rule)
+
+
 def check_picture(width: int, height: int, wavelengths: int, layers: int = 0, rays: int = 1) -> int:
     """Memory that a picture takes [byte].
 
@@ -61,14 +89,46 @@ def check_picture(width: int, height: int, wavelengths: int, layers: int = 0, ra
     DomainError
         If there is less.
     """
-    needed, there = picture_bytes(width, height, wavelengths, layers, rays), available_bytes()
-    if there is not None and needed > there:
-        raise DomainError(
-            "size", f"{width}x{height}",
-            f"at {wavelengths} wavelengths it takes some {format_bytes(needed)} of memory, and "
-            f"{format_bytes(there)} are free; make it smaller, with fewer wavelengths, or in parts",
-        )  # fmt: skip
+    needed = picture_bytes(width, height, wavelengths, layers, rays)
+    remedy = "make it smaller, with fewer wavelengths, or in parts"
+    check_fits(needed, "size", f"{width}x{height}", f"at {wavelengths} wavelengths it takes", remedy)
     return needed
+
+
+def field_bytes(
+    nodes: int, suns: int, moments: int, wavelengths: int, rows: int, fine_suns: int, threads: int
+) -> float:
+    """Memory that a solution by orders of scattering takes while it is made [byte].
+
+    Parameters
+    ----------
+    nodes, suns, moments, wavelengths : int
+        Of the grid.
+    rows, fine_suns : int
+        Of the field from which rays gather, which is made twice: for the orders and for what is asked later.
+    threads : int
+    """
+    order = nodes * suns * moments * wavelengths
+    return 8.0 * (ORDERS * order + threads * nodes * moments * wavelengths) + 2 * 4.0 * (
+        rows * fine_suns * moments * wavelengths
+    )
+
+
+def photon_bytes(rays: int, points: int, wavelengths: int, layers: int, threads: int) -> float:
+    """Memory that passes of photons take beside the picture [byte].
+
+    Parameters
+    ----------
+    rays : int
+    points : int
+        That every thread has room for.
+    wavelengths : int
+    layers : int
+        Beside the radiance.
+    threads : int
+        Each makes a pass, and holds one that waits for those before it.
+    """
+    return 8.0 * threads * (points * (OF_POINT + wavelengths) + 2 * rays * wavelengths * (1 + layers))
 
 
 def format_bytes(count: float) -> str:

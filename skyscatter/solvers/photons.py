@@ -41,6 +41,7 @@ from skyscatter.solvers.kernels.surfaces.tables import (
     PeakTable,
     SurfaceTable,
 )
+from skyscatter.solvers.memory import check_fits, photon_bytes
 from skyscatter.solvers.surface_path import guided
 
 if TYPE_CHECKING:
@@ -118,6 +119,12 @@ def prepare(
     """The tables of a scene, and the first radius."""
     from skyscatter.solvers.surfaces import compile_matrices, compile_surfaces
 
+    n, layers = len(rays.origins), options.orders + 3 * bool(options.stokes)
+    points = media_room(n) + min(MOST_POINTS, n)
+    check_fits(
+        photon_bytes(n, points, wavelengths.size, layers, threads), "wavelengths", wavelengths.size,
+        f"{threads} threads with their photons take", "give fewer wavelengths, a smaller picture, or fewer threads",
+    )  # fmt: skip
     matrix = compile_matrices(scene, wavelengths) if options.stokes else None
     return prepare_table(compile_surfaces(scene, wavelengths), rays, options, matrix)
 
@@ -223,9 +230,8 @@ class _Room(NamedTuple):
     def for_rays(
         cls, table: WalkTable, rays: int, matrix: Array | None = None, directions: Array | None = None
     ) -> _Room:
-        events = events_for(rays)
         components, wavelengths = table.media.sigma_t.shape
-        capacity = min(MOST_POINTS, rays * events * 2) + events * MOST_LEGS
+        capacity = media_room(rays)
         polar = None
         if matrix is not None and directions is not None:
             # The scene's z axis is up everywhere.
@@ -262,6 +268,12 @@ class _Room(NamedTuple):
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
         return int(following)
+
+
+def media_room(rays: int) -> int:
+    """Points in media that a thread has room for."""
+    events = events_for(rays)
+    return min(MOST_POINTS, rays * events * 2) + events * MOST_LEGS
 
 
 def events_for(rays: int) -> int:

@@ -132,3 +132,15 @@ def test_what_a_library_makes_of_a_signal_is_no_error_of_ours(monkeypatch, capsy
     monkeypatch.setenv("SKYSCATTER_TRACEBACK", "1")
     assert main(["flux", "earth"]) == 143
     assert capsys.readouterr().err == "skyscatter: interrupted\n"
+
+
+def test_an_interrupted_dehazing_says_what_is_kept(monkeypatch, capsys, tmp_path):
+    (tmp_path / "a.png").write_bytes(b"")
+
+    def strike(request):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skyscatter.cli.dehaze.run", strike)
+    assert main(["dehaze", str(tmp_path / "a.png"), "--json"]) == 130
+    said = "skyscatter: interrupted; nothing is written; solved atmospheres are kept for the next run\n"
+    assert capsys.readouterr().err == said
