@@ -223,6 +223,8 @@ LENGTH = Measure("length", "m", _LENGTHS, "8 km")
 ASTRONOMICAL = Measure(
     "length", "au", {unit: (1.0 if metres == _AU else metres / _AU) for unit, metres in _LENGTHS.items()}, "0.3 AU"
 )
+#: Wavelengths that may be asked of anything [nm]: from far beyond light on both sides, where numbers stay numbers.
+WAVELENGTHS = (1e-6, 1e9)
 WAVELENGTH = Measure(
     "wavelength", "nm", {"nm": 1.0, "um": 1e3, "µm": 1e3, "m": 1e9, "angstrom": 0.1, "Angstrom": 0.1}, "0.55 um"
 )
@@ -378,7 +380,7 @@ else:
     PositiveMetres = Annotated[float, LENGTH.within(0.0, above=True)]
     NonNegativeMetres = Annotated[float, LENGTH.within(0.0)]
     AstronomicalUnits = Annotated[float, ASTRONOMICAL.within(0.0, above=True)]
-    PositiveNanometres = Annotated[float, WAVELENGTH.within(0.0, above=True)]
+    PositiveNanometres = Annotated[float, WAVELENGTH.within(*WAVELENGTHS)]
     Degrees = Annotated[float, ANGLE]
     Turn = Annotated[float, ANGLE.within(-360.0, 360.0)]
     Elevation = Annotated[float, ANGLE.within(-90.0, 90.0)]

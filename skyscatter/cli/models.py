@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,23 +70,30 @@ def check(
 ) -> None:
     """Read a model file and evaluate each component once; an error names the field, the value and the remedy."""
     import skyscatter
+    from skyscatter.progress import Progress
 
     _check_plot(plot, no_clobber)
-    model: Any = skyscatter.load_model(file)
-    if hasattr(model, "planet"):
-        for component in model.components:
-            _check_component(file, component)
-        typer.echo(f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)")
-    elif model.command == "render":
-        from skyscatter.cli.surface_models import check_surfaces
-
-        typer.echo(check_surfaces(file, model))
-    else:
-        from skyscatter.cli.nebula_models import check_nebula
-
-        typer.echo(check_nebula(file, model))
+    with Progress(1.0, f"checking {file}") as progress:
+        model: Any = skyscatter.load_model(file)
+        typer.echo(_checked(file, model, progress.to))
     if plot is not None:
         plot_model(model, plot)
+
+
+def _checked(file: str, model: Any, tell: Callable[[float], None]) -> str:
+    """Evaluate a model; returns what to say about a good one."""
+    if hasattr(model, "planet"):
+        for number, component in enumerate(model.components):
+            _check_component(file, component)
+            tell((number + 1) / len(model.components))
+        return f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)"
+    if model.command == "render":
+        from skyscatter.cli.surface_models import check_surfaces
+
+        return check_surfaces(file, model)
+    from skyscatter.cli.nebula_models import check_nebula
+
+    return check_nebula(file, model, tell)
 
 
 @app.command("new", epilog=epilog("models new"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -93,9 +94,10 @@ def _light(light: PointStar | ParallelLight) -> str:
     return " ".join(words)
 
 
-def check_nebula(file: str, model: NebulaModel) -> str:
-    """Evaluate each component once; returns what to say about a good file."""
-    for component in model.components:
+def check_nebula(file: str, model: NebulaModel, tell: Callable[[float], None]) -> str:
+    """Evaluate each component once, with the finished share told; returns what to say about a good file."""
+    for number, component in enumerate(model.components):
+        tell(number / len(model.components))
         column = _field(component).reference_column()
         low, high = _field(component).bounds
         if not np.isfinite([*low, *high]).all():

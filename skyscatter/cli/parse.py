@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import explained
 from skyscatter.errors import DomainError, MissingDataError, UnitsError
-from skyscatter.units import ANGLE, LENGTH, TIME, Measure, degrees, nanometres
+from skyscatter.units import ANGLE, LENGTH, TIME, WAVELENGTHS, Measure, degrees, nanometres
 
 #: Formats by extension: picture, spectral layers, RGB for lighting, FITS cube, netCDF.
 OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc")
@@ -55,16 +55,19 @@ def parse_wavelengths(text: str) -> NDArray[np.float64]:
         if len(numbers) != 3:
             raise DomainError("wavelengths", text, remedy)
         start, stop, step = numbers
-        if not (0 < start <= stop < math.inf and 0 < step < math.inf):
-            raise DomainError("wavelengths", text, "start and step must be positive and stop not below start")
+        if not (WAVELENGTHS[0] <= start <= stop <= WAVELENGTHS[1] and 0 < step < math.inf):
+            within = f"from {WAVELENGTHS[0]:g} to {WAVELENGTHS[1]:g} nm"
+            rule = f"start and step must be positive and stop not below start, {within}"
+            raise DomainError("wavelengths", text, rule)
         # The tolerance keeps the last node when the step, in binary, is a hair too long.
         count = math.floor((stop - start) / step + 1e-9) + 1
         _check_count(text, count)
         return np.asarray(start + step * np.arange(count), dtype=np.float64)
     values = np.array(numbers)
     _check_count(text, values.size)
-    if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0):
-        raise DomainError("wavelengths", text, "wavelengths must be positive and increase")
+    if not (WAVELENGTHS[0] <= values[0] and values[-1] <= WAVELENGTHS[1] and np.all(np.diff(values) > 0)):
+        rule = f"wavelengths must be positive and increase, from {WAVELENGTHS[0]:g} to {WAVELENGTHS[1]:g} nm"
+        raise DomainError("wavelengths", text, rule)
     return values
 
 

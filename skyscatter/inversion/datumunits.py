@@ -12,9 +12,13 @@ from skyscatter.errors import DomainError
 Array = NDArray[np.float64]
 
 RADIANCE, SPECTRAL_FLUX, FLUX = "W m-2 sr-1 nm-1", "W m-2 nm-1", "W m-2"
-#: Data this many times above or below the model's first guess, half of them, are in other units: unknown haze, ground
-#: and calibration make skies a few times brighter or darker, and units differ by a hundred or a thousand.
-IMPLAUSIBLE = 20.0
+#: How much brighter or darker than the model's first guess unknown haze, ground and calibration make a sky; and the
+#: least factor between the units that such data come in (`FAR_UNITS`) and those of the house.  A spectrum per angstrom,
+#: a factor of ten, cannot be told from a bright sky.
+USUAL, BETWEEN_UNITS = 4.0, 100.0
+FAR_UNITS = ("uW cm-2 sr-1 nm-1", "mW m-2 sr-1 nm-1", "W m-2 sr-1 um-1", "erg s-1 cm-2 sr-1 Angstrom-1")
+#: Data this many times above or below the first guess, half of them, are in other units: half-way between the two.
+IMPLAUSIBLE = (USUAL * BETWEEN_UNITS) ** 0.5
 
 
 def factors(unit: str, house: str, wavelength_nm: ArrayLike | None, name: str = "units") -> Array:

@@ -21,6 +21,7 @@ from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.workers import GRACE, Workers
+from skyscatter.units import WAVELENGTHS
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -94,8 +95,8 @@ def check_wavelengths(wavelengths: ArrayLike) -> Array:
     if hasattr(wavelengths, "to_value"):
         wavelengths = wavelengths.to_value("nm")
     wl = np.atleast_1d(np.asarray(wavelengths, float))
-    if wl.ndim != 1 or wl.size == 0 or not np.all(np.isfinite(wl)) or wl.min() <= 0:
-        raise DomainError("wavelengths", wavelengths, "positive numbers [nm]")
+    if wl.ndim != 1 or wl.size == 0 or not (WAVELENGTHS[0] <= wl.min() and wl.max() <= WAVELENGTHS[1]):
+        raise DomainError("wavelengths", wavelengths, f"numbers from {WAVELENGTHS[0]:g} to {WAVELENGTHS[1]:g} [nm]")
     if np.any(np.diff(wl) <= 0):
         raise DomainError("wavelengths", wavelengths, "must increase, none twice")
     return np.ascontiguousarray(wl)

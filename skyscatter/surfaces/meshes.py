@@ -17,6 +17,8 @@ from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Rectangle, Spher
 from skyscatter.units import Degrees, Place, PositiveNumber, Profile, Triple, default
 
 Integers = NDArray[np.int64]
+#: Where vertices may be at most [m]: farther out, metres get lost in the rounding of their places.
+FARTHEST = 1e12
 #: Corners that are nearer to each other than this share of the mesh's size are one.
 WELD = 1e-9
 #: Formats of files, by their endings.
@@ -70,6 +72,11 @@ class Faceted(Surface):
         faces = rows[faces]
         a, b, c = faces.T
         placed = self.scale * vertices @ axis_rotation(self.axis, self.turn_deg).T + np.array(self.position)
+        # Not "farther than": what is no number any more is too far, too.
+        far = ~(np.abs(placed).max(axis=1) <= FARTHEST)
+        if far.any():
+            rule = f"vertices lie within {FARTHEST:g} m of the origin; check its numbers, scale and position"
+            raise DomainError(self._name, placed[far][0].tolist(), rule)
         return placed, faces[(a != b) & (b != c) & (c != a)]
 
     @cached_property
@@ -278,7 +285,7 @@ def _read(path: str, _: int) -> tuple[Array, Integers]:
     except Exception as error:  # trimesh's readers raise whatever their parsing meets
         raise MissingDataError(path, f"not a mesh that can be read ({error})") from error
     if len(faces) == 0:
-        raise MissingDataError(path, "has no triangles")
+        raise MissingDataError(path, "has no triangles, or was cut short")
     _check_text(path)
     _check_arrays(vertices, faces)
     return vertices, faces

@@ -242,6 +242,15 @@ def test_radiances_in_other_units(csv: Path, tmp_path: Path, unit: str, per_hous
         read_observation(tmp_path / "a.csv", units="W m-2 sr-1 nm-1")
 
 
+def test_what_counts_as_another_unit_lies_between_dark_skies_and_units() -> None:
+    """As far from how much skies differ as from the least factor between units."""
+    from skyscatter.inversion.datumunits import BETWEEN_UNITS, FAR_UNITS, IMPLAUSIBLE, USUAL, factors
+
+    least = min(1 / float(factors(unit, "W m-2 sr-1 nm-1", 550.0)) for unit in FAR_UNITS)
+    assert least == pytest.approx(BETWEEN_UNITS)
+    assert pytest.approx(BETWEEN_UNITS / IMPLAUSIBLE) == IMPLAUSIBLE / USUAL
+
+
 def test_units_per_frequency_and_photons() -> None:
     """By h and c, each datum at its own wavelength."""
     from skyscatter.inversion.datumunits import factors

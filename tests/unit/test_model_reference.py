@@ -79,7 +79,7 @@ def test_every_field_is_explained() -> None:
 def test_units_defaults_and_ranges_are_those_of_the_fields() -> None:
     rayleigh = {row.name: row for row in rows(groups()["optics"]["rayleigh"])}
     assert rayleigh["coefficient"][1:4] == ("coefficient [m-1]", "required", "0 or above")
-    assert rayleigh["wavelength"][1:4] == ("wavelength [nm]", "550", "above 0")
+    assert rayleigh["wavelength"][1:4] == ("wavelength [nm]", "550", "1e-06 to 1e+09")
     assert {row.name: row.range for row in rows(sorts()["nebula"].model_fields["view"].annotation)}["ra_deg"] == (
         "0 to below 360"
     )

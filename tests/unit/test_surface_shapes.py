@@ -21,7 +21,7 @@ from surface_bases import (
     unit,
 )
 
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.solvers.kernels.surfaces.tables import STACK
 from skyscatter.surfaces import packing
@@ -406,6 +406,31 @@ def test_mesh_files(ending: str, tmp_path: Any) -> None:
         area, 1e-4 * packing.item_areas(pack(Mesh(vertices=points, faces=faces))).sum(), rtol=1e-6
     )
     np.testing.assert_allclose(mesh.bounds[0][0], 1 - 0.01 * np.abs(points[:, 0]).max(), atol=1e-8)
+
+
+@pytest.mark.parametrize("far", [2.0**63, 1e300])
+@pytest.mark.parametrize("every", [False, True])
+def test_vertices_too_far_away(far: float, every: bool) -> None:
+    """One of them or all: metres would be lost in the rounding."""
+    points, faces = icosphere(1)
+    points = far * points if every else np.concatenate([[[far, 0.0, 0.0]], points[1:]])
+    with pytest.raises(DomainError, match=r"vertices lie within 1e\+12 m of the origin"):
+        pack(Mesh(vertices=points, faces=faces))
+
+
+@pytest.mark.parametrize("ending", ["stl", "ply"])
+def test_binary_mesh_files_that_were_cut_short(ending: str, tmp_path: Any) -> None:
+    """Anywhere: refused in words, never read as a smaller mesh."""
+    import trimesh
+
+    points, faces = icosphere(1)
+    path = tmp_path / f"whole.{ending}"
+    trimesh.Trimesh(points, faces, process=False).export(path)
+    data = path.read_bytes()
+    for size in np.random.default_rng(5).integers(1, len(data), 40):
+        (tmp_path / f"{size}.{ending}").write_bytes(data[:size])
+        with pytest.raises(MissingDataError, match=r"not a mesh that can be read|cut short"):
+            _ = Mesh(file=str(tmp_path / f"{size}.{ending}")).triangles
 
 
 @pytest.mark.slow

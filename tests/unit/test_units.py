@@ -127,3 +127,24 @@ def test_the_command_line_reads_the_same_units() -> None:
     assert parse.parse_place("48.86 deg, 2.35deg") == (48.86, 2.35)
     with pytest.raises(DomainError, match="angle between -90 and 90"):
         parse.parse_degrees("3 km", "sun_elevation", 90, 0)
+
+
+@pytest.mark.parametrize("text", ["5e-324", "1e-320", "1e-9", "1e10", "1e300", "nan", "inf"])
+def test_wavelengths_beyond_all_light_are_refused_wherever_they_are_asked_for(text, capsys):
+    """As logarithms and ratios of them they would be no numbers any more."""
+    from skyscatter.cli.main import main
+    from skyscatter.errors import SkyscatterError
+    from skyscatter.optics.mie import LogNormalMode, MieAerosol
+    from skyscatter.solvers.run import check_wavelengths
+
+    mode = LogNormalMode(median_radius=1e-7, geometric_standard_deviation=2.0)
+    given = {"modes": [mode], "material": "water", "optical_depth": 0.1}
+    with pytest.raises(ValueError, match="wavelength"):
+        MieAerosol(**given, wavelength=float(text))
+    with pytest.raises(SkyscatterError, match=r"wavelengths = .*1e-06 to 1e\+09"):
+        check_wavelengths([float(text)])
+    for words in (text, f"{text}:{text}:1"):
+        assert main(["sky", "earth", "--wavelengths", words, "--json"]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith("skyscatter: error: wavelengths = ")
+        assert error.count("\n") == 1
