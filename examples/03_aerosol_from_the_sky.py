@@ -120,6 +120,6 @@ result.plot_residual()
 # - Leave the ground's albedo at a wrong number (take it out of `free`); see how the residual and the optical depth
 #   answer.
 # - `method="posterior"` walks through the whole posterior instead of taking it for a normal one (needs
-# `pip install 'skyscatter[inversion]'`).
+# `pip install emcee corner`).
 # - The same on the command line:
 #   `skyscatter invert earth-hazy --data sky.nc --noise 2% --free haze.optical_depth=0:2 ...`

@@ -81,7 +81,7 @@ Unit = Annotated[
     typer.Option(
         metavar="UNIT",
         help="For .fits and .nc: brightness in Jy/sr, MJy/sr, ABmag/arcsec2, Vegamag/arcsec2 (of U, B, V, R, I); of "
-        "whole pixels in Jy, ABmag, Vegamag, and count where the telescope is given.",
+        "whole pixels in Jy, ABmag, Vegamag, and of nebulae count where the telescope is given.",
     ),
 ]
 Compress = Annotated[bool, typer.Option("--compress", help="For .fits: tiles compressed without loss.")]

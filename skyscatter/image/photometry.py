@@ -103,6 +103,9 @@ def conversion(image: SpectralImage | FilterImage, unit: str | Counts) -> Conver
     if isinstance(unit, Counts):
         return Conversion("count", None, _counted(image, unit))
     name = " ".join(unit.replace("/sr", " sr-1").replace("/arcsec2", " arcsec-2").split())
+    if name in ("count", "counts"):
+        rule = "is of a telescope with an area and an exposure: nebula --aperture --exposure-time, or Counts in Python"
+        raise DomainError("unit", unit, rule)
     if name not in UNITS:
         raise DomainError("unit", unit, f"no such unit; {nearest(name, UNITS)}")
     system, per_pixel = UNITS[name], name in ("Jy", "ABmag", "Vegamag")

@@ -47,7 +47,7 @@ def require_emcee() -> Any:
         import emcee
     except ImportError as error:
         raise SkyscatterError(
-            "method = 'posterior' needs emcee, which is not installed: pip install 'skyscatter[inversion]'"
+            "method = 'posterior' needs emcee, which is not installed: pip install emcee corner"
         ) from error
     return emcee
 

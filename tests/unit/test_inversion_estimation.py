@@ -160,7 +160,7 @@ def test_without_emcee_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "emcee", None)
     import skyscatter
 
-    with pytest.raises(SkyscatterError, match=r"pip install 'skyscatter\[inversion\]'"):
+    with pytest.raises(SkyscatterError, match="pip install emcee corner"):
         skyscatter.fit("earth", "nowhere.csv", ["ground.albedo"], method="posterior")
 
 

@@ -275,3 +275,23 @@ def test_such_a_picture_is_data_of_an_inversion(tmp_path: Path) -> None:
     assert data.values.shape == (35,)
     np.testing.assert_allclose(data.sigma, 0.1 * data.values, rtol=1e-6)
     assert data.kind == "nebula image"
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        ("count", "is of a telescope with an area and an exposure"),
+        ("counts", "is of a telescope with an area and an exposure"),
+        ("ABmags", "did you mean ABmag?"),
+        ("abmags", "did you mean ABmag?"),
+        ("vegamags", "did you mean Vegamag?"),
+    ],
+)
+def test_units_that_a_sky_cannot_have_are_refused_in_one_line(unit, words, capsys, tmp_path):
+    from skyscatter.cli.main import main
+
+    assert main(["sky", "earth", "--unit", unit, "-o", str(tmp_path / "sky.fits")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"skyscatter: error: unit = '{unit}': ")
+    assert words in error
+    assert error.count("\n") == 1

@@ -20,7 +20,7 @@ def require_rasterio() -> Any:
     try:
         import rasterio
     except ImportError as error:
-        raise SkyscatterError("rasterio is not installed: pip install 'skyscatter[geo]'") from error
+        raise SkyscatterError("rasterio is not installed: pip install rasterio") from error
     return rasterio
 
 

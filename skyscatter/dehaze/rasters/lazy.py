@@ -59,7 +59,7 @@ def apply_dask(
         from dask.array.core import map_blocks  # type: ignore[import-not-found,unused-ignore]
         from dask.array.overlap import overlap as share  # type: ignore[import-not-found,unused-ignore]
     except ImportError as error:
-        raise SkyscatterError("dask is not installed: pip install 'skyscatter[dask]'") from error
+        raise SkyscatterError("dask is not installed: pip install 'dask[array]'") from error
     if not is_lazy(array):
         raise DomainError("array", type(array.data).__name__, "is not lazy; chunk it first: array.chunk({'y': 1024})")
     source = XarraySource(array, options)

@@ -71,7 +71,7 @@ def _read(path: str) -> tuple[NDArray[Any], int, bytes | None, bytes | None]:
     try:
         from PIL import Image, UnidentifiedImageError
     except ImportError as error:
-        raise SkyscatterError("pillow is not installed: pip install 'skyscatter[geo]'") from error
+        raise SkyscatterError("pillow is not installed: pip install pillow") from error
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
