@@ -3,9 +3,9 @@
 `continental`, `maritime` and `urban` are the mixtures of the World Meteorological Organization (WCP-112, 1986): four
 basic components by volume, which is how the 6S code has them (Vermote et al. 1997, IEEE Trans. Geosci. Remote Sensing
 35, 675).  Sizes and refractive indices of the components are those of d'Almeida, Koepke & Shettle 1991, as in 6SV 1.1:
-with them Mie theory reproduces that code's cross sections to 0.2 %.  `desert` and `biomass-burning` are two modes each
-after the climatology of Dubovik et al. 2002 (J. Atmos. Sci. 59, 590, table 1), recalled; that the albedos which follow
-agree with those of the table is a test.
+with them Mie theory reproduces that code's cross sections to 0.2 %.  `desert`, `biomass-burning` and ten more
+places are two modes each after the climatology of Dubovik et al. 2002 (J. Atmos. Sci. 59, 590, table 1), recalled; that
+the albedos which follow agree with those of the table is a test.
 
 All are spheres, which is untrue of desert dust: its backscatter is overestimated by Mie theory.
 """
@@ -65,12 +65,31 @@ class _Column(NamedTuple):
     k: tuple[float, float, float, float]
 
 
+def _grey(value: float) -> tuple[float, float, float, float]:
+    return (value,) * 4
+
+
+#: By name: `desert` is Solar Village (Saudi Arabia), `biomass-burning` the Amazonian forest.  Radii and volumes are
+#: those at an optical depth of 0.5 at 440 nm, of dust and sea salt at 0.3 at 1020 nm.
 _SITES = {
-    # Solar Village (Saudi Arabia), 1998 to 2000, at an optical depth of 0.3 at 1020 nm.
     "desert": _Column((0.026, 0.274), (0.12, 2.32), (0.40, 0.60), 1.56, (0.0029, 0.0013, 0.0010, 0.0010)),
-    # Amazonian forest (Brazil, Bolivia), 1993 to 1999, at an optical depth of 0.5 at 440 nm.
-    "biomass-burning": _Column((0.060, 0.025), (0.1465, 3.56), (0.40, 0.79), 1.47, (0.0093,) * 4),
+    "biomass-burning": _Column((0.060, 0.025), (0.1465, 3.56), (0.40, 0.79), 1.47, _grey(0.0093)),
+    "washington": _Column((0.075, 0.030), (0.175, 3.28), (0.38, 0.75), 1.40, _grey(0.003)),
+    "paris": _Column((0.070, 0.035), (0.175, 3.00), (0.43, 0.79), 1.40, _grey(0.009)),
+    "mexico-city": _Column((0.060, 0.055), (0.14, 3.02), (0.43, 0.63), 1.47, _grey(0.014)),
+    "maldives": _Column((0.060, 0.075), (0.18, 2.93), (0.46, 0.76), 1.44, _grey(0.011)),
+    "cerrado": _Column((0.050, 0.055), (0.145, 3.53), (0.47, 0.79), 1.52, _grey(0.015)),
+    "zambia": _Column((0.060, 0.045), (0.1325, 3.58), (0.40, 0.73), 1.51, _grey(0.021)),
+    "boreal-forest": _Column((0.060, 0.025), (0.1575, 3.31), (0.43, 0.81), 1.50, _grey(0.0094)),
+    "bahrain": _Column((0.050, 0.256), (0.15, 2.54), (0.42, 0.61), 1.55, (0.0025, 0.0014, 0.0010, 0.0010)),
+    "cape-verde": _Column((0.026, 0.270), (0.12, 1.90), (0.52, 0.60), 1.48, (0.0025, 0.0007, 0.0006, 0.0006)),
+    "hawaii": _Column((0.12, 0.24), (0.16, 2.70), (0.48, 0.68), 1.36, _grey(0.0015)),
 }
+#: How the air of one place varies, as two that have its mean and its deviation: in the radius of the fine mode [um],
+#: for which the table says 0.01 to 0.05, and in the volume of the coarse one, in proportion.
+_SIDES = {"smaller": (-0.03, -0.5), "larger": (0.03, 0.5)}
+#: Those that are offered by name; the others stand for what haze may be besides (`unsolved`).
+_OFFERED = ("desert", "biomass-burning")
 _SITE_WAVELENGTHS = (440.0, 670.0, 870.0, 1020.0)
 _SITE_LARGEST = 15e-6  # the end of the size range that the inversion of sky radiances covers
 
@@ -85,7 +104,12 @@ class _Part(NamedTuple):
 
 def aerosol_names() -> tuple[str, ...]:
     """Names that `aerosol_components` knows."""
-    return (*_VOLUMES, *_SITES)
+    return (*_VOLUMES, *_OFFERED)
+
+
+def site_names() -> tuple[str, ...]:
+    """The aerosols of twelve places, each as its air varies to either side: they span what haze may be."""
+    return tuple(f"{site} {side}" for site in _SITES for side in _SIDES)
 
 
 def check_aerosol(aerosol: str, known: Sequence[str]) -> None:
@@ -158,6 +182,23 @@ def aerosol_spectrum(aerosol: str | Mapping[str, float], wavelengths_nm: ArrayLi
     return depth, scattered / depth, forward / scattered
 
 
+def aerosol_optics(aerosol: str, wavelengths_nm: Array, cos_theta: Array) -> tuple[Array, Array, Array]:
+    """Optical depth relative to 550 nm and albedo, (wavelength,), and phase function [sr-1], (wavelength, angle).
+
+    Of a name, of one of `site_names` too, or of a file.
+    """
+    parts = _parts(aerosol) if is_file(aerosol) else _mixture(aerosol)
+    depth, scattered, phase = np.zeros(len(wavelengths_nm)), np.zeros(len(wavelengths_nm)), np.float64(0.0)
+    for part in parts:
+        extinction, albedo, _ = _properties(part.optics, wavelengths_nm)
+        own = part.share * extinction / _properties(part.optics, np.array([REFERENCE_NM]))[0][0]
+        function = part.optics.phase_function(wavelengths_nm).value(cos_theta, wavelengths_nm)
+        depth += own
+        scattered += own * albedo
+        phase = phase + (own * albedo)[:, None] * function.T
+    return depth, scattered / depth, np.asarray(phase / scattered[:, None])
+
+
 def _properties(optics: MieAerosol | Particles, wl: Array) -> tuple[Array, Array, Array]:
     """Extinction of some unit, single-scattering albedo and asymmetry, each (wavelength,)."""
     if isinstance(optics, MieAerosol):
@@ -189,8 +230,9 @@ def _parts(aerosol: str | Mapping[str, float]) -> tuple[_Part, ...]:
 
 @lru_cache(maxsize=16)
 def _mixture(name: str) -> tuple[_Part, ...]:
-    if name in _SITES:
-        return (_Part(name, _site_optics(_SITES[name]), 1.0),)
+    site, _, side = name.partition(" ")
+    if site in _SITES:
+        return (_Part(name, _site_optics(_varied(_SITES[site], side) if side else _SITES[site]), 1.0),)
     optics = {component: _basic_optics(component) for component in _VOLUMES[name]}
     extinction = {
         component: volume / _mean_volume(*_SIZES[component]) * _cross_section(optics[component])
@@ -213,6 +255,14 @@ def _basic_optics(component: str) -> MieAerosol:
         refractive_index_imag=SpectralTable(wavelengths=wl, values=tuple(table[f"{column}_k"].tolist())),
         optical_depth=1.0,
         wavelength=REFERENCE_NM,
+    )
+
+
+def _varied(site: _Column, side: str) -> _Column:
+    """A place on a day to one side of its mean."""
+    radius, coarse = _SIDES[side]
+    return site._replace(
+        radii=(site.radii[0] + radius, site.radii[1]), volumes=(site.volumes[0], (1 + coarse) * site.volumes[1])
     )
 
 

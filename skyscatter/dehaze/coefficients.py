@@ -29,6 +29,8 @@ WAY_ERROR = 0.005
 #: Part of the contrast between surroundings that is not known of what lies around a pixel: beyond the image, under
 #: clouds, and in the spread function.
 AROUND_ERROR = 0.1
+#: Probability of a model below which its own surroundings are not worth their time.
+SLIGHT = 0.05
 
 
 @dataclass
@@ -113,8 +115,11 @@ class Corrector:
         own = max(haze.depths[haze.aerosol], 1e-6)
         scales = [haze.depths[t.atmosphere.aerosol] / own for t, _ in models]
         terms = [self._terms(t, scale * haze.aod)[0] for (t, _), scale in zip(models, scales, strict=True)]
-        solved = [np.stack(gain_and_offset(t, self.above, self._around(t))) for t in terms]
+        # A model of little probability would change the surroundings by less than is known of them.
+        around = self._around(terms[0])
         shares = np.array([share for _, share in models])
+        solved = [np.stack(gain_and_offset(t, self.above, around if s < SLIGHT else self._around(t)))
+                  for t, s in zip(terms, shares, strict=True)]  # fmt: skip
         mean = np.asarray(np.tensordot(shares, np.stack(solved), (0, 0)))
         apart = [np.sqrt(share) * (one - mean) for share, one in zip(shares, solved, strict=True) if share < 1]
         sigma = self.lattice.to_small(haze.sigma)
@@ -125,7 +130,7 @@ class Corrector:
         floor = np.hypot(np.hypot(table.error, PATH_ERROR * terms[0][..., PATH]) / through, scattered_in)
         none = np.zeros((len(through), 0, 0))
         bends = none if self.surroundings is not None else np.tensordot(shares, [t[..., BACK] for t in terms], (0, 0))
-        by_model = np.stack(apart) if apart else np.zeros((0, *mean.shape))
+        by_model = two_rows(np.stack(apart)) if apart else np.zeros((0, *mean.shape))
         relative = np.hypot(self.gases.relative, WAY_ERROR)
         aod = float(shares @ scales) * self.lattice.to_small(haze.aod)
         return Coefficients(
@@ -163,6 +168,19 @@ class Corrector:
         around = self.surroundings(np.where(known, np.clip(own, 0.0, 1.0), np.nan))
         middle = np.array([np.median(band[k]) if k.any() else 0.1 for band, k in zip(own, known, strict=True)])
         return np.clip(np.where(np.isfinite(around), around, middle[:, None, None]), 0.0, 1.0)
+
+
+def two_rows(apart: Array) -> Array:
+    """Deviations (model, 2, band, row, column) of factor and constant, as two that come to the same for any value.
+
+    The square of a deviation is a quadratic form of the value: three numbers, whatever the number of models.
+    """
+    factor = np.sqrt((apart[:, 0] ** 2).sum(axis=0))
+    constant = (apart[:, 1] ** 2).sum(axis=0)
+    along = (apart[:, 0] * apart[:, 1]).sum(axis=0) / np.maximum(factor, 1e-12)
+    return np.stack([
+        np.stack([factor, along]), np.stack([np.zeros_like(factor), np.sqrt(np.maximum(constant - along**2, 0.0))]),
+    ])  # fmt: skip
 
 
 def single(values: Array) -> Single:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,11 @@ FREELY, NEAR_THE_END = 0.7, 0.85
 #: the soot of the urban one (0.65) is rare (Dubovik et al. 2002, J. Atmos. Sci. 59, 590).  Dark ground hardly tells
 #: how much an aerosol absorbs, so this matters.
 USUALNESS = {"continental": 0.65, "maritime": 0.25, "urban": 0.10}
+#: How probable it is beforehand that haze is like that of one of the twelve places of `aerosols.site_names`, each as
+#: usual as the next, rather than like one of the models above: nothing is known of that.
+ELSEWHERE = 0.5
+#: Cells by which aerosols that are not solved for are judged, at most: their haze is that of the image.
+FEW_CELLS = 256
 #: A cell whose ground is probably unknown says nothing that can be relied on.
 UNKNOWN = 0.5
 
@@ -52,12 +57,14 @@ class HazeEstimate:
     aerosol : str
         The most probable model.
     probabilities : dict of str to float
-        Of the models that were tried.
+        Of the models that were tried, and of the others that were judged.
     depths : dict of str to float
         The image's optical depth under each of them.
     uncertain : ndarray of bool, shape (large row, large column)
         Where nothing dark was found and neighbours or the prior stand in.
     notes : tuple of str
+    solved : tuple of str
+        The models that were tried.
     """
 
     aod: Array
@@ -69,6 +76,7 @@ class HazeEstimate:
     depths: dict[str, float]
     uncertain: NDArray[np.bool_]
     notes: tuple[str, ...] = ()
+    solved: tuple[str, ...] = ()
 
 
 def trial_depths(greatest: float) -> Array:
@@ -166,6 +174,7 @@ def estimate(
     angles: Array,
     gas: Gases,
     vary: bool = True,
+    others: Sequence[TermsTable] = (),
 ) -> HazeEstimate:
     """Haze by the darkest pixels of all cells, under any of some aerosol models.
 
@@ -183,32 +192,32 @@ def estimate(
         At all large cells, row by row.
     vary : bool
         Whether the haze may vary over the image.
+    others : sequence of TermsTable
+        Of aerosols that it may be as well, of which none is the one that is reported.
     """
     shape = observed.shape[1:]
     near_by = [around] * len(tables) if isinstance(around, np.ndarray) else list(around)
     seen = np.isfinite(observed).all(axis=0) & np.isfinite(near_by).all(axis=(0, 1))
     names = [table.atmosphere.aerosol for table in tables]
     if not seen.any():
-        mean = float(PRIOR_MEDIAN * np.exp(0.5 * PRIOR_SPREAD**2))
-        sigma = float(mean * np.sqrt(np.expm1(PRIOR_SPREAD**2)))
-        even = {name: 1 / len(names) for name in names}
-        nothing = np.ones(shape, bool)
-        note = "no cell has enough clear pixels: the haze is the prior's"
-        same = dict.fromkeys(names, mean)
-        return HazeEstimate(
-            np.full(shape, mean), np.full(shape, sigma), mean, sigma, names[0], even, same, nothing, (note,)
-        )
+        return from_prior(names, [t.atmosphere.aerosol for t in others], shape)
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
     judged = [
         _Judged(table, observed[:, seen].T, lit[:, seen].T, angles[:, seen], here)
         for table, lit in zip(tables, near_by, strict=True)
     ]
-    usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
     telling = np.mean([j.telling for j in judged], axis=0)
-    evidence = np.array([j.evidence(telling) for j in judged]) + np.log(usual)
-    shares = np.exp(evidence - logsumexp(evidence))
-    best = judged[int(shares.argmax())]
+    evidence = np.array([j.evidence(telling) for j in judged])
+    means = np.array([float(j.mean) for j in judged])
+    number = int((evidence + np.log(usualness(names)[: len(names)])).argmax())
+    best = judged[number]
+    if others:
+        more = _elsewhere(others, best, near_by[number][:, seen].T, observed[:, seen].T, angles[:, seen], here, telling)
+        evidence, means = np.append(evidence, evidence[number] + more[0]), np.append(means, best.mean * more[1])
+    every = [*names, *(t.atmosphere.aerosol for t in others)]
+    weight = evidence + np.log(usualness(names, len(others)))
+    shares = np.exp(weight - logsumexp(weight))
     notes = []
     dark = best.unknown < UNKNOWN
     mean, mean_sigma = float(best.mean), float(best.sigma)
@@ -227,27 +236,61 @@ def estimate(
         mean = float(aod.mean())
     else:
         aod, local = np.full(shape, mean), np.zeros(shape)
-    means = np.array([float(j.mean) for j in judged])
     apart = float(np.sqrt(shares @ (means - shares @ means) ** 2))
     # What is told of the whole image is the mean over the models; the map is that of the best.
     mean *= float(shares @ means) / max(float(best.mean), 1e-6)
     return HazeEstimate(
-        aod, np.hypot(local, mean_sigma), mean, float(np.hypot(mean_sigma, apart)), names[int(shares.argmax())],
-        named(names, shares), named(names, means), uncertain, tuple(notes),
+        aod, np.hypot(local, mean_sigma), mean, float(np.hypot(mean_sigma, apart)), names[number],
+        named(every, shares), named(every, means), uncertain, tuple(notes), tuple(names),
     )  # fmt: skip
 
 
-def as_given(names: Sequence[str], depth: Array, sigma: Array, missing: NDArray[np.bool_]) -> HazeEstimate:
-    """A known amount of haze (large row, large column), of models as probable as they are usual.
+def usualness(tried: Sequence[str], others: int = 0) -> Array:
+    """Probabilities beforehand of models that are tried, and of others."""
+    usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in tried])
+    if not others:
+        return np.asarray(usual / usual.sum())
+    return np.append((1 - ELSEWHERE) * usual / usual.sum(), np.full(others, ELSEWHERE / others))
+
+
+def _elsewhere(
+    tables: Sequence[TermsTable], best: _Judged, around: Array, observed: Array, angles: Array, gas: Gases,
+    telling: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """What aerosols have more of evidence than the best model, and of haze in proportion, by some of the cells."""
+    few = np.unique(np.linspace(0, len(observed) - 1, FEW_CELLS).astype(int))
+    here = Gases(gas.above[few], gas.water[few], gas.half[few], gas.relative)
+
+    def judged(table: TermsTable) -> tuple[float, float]:
+        one = _Judged(table, observed[few], around[few], angles[:, few], here)
+        return one.evidence(telling[few]), float(one.mean)
+
+    known, mean = judged(best.table)
+    found = np.array([judged(table) for table in tables])
+    return found[:, 0] - known, found[:, 1] / max(mean, 1e-6)
+
+
+def from_prior(names: Sequence[str], others: Sequence[str], shape: tuple[int, ...]) -> HazeEstimate:
+    """The haze that is expected where nothing can be seen of it."""
+    mean = float(PRIOR_MEDIAN * np.exp(0.5 * PRIOR_SPREAD**2))
+    sigma = float(mean * np.sqrt(np.expm1(PRIOR_SPREAD**2)))
+    note = "no cell has enough clear pixels: the haze is the prior's"
+    found = as_given(names, np.full(shape, mean), np.full(shape, sigma), np.ones(shape, bool), others)
+    return replace(found, notes=(note,))
+
+
+def as_given(
+    names: Sequence[str], depth: Array, sigma: Array, missing: NDArray[np.bool_], others: Sequence[str] = ()
+) -> HazeEstimate:
+    """A known amount of haze (large row, large column), of models, and of others, as probable as they are usual.
 
     Its error `sigma` is taken to be one and the same everywhere, as that of an instrument is; where it is `missing` the
     haze is called uncertain.
     """
-    usual = np.array([USUALNESS.get(name, min(USUALNESS.values())) for name in names])
-    shares = usual / usual.sum()
+    shares, every = usualness(names, len(others)), [*names, *others]
     return HazeEstimate(
-        depth, sigma, float(depth.mean()), float(sigma.mean()), names[int(shares.argmax())], named(names, shares),
-        dict.fromkeys(names, float(depth.mean())), missing,
+        depth, sigma, float(depth.mean()), float(sigma.mean()), names[int(shares[: len(names)].argmax())],
+        named(every, shares), dict.fromkeys(every, float(depth.mean())), missing, solved=tuple(names),
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows
 from skyscatter.dehaze.sensing import OZONE_DU, Gases, Sensing, gases, sense, usual_water
 from skyscatter.dehaze.table import GREATEST_AOD, Angles, TermsTable, build_table
+from skyscatter.dehaze.unsolved import imitations
 
 Array = NDArray[np.float64]
 Values = NDArray[np.float32]
@@ -169,9 +170,10 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
         lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
     )  # fmt: skip
-    haze = find_haze(tables, seen, sensing, gas, angles, pixel, options, known)
+    more = imitations(tables) if options.aerosol == "auto" else []
+    haze = find_haze(tables, more, seen, sensing, gas, angles, pixel, options, known)
     best = next(t for t in tables if t.atmosphere.aerosol == haze.aerosol)
-    others = [(t, haze.probabilities[t.atmosphere.aerosol]) for t in tables if t is not best]
+    others = [(t, haze.probabilities[t.atmosphere.aerosol]) for t in (*tables, *more) if t is not best]
     around, note = neighbourhood(sensing, lattice, best, haze, angles, pixel, options)
     corrector = Corrector(lattice, angles, gas, seen.mean, around)
     correction = Correction(
@@ -285,6 +287,7 @@ def nothing_clear(source: RasterSource) -> None:
 
 def find_haze(
     tables: list[TermsTable],
+    more: list[TermsTable],
     seen: Gathered,
     sensing: Sensing,
     gas: Gases,
@@ -296,7 +299,9 @@ def find_haze(
     """The haze as given, or as the dark pixels have it."""
     shape = seen.lattice.large_shape
     if known is not None:
-        return as_given([t.atmosphere.aerosol for t in tables], *known)
+        return as_given(
+            [t.atmosphere.aerosol for t in tables], *known, others=[t.atmosphere.aerosol for t in more]
+        )  # fmt: skip
     use = sensing.for_haze
     above = gas.above.reshape(*shape, -1)[..., use]
     above = np.moveaxis(above, -1, 0)
@@ -308,7 +313,10 @@ def find_haze(
         if pixel is not None and options.adjacency:
             blurred = spread_by(table, sensing, FIRST_GUESS, angles, pixel * seen.lattice.small)(lit)
         around.append(at_dark_pixels(seen, blurred)[use] / above)
-    return estimate([only(t, use) for t in tables], seen.dark[use] / above, around, angles, gas_of(gas, use))
+    return estimate(
+        [only(t, use) for t in tables], seen.dark[use] / above, around, angles, gas_of(gas, use),
+        others=[only(t, use) for t in more],
+    )  # fmt: skip
 
 
 def only(table: TermsTable, bands: list[int]) -> TermsTable:
@@ -373,7 +381,7 @@ def summary(
             "least": round(float(haze.aod.min()), 4),
             "greatest": round(float(haze.aod.max()), 4),
         },
-        "aerosol": {"model": haze.aerosol, "probabilities": {k: round(v, 4) for k, v in haze.probabilities.items()}},
+        "aerosol": {"model": haze.aerosol, "probabilities": told_probabilities(haze)},
         "pressure_hpa": round(pressure, 2),
         "ozone_du": OZONE_DU if options.ozone_du is None else options.ozone_du,
         "water_vapour_g_cm2": round(
@@ -385,6 +393,13 @@ def summary(
         "mask_bits": {str(int(flag)): words for flag, words in MEANINGS.items()},
         "remarks": notes,
     }
+
+
+def told_probabilities(haze: HazeEstimate) -> dict[str, float]:
+    """Of the models that were solved for, and of all others together."""
+    solved = {name: share for name, share in haze.probabilities.items() if name in haze.solved}
+    told = {name: round(share, 4) for name, share in solved.items()}
+    return told if len(told) == len(haze.probabilities) else {**told, "others": round(1 - sum(solved.values()), 4)}
 
 
 def dehaze_physical(
