@@ -31,7 +31,7 @@ def main() -> None:
     write_table(
         "aerosol_sites.csv",
         [
-            "Optical depth relative to 550 nm, single-scattering albedo, Legendre moments 1 to 12 and phase function (1",
+            "Optical depth relative to 550 nm, single-scattering albedo, Legendre moments 1 to 12, phase function (1",
             "on the average over the sphere) at scattering angles in degrees, for the aerosols " + ", ".join(TOLD),
             "(0, 1, ...). By Mie theory from the sizes and indices in skyscatter/dehaze/aerosols.py; own work.",
             "Script: tools/make_aerosol_sites.py",

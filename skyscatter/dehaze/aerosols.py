@@ -5,7 +5,7 @@ basic components by volume, which is how the 6S code has them (Vermote et al. 19
 35, 675).  Sizes and refractive indices of the components are those of d'Almeida, Koepke & Shettle 1991, as in 6SV 1.1:
 with them Mie theory reproduces that code's cross sections to 0.2 %.  `desert`, `biomass-burning` and ten more
 places are two modes each after the climatology of Dubovik et al. 2002 (J. Atmos. Sci. 59, 590, table 1), recalled; that
-the albedos which follow agree with those of the table is a test.
+the albedos which follow agree with those of the table within 0.04 is a test.
 
 All are spheres, which is untrue of desert dust: its backscatter is overestimated by Mie theory.
 """
