@@ -27,7 +27,7 @@ def main() -> None:
         moments = 0.5 * np.trapezoid(fine[:, None] * legvander(FINE, DEGREE).T, FINE, axis=-1)
         for k, wl in enumerate(WAVELENGTHS):
             values = [extinction[k], albedo[k], *(moments[k, 1:] / moments[k, 0]), *(at[k] / moments[k, 0])]
-            rows.append([f"{number}", f"{wl:.6g}", *(f"{value:.4g}" for value in values)])
+            rows.append([f"{len(rows)}", f"{number}", f"{wl:.6g}", *(f"{value:.4g}" for value in values)])
     write_table(
         "aerosol_sites.csv",
         [
@@ -36,7 +36,7 @@ def main() -> None:
             "(0, 1, ...). By Mie theory from the sizes and indices in skyscatter/dehaze/aerosols.py; own work.",
             "Script: tools/make_aerosol_sites.py",
         ],
-        ["aerosol", "wavelength_nm", "extinction", "albedo", *(f"m{n}" for n in range(1, DEGREE + 1)),
+        ["row", "aerosol", "wavelength_nm", "extinction", "albedo", *(f"m{n}" for n in range(1, DEGREE + 1)),
          *(f"p{angle:g}" for angle in ANGLES)],
         rows,
     )  # fmt: skip
