@@ -12,7 +12,7 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.kernels.surfaces import tables
 from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
-from skyscatter.surfaces.facets import ANGLES, NODES, RATIOS, kept_table, lost_table
+from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
 from skyscatter.surfaces.meshes import Faceted
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
@@ -147,7 +147,6 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     count = len(materials)
     kind, roughness = np.zeros(count, np.int64), np.zeros(count)
     reflectance, index, absorption = np.zeros((3, count, wl.size))
-    kept, kept_mean = np.ones((count, NODES)), np.ones(count)
     lost, lost_mean = np.zeros((count, RATIOS, ANGLES)), np.zeros((count, RATIOS))
     for k, material in enumerate(materials):
         if isinstance(material, Interface):
@@ -158,14 +157,14 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
             kind[k], reflectance[k] = tables.MIRROR, evaluate(material.reflectance, wl)
         elif isinstance(material, Dielectric):
             kind[k], roughness[k] = tables.DIELECTRIC, material.roughness
-            lost[k], lost_mean[k] = lost_table(material.roughness)
         elif isinstance(material, Conductor):
             kind[k], roughness[k] = tables.CONDUCTOR, material.roughness
             index[k], absorption[k] = material.index(wl)
-            kept[k], kept_mean[k] = kept_table(material.roughness)
         else:
             raise TypeError(f"no material: {type(material).__name__}")
-    return MaterialTable(kind, roughness, reflectance, index, absorption, kept, kept_mean, lost, lost_mean)
+        if roughness[k] > 0.0:
+            lost[k], lost_mean[k] = lost_table(roughness[k])
+    return MaterialTable(kind, roughness, reflectance, index, absorption, lost, lost_mean)
 
 
 def body_items(shapes: ShapeTable, body: int) -> Integers:

@@ -11,7 +11,7 @@ from surface_bases import MATERIAL_TESTS, WAVELENGTHS, Bsdf, BsdfContract, direc
 
 from skyscatter.errors import DomainError
 from skyscatter.solvers.kernels.surfaces.tables import TRANSMITTED
-from skyscatter.surfaces.facets import NODES, kept_table, single_share
+from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table, single_share
 from skyscatter.surfaces.indices import METALS, metal_index, refractive_index
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Material, Mirror
 
@@ -69,7 +69,6 @@ class TestRoughGlass(BsdfContract):
     material = Dielectric(roughness=0.3)
     here, there = 1.0, 1.5
     lossless = True
-    heaviest = 4.0  # the broad lobe is drawn by the cosine, and is brighter than that at grazing angles
 
 
 class TestRoughestGlass(BsdfContract):
@@ -78,7 +77,6 @@ class TestRoughestGlass(BsdfContract):
     material = Dielectric(roughness=1.0)
     here, there = 1.0, 1.5
     lossless = True
-    heaviest = 4.0
 
 
 class TestRoughDispersive(BsdfContract):
@@ -87,7 +85,7 @@ class TestRoughDispersive(BsdfContract):
     material = Dielectric(roughness=0.5)
     here, there = WATER, 1.15 * BK7
     lossless = True
-    heaviest = 8.0  # as of rough glass; with one hero of three
+    heaviest = 8.0  # XX
 
 
 class TestSmoothMetal(BsdfContract):
@@ -101,23 +99,20 @@ class TestRoughMetal(BsdfContract):
 
     material = Conductor(metal="copper", roughness=0.4)
     here = 1.33
-    heaviest = 1.5  # of both lobes, drawn by their shares
 
 
 class TestRoughMirror(BsdfContract):
     """A metal that keeps nothing: what a facet throws on another is made up for."""
 
-    material = Conductor(n=1e-9, k=1.0, roughness=0.5)
+    material = Conductor(n=1e-15, k=1.0, roughness=0.5)
     lossless = True
-    heaviest = 1.5
 
 
 class TestRoughestMirror(BsdfContract):
     """The same at the end of the scale, where most of the light meets two facets."""
 
-    material = Conductor(n=1e-9, k=1.0, roughness=1.0)
+    material = Conductor(n=1e-15, k=1.0, roughness=1.0)
     lossless = True
-    heaviest = 1.5
 
 
 def test_every_material_is_tested() -> None:
@@ -208,6 +203,16 @@ def test_rough_becomes_smooth(material: Any) -> None:
     assert abs(share - smooth) < 4 * np.sqrt(smooth / 20_000) + 1e-3
 
 
+def lost_at(roughness: float, ratio: float, cosine: Any) -> Any:
+    """Share that meets another facet, by the table as the kernels read it; a metal has the ratio infinity."""
+    table, _ = lost_table(roughness)
+    place = (ratio - 1) / (ratio + 1) if np.isfinite(ratio) else 1.0
+    row = 0.5 * (RATIOS - 1) * (1 + np.sign(place) * np.sqrt(abs(place)))
+    j = min(int(row), RATIOS - 2)
+    rows = table[j] + (row - j) * (table[j + 1] - table[j])
+    return np.interp(np.sqrt(cosine), np.linspace(0, 1, ANGLES), rows)
+
+
 def test_single_reflections_of_facets() -> None:
     """At alpha = 1 a lossless mirror reflects 1 - c ln(1 + 1 / c) of the light once.
 
@@ -215,15 +220,25 @@ def test_single_reflections_of_facets() -> None:
     """
     cosines = np.array([0.1, 0.3, 0.7, 1.0])
     expected = 1 - cosines * np.log1p(1 / cosines)
-    # The quadrature's error; at small cosines its points are few where the lobe is.
-    np.testing.assert_allclose(single_share(1.0, cosines), expected, atol=2e-4)
-    kept, mean = kept_table(1.0)
-    between = np.interp(cosines, np.linspace(0, 1, NODES), kept)
-    assert (between >= expected).all()
-    assert (between < expected + 4e-3).all()
+    # The quadrature's error, here with more points than the table has.
+    found = [single_share(1.0, c, np.array([1e9]), 1 << 16)[0] for c in cosines]
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+    np.testing.assert_allclose(1 - lost_at(1.0, np.inf, cosines), expected, atol=1e-3)
     fine = (np.arange(200_000) + 0.5) / 200_000
-    assert abs(mean - (2 * fine * (1 - fine * np.log1p(1 / fine))).mean()) < 2e-3
-    assert [kept_table(a)[1] for a in (0.0, 0.001)] == [1.0, 1.0]
+    mean = lost_table(1.0)[1][-1]
+    assert abs(1 - mean - (2 * fine * (1 - fine * np.log1p(1 / fine))).mean()) < 5e-4
+    assert [lost_table(a)[1].max() for a in (0.0, 0.001)] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.1, 0.3, 0.6, 1.0])
+def test_the_table_of_light_that_meets_other_facets(roughness: float) -> None:
+    """At angles and indices between its own: to 1.2e-3, 7e-4 its quadrature and 5e-4 its lines."""
+    rng = np.random.default_rng(round(100 * roughness))
+    ratios = np.append(np.exp(rng.uniform(-1.0, 1.0, 12)), [1e9])
+    for cosine in (0.03, *rng.uniform(0.03, 1.0, 5), 1.0):
+        exact = 1 - single_share(roughness, cosine, ratios, 1 << 14)
+        found = [lost_at(roughness, r if r < 1e9 else np.inf, cosine) for r in ratios]
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1.2e-3)
 
 
 def test_a_rough_metal_absorbs_more_than_a_smooth_one() -> None:
@@ -242,18 +257,20 @@ def test_light_between_facets_is_absorbed_each_time() -> None:
     n = 30 reflects 0.875 head-on and 0.86 on the mean.  Of the light that comes, F E leaves after one reflection; of
     (1 - E) F each further one lets F E leave and keeps F (1 - E) going, E now the mean over directions.
     """
-    kept, mean = kept_table(0.7)
+    kept, mean = 1 - lost_at(0.7, np.inf, 1.0), 1 - lost_table(0.7)[1][-1]
     cosines = (np.arange(4000) + 0.5) / 4000
     shares = np.array([sum(abs(r) ** 2 for r in amplitudes(c, 1.0, 30.0)) / 2 for c in cosines])
-    share = (2 * cosines * shares).mean()
+    share, steepest = (2 * cosines * shares).mean(), shares[-1]
     drawn = Bsdf(Conductor(n=30.0, k=0.0, roughness=0.7)).draw(direction(1.0, 0.0), 100_000)
     weight = drawn.value[:, 0] / np.maximum(drawn.chance[:, 0], 1e-300)
-    going, expected = (1 - kept[-1]) * share, kept[-1] * share
+    going, more = (1 - kept) * share, 0.0
     for _ in range(100):
-        expected += going * share * mean
+        more += going * share * mean
         going *= share * (1 - mean)
-    # 0.01: the single lobe meets its facets at its own angles, where F is between 0.86 and 0.875.
-    assert abs(weight.mean() - expected) < 0.01 + 4 * weight.std() / np.sqrt(100_000)
+    # The single lobe meets its facets at its own angles, where F is between the mean and that head-on; 1.2e-3 of the
+    # light is the table's error.
+    noise = 4 * weight.std() / np.sqrt(100_000) + 1.2e-3
+    assert kept * share + more - noise < weight.mean() < kept * steepest + more + noise
 
 
 def weights_of_glass(roughness: float, here: float, there: float, cosine: float, count: int) -> tuple[Any, Any]:
@@ -266,15 +283,13 @@ def weights_of_glass(roughness: float, here: float, there: float, cosine: float,
 @pytest.mark.parametrize("index", [1.1, 1.5, 2.5])
 @pytest.mark.parametrize("roughness", [0.05, 0.1, 0.3, 0.6, 1.0])
 def test_ground_glass_keeps_all_light(roughness: float, index: float) -> None:
-    """From both sides at every angle: 1, to the table's error of 1e-3 (5e-4 its quadrature, as much its lines)."""
+    """From both sides at every angle, in every single draw: walks through ground glass get no heavy weights."""
     for here, there in ((1.0, index), (index, 1.0)):
-        runs = [weights_of_glass(roughness, here, there, c, 60_000)[0] for c in (0.03, 0.2, 0.5, 0.8, 1.0)]
-        mean, error = np.mean(runs, axis=1), np.std(runs, axis=1) / np.sqrt(60_000)
-        # 150 means in all: one in a thousand tests has one that is 4.5 standard errors off.
-        np.testing.assert_array_less(abs(mean - 1), 4.5 * error + 1e-3)
-        # Power: the mean over the angles is known to better than 1 %.
-        assert 4.5 * np.linalg.norm(error) / 5 < 8e-3
-        assert abs(mean.mean() - 1) < 4.5 * np.linalg.norm(error) / 5 + 1e-3
+        for cosine in (0.03, 0.2, 0.5, 0.8, 1.0):
+            weight, _ = weights_of_glass(roughness, here, there, cosine, 5000)
+            # One in some thousand steep facets throws light so low that rounding loses it.
+            assert (weight > 0).mean() > 0.999
+            np.testing.assert_allclose(weight[weight > 0], 1.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize("index", [1.1, 1.5, 2.5])

@@ -19,13 +19,12 @@ from skyscatter.solvers.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.solvers.kernels.surfaces.facets import (
     after_more,
     between_facets,
-    between_glass,
-    kept_share,
+    draw_lost,
     lost_share,
     passed_share,
 )
 from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
-from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe
+from skyscatter.solvers.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe, smith_lambda
 from skyscatter.solvers.kernels.surfaces.tables import (
     ABSORBED,
     CONDUCTOR,
@@ -62,25 +61,28 @@ def metal_value(materials, k, i, here, facet, lobe, broad):
     """Both lobes of a conductor, with what each absorbs."""
     re, im = materials.index[k, i] / here, materials.absorption[k, i] / here
     value = fresnel_conductor(facet, re, im) * lobe
-    return value + broad * after_more(re, im, materials.kept_mean[k]) if broad > 0.0 else value
+    return value + broad * after_more(re, im, materials.lost_mean[k, -1]) if broad > 0.0 else value
 
 
 @inlined
-def glass_back(materials, k, here, there, cos_o, cosine, facet, lobe, density):
-    """Value and density of what rough glass reflects."""
+def glass_back(materials, k, here, there, cos_o, cosine, facet, lobe):
+    """What rough glass reflects, which is the density that draws it as well."""
     share, _ = fresnel_dielectric(facet, here, there)
-    broad, rest, single = between_glass(materials, k, here, there, cos_o, cosine)
-    return share * lobe + broad, single * share * density + rest
+    return share * lobe + between_facets(materials, k, here, there, cos_o, cosine)
 
 
 @inlined
-def glass_through(materials, k, n, side, wo, wi, cosine, here, there, adjoint):
-    """Value and density of what rough glass lets through."""
-    lobe, density, facet = refracted_lobe(materials.roughness[k], n, side, wo, wi, here, there)
+def glass_through(materials, k, n, side, wo, wi, cosine, here, there):
+    """What rough glass lets through of photons, which is the density that draws it as well."""
+    lobe, facet = refracted_lobe(materials.roughness[k], n, side, wo, wi, here, there)
     share, _ = fresnel_dielectric(facet, here, there)
-    broad, rest, single = between_glass(materials, k, here, there, side * dot(n, wo), cosine)
-    radiance = 1.0 if adjoint else (here / there) ** 2
-    return ((1.0 - share) * lobe + broad) * radiance, single * (1.0 - share) * density + rest
+    return (1.0 - share) * lobe + between_facets(materials, k, here, there, side * dot(n, wo), cosine)
+
+
+@inlined
+def as_radiance(here, there, adjoint):
+    """What refraction makes of radiance, not of photons."""
+    return 1.0 if adjoint else (here / there) ** 2
 
 
 @kernel
@@ -96,28 +98,28 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
             for i in range(last):
                 value[i], chance[i] = materials.reflectance[k, i] * cosine / math.pi, cosine / math.pi
     elif alpha > 0.0 and cosine > 0.0:
-        lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
+        lobe, facet = reflected_lobe(alpha, n, side, wo, wi)
         if kind == CONDUCTOR:
-            broad, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
+            broad = between_facets(materials, k, 1.0, 0.0, side * dot(n, wo), cosine)
             for i in range(last):
                 value[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
-                chance[i] = single * density + rest
+                chance[i] = lobe + broad
         else:
             for i in range(last):
                 if same(index_here, index_there, i):
-                    value[i], chance[i] = value[i - 1], chance[i - 1]
+                    value[i] = value[i - 1]
                 else:
-                    value[i], chance[i] = glass_back(
-                        materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe, density
+                    value[i] = glass_back(
+                        materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe
                     )  # fmt: skip
+                chance[i] = value[i]
     elif alpha > 0.0 and kind == DIELECTRIC:
         for i in range(last):
             if same(index_here, index_there, i):
-                value[i], chance[i] = value[i - 1], chance[i - 1]
+                chance[i] = chance[i - 1]
             else:
-                value[i], chance[i] = glass_through(
-                    materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i], adjoint
-                )  # fmt: skip
+                chance[i] = glass_through(materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i])
+            value[i] = chance[i] * as_radiance(index_here[i], index_there[i], adjoint)
 
 
 @kernel
@@ -132,26 +134,16 @@ def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
     elif alpha == 0.0 or (cosine <= 0.0 and kind != DIELECTRIC):
         for i in range(out.size):
             out[i] = 0.0
-    elif cosine > 0.0:
-        lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
-        broad, _, _ = between_facets(materials, k, side * dot(n, wo), cosine)
+    elif kind == CONDUCTOR:
+        lobe, facet = reflected_lobe(alpha, n, side, wo, wi)
+        broad = between_facets(materials, k, 1.0, 0.0, side * dot(n, wo), cosine)
         for i in range(out.size):
-            if kind == CONDUCTOR:
-                out[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
-            elif same(index_here, index_there, i):
-                out[i] = out[i - 1]
-            else:
-                out[i], _ = glass_back(
-                    materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe, density
-                )  # fmt: skip
+            out[i] = metal_value(materials, k, i, index_here[i], facet, lobe, broad)
     else:
-        for i in range(out.size):
-            if same(index_here, index_there, i):
-                out[i] = out[i - 1]
-            else:
-                out[i], _ = glass_through(
-                    materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i], adjoint
-                )  # fmt: skip
+        bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out)
+        if cosine <= 0.0:
+            for i in range(out.size):
+                out[i] *= as_radiance(index_here[i], index_there[i], adjoint)
 
 
 @kernel
@@ -160,32 +152,24 @@ def bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out):
     kind, alpha = materials.kind[k], materials.roughness[k]
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
     cosine = side * dot(n, wi)
-    if kind == LAMBERT:
-        for i in range(out.size):
+    lobe, facet, broad = 0.0, 0.0, 0.0
+    if alpha > 0.0 and cosine > 0.0:
+        lobe, facet = reflected_lobe(alpha, n, side, wo, wi)
+        if kind == CONDUCTOR:
+            broad = between_facets(materials, k, 1.0, 0.0, side * dot(n, wo), cosine)
+    for i in range(out.size):
+        if kind == LAMBERT:
             out[i] = max(cosine, 0.0) / math.pi
-    elif alpha == 0.0 or (cosine <= 0.0 and kind != DIELECTRIC):
-        for i in range(out.size):
-            out[i] = 0.0
-    elif cosine > 0.0:
-        lobe, density, facet = reflected_lobe(alpha, n, side, wo, wi)
-        _, rest, single = between_facets(materials, k, side * dot(n, wo), cosine)
-        for i in range(out.size):
-            if kind == CONDUCTOR:
-                out[i] = single * density + rest
-            elif same(index_here, index_there, i):
-                out[i] = out[i - 1]
-            else:
-                _, out[i] = glass_back(
-                    materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe, density
-                )  # fmt: skip
-    else:
-        for i in range(out.size):
-            if same(index_here, index_there, i):
-                out[i] = out[i - 1]
-            else:
-                _, out[i] = glass_through(
-                    materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i], True
-                )  # fmt: skip
+        elif kind != DIELECTRIC or alpha == 0.0:
+            out[i] = lobe + broad
+        elif same(index_here, index_there, i):
+            out[i] = out[i - 1]
+        elif cosine > 0.0:
+            out[i] = glass_back(
+                materials, k, index_here[i], index_there[i], side * dot(n, wo), cosine, facet, lobe
+            )  # fmt: skip
+        else:
+            out[i] = glass_through(materials, k, n, side, wo, wi, cosine, index_here[i], index_there[i])
 
 
 @inlined
@@ -198,9 +182,8 @@ def frame_of(x, y, z):
 
 
 @merged
-def draw_cosine(n, side, u, v, wi):
-    """A direction by the cosine around `side` n, into `wi`."""
-    z = math.sqrt(max(u, 1e-18))
+def draw_around(n, side, z, v, wi):
+    """A direction at the cosine z from `side` n, turned by the even number v, into `wi`."""
     r = math.sqrt(max(1.0 - z * z, 0.0))
     x, y = r * math.cos(2.0 * math.pi * v), r * math.sin(2.0 * math.pi * v)
     tx, ty, tz, bx, by, bz = frame_of(n[0], n[1], n[2])
@@ -224,21 +207,34 @@ def draw_facet(alpha, n, side, wo, u, v, m):
     m[2] = x * tz + y * bz + side * z * n[2]
 
 
+@inlined
+def seen_share(alpha, n, side, wo, wi, reflected):
+    """Chance that no other facet is in the way of light that leaves one of them, as in the lobes of `ggx`."""
+    out = dot(n, wi) * (side if reflected else -side)
+    if out <= 0.0:
+        return 0.0
+    ways = 1.0 + smith_lambda(alpha, side * dot(n, wo)) if reflected else 1.0
+    return ways / (ways + smith_lambda(alpha, out))
+
+
 @merged
-def draw_broad(materials, k, cosine, here, there, w):
-    """Whether light goes by the cosine: 1 on its own side, -1 on the other one, 0 if not; what is left of w then."""
-    kind = materials.kind[k]
-    if kind == LAMBERT:
-        return 1.0, w
-    if kind == CONDUCTOR:
-        return (1.0 if w >= kept_share(materials, k, cosine) else 0.0), w
-    if kind != DIELECTRIC or materials.lost_mean[k, 0] == 0.0:
-        return 0.0, w
-    lost, mean = lost_share(materials, k, here, there, cosine)
-    if w < 1.0 - lost:
-        return 0.0, w / (1.0 - lost)
-    _, other = lost_share(materials, k, there, here, cosine)
-    return (1.0 if w - (1.0 - lost) >= lost * passed_share(here, there, mean, other) else -1.0), w
+def leave_facets(materials, k, n, side, wo, here, there, reflected, w, p, q, wi):
+    """Light that has left a facet towards `wi`: 1 if it ends up on its own side, -1 on the other one, 0 if it is lost.
+
+    What meets other facets leaves in a new direction; it is lost where that is too little to be made up for.
+    """
+    seen = seen_share(materials.roughness[k], n, side, wo, wi, reflected)
+    if w < seen:
+        return 1.0 if reflected else -1.0
+    if materials.lost_mean[k, 0] == 0.0:
+        return 0.0
+    _, mine = lost_share(materials, k, here, there, 1.0)
+    _, other = lost_share(materials, k, there, here, 1.0)
+    if w - seen < (1.0 - seen) * passed_share(here, there, mine, other):
+        draw_around(n, -side, draw_lost(materials, k, there, here, p), q, wi)
+        return -1.0
+    draw_around(n, side, draw_lost(materials, k, here, there, p), q, wi)
+    return 1.0
 
 
 @merged
@@ -289,7 +285,7 @@ def smooth_terms(
 
 @kernel
 def sample_bsdf(
-    materials, k, hero, n, wo, u, v, w, index_here, index_there, dispersive, adjoint, wi, value, chance
+    materials, k, hero, n, wo, u, v, w, p, q, index_here, index_there, dispersive, adjoint, wi, value, chance
 ):  # fmt: skip
     """Draw what becomes of light at a surface.
 
@@ -302,8 +298,8 @@ def sample_bsdf(
         Wavelength that decides.
     n, wo : (3,)
         See the module.
-    u, v, w : float
-        Random numbers in [0, 1): two of the direction, one of reflection or refraction.
+    u, v, w, p, q : float
+        Random numbers in [0, 1): two of the direction, one of what happens, two of light that meets several facets.
     index_here, index_there : (wavelength,)
     dispersive : bool
         Whether the ratio of the indices depends on the wavelength.
@@ -325,25 +321,28 @@ def sample_bsdf(
     if kind == INTERFACE or (kind == DIELECTRIC and here == there):
         go_straight(hero, dispersive and kind == DIELECTRIC, wo, wi, value, chance)
         return TRANSMITTED + DELTA
-    reflected, cosine = True, 0.0
-    broad, w = draw_broad(materials, k, side * dot(n, wo), here, there, w)
-    if broad != 0.0:
-        reflected = broad > 0.0
-        draw_cosine(n, side * broad, u, v, wi)
+    to, cosine = 1.0, 0.0
+    if kind == LAMBERT:
+        draw_around(n, side, math.sqrt(max(u, 1e-18)), v, wi)
     else:
         draw_facet(alpha, n, side, wo, u, v, wi)
         cosine = min(max(dot(wi, wo), 0.0), 1.0)
         share, beyond = fresnel_dielectric(cosine, here, there)
-        reflected = kind != DIELECTRIC or w < share
-        follow_facet(wi, wo, reflected, cosine, beyond, here / there)
-    event = REFLECTED if reflected else TRANSMITTED
+        if kind == DIELECTRIC:
+            to = 1.0 if w < share else -1.0
+            w = w / share if w < share else (w - share) / (1.0 - share)
+        follow_facet(wi, wo, to > 0.0, cosine, beyond, here / there)
+        if alpha > 0.0:
+            there = there if kind == DIELECTRIC else 0.0
+            to = leave_facets(materials, k, n, side, wo, here, there, to > 0.0, w, p, q, wi)
+    event = REFLECTED if to > 0.0 else TRANSMITTED
     if is_delta(materials, k):
         smooth_terms(
-            materials, k, hero, reflected, cosine, index_here, index_there, dispersive, adjoint, value, chance
+            materials, k, hero, to > 0.0, cosine, index_here, index_there, dispersive, adjoint, value, chance
         )  # fmt: skip
         return event + DELTA
     evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, value, chance)
-    if (side * dot(n, wi) > 0.0) == reflected and chance[hero] > 0.0:
+    if side * to * dot(n, wi) > 0.0 and chance[hero] > 0.0:
         return event
     for i in range(value.size):
         value[i], chance[i] = 0.0, 0.0
@@ -354,11 +353,11 @@ def sample_bsdf(
 def sample_bsdfs(
     materials, k, hero, n, wo, numbers, index_here, index_there, dispersive, adjoint, wi, values, chances, events
 ):  # fmt: skip
-    """`sample_bsdf` for many random numbers (draw, 3): wi (draw, 3), values, chances (draw, wavelength), events."""
+    """`sample_bsdf` for many random numbers (draw, 5): wi (draw, 3), values, chances (draw, wavelength), events."""
     for j in range(numbers.shape[0]):
         events[j] = sample_bsdf(
-            materials, k, hero, n, wo, numbers[j, 0], numbers[j, 1], numbers[j, 2], index_here, index_there,
-            dispersive, adjoint, wi[j], values[j], chances[j],
+            materials, k, hero, n, wo, numbers[j, 0], numbers[j, 1], numbers[j, 2], numbers[j, 3], numbers[j, 4],
+            index_here, index_there, dispersive, adjoint, wi[j], values[j], chances[j],
         )  # fmt: skip
 
 

@@ -1,21 +1,26 @@
 """Light that facets of rough metals and rough glass throw at each other: as a second, broad lobe (Kulla & Conty 2017).
 
-A lobe of single reflections loses what meets another facet.  With E(c) its share of the light where nothing is
-absorbed, the lobe (1 - E(c)) (1 - E(c')) / (pi (1 - mean E)) brings just that back and is the same both ways (Kelemen &
-Szirmay-Kalos 2001, Eurographics short papers).  Every further reflection absorbs: with the mean reflectance F over
-directions the lobe takes the factor F^2 mean E / (1 - F (1 - mean E)).
+A lobe of single events loses the share M(c) that meets another facet.  Where nothing is absorbed, the lobe
+M(c) M(c') c' / (pi m) brings just that back and is the same both ways, with m the mean of M over directions by the
+cosine (Kelemen & Szirmay-Kalos 2001, Eurographics short papers).  On metals every further reflection absorbs: with
+the mean reflectance F over directions the lobe takes the factor F^2 (1 - m) / (1 - F m).
 
 Glass loses M(c) on either side, and gives it back on both: a share p passes, the rest goes back, each as M(c') of the
-side where it leaves, by the cosine.  With m the mean of M, reciprocity asks for  p_a n_a^2 m_a = p_b n_b^2 m_b  of the
-sides a and b.  Of light from the side of the lower index half of the mean Fresnel reflectance goes back: so random
-walks between facets do it (Heitz, Hanika, d'Eon & Dachsbacher 2016, ACM Trans. Graph. 35, 58), to 0.015 of all light.
+side where it leaves.  With m the mean of M, reciprocity asks for  p_a n_a^2 m_a = p_b n_b^2 m_b  of the sides a and b.
+Of light from the side of the lower index half of the mean Fresnel reflectance goes back: so random walks between
+facets do it (Heitz, Hanika, d'Eon & Dachsbacher 2016, ACM Trans. Graph. 35, 58), to 0.015 of all light.
+
+A metal is a boundary with no index beyond: all is reflected, whatever the angle.
+
+Walks draw as light goes: from a facet; what another facet is in the way of leaves by the broad lobe.  Both together
+have the density of the light itself, so a walk that is never absorbed keeps its weight however often it turns.
 """
 
 from __future__ import annotations
 
 import math
 
-from skyscatter.solvers.kernels.jit import inlined
+from skyscatter.solvers.kernels.jit import inlined, merged
 from skyscatter.solvers.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
 
 #: Gauss-Jacobi rule of three points for the mean over directions by the cosine.
@@ -24,33 +29,12 @@ _WEIGHTS = (0.139653964720684, 0.458482206064072, 0.401863829215244)
 
 
 @inlined
-def kept_share(materials, k, cosine):
-    """E(cosine) of a material."""
-    last = materials.kept.shape[1] - 1
-    x = cosine * last
-    j = min(int(x), last - 1)
-    low = materials.kept[k, j]
-    return low + (x - j) * (materials.kept[k, j + 1] - low)
-
-
-@inlined
-def between_facets(materials, k, cos_o, cos_i):
-    """The broad lobe times cosine without absorption, the density with which it draws, the single lobe's share."""
-    mean = materials.kept_mean[k]
-    if mean >= 1.0:
-        return 0.0, 0.0, 1.0
-    single = kept_share(materials, k, cos_o)
-    density = (1.0 - single) * cos_i / math.pi
-    return density * (1.0 - kept_share(materials, k, cos_i)) / (1.0 - mean), density, single
-
-
-@inlined
-def after_more(n, k, mean):
-    """Factor of the broad lobe for a conductor of relative index n + i k."""
+def after_more(n, k, lost):
+    """Factor of the broad lobe for a conductor of relative index n + i k; `lost` is the mean of M."""
     f = 0.0
     for j in range(3):
         f += _WEIGHTS[j] * fresnel_conductor(_COSINES[j], n, k)
-    return f * f * mean / (1.0 - f * (1.0 - mean))
+    return f * f * (1.0 - lost) / (1.0 - f * lost)
 
 
 @inlined
@@ -79,6 +63,8 @@ def lost_share(materials, k, here, there, cosine):
 @inlined
 def passed_share(here, there, lost_here, lost_there):
     """Share p of the light between facets that passes to the other side; of both sides the mean losses are given."""
+    if there == 0.0:
+        return 0.0
     low, high = min(here, there), max(here, there)
     back = 0.0
     for j in range(3):
@@ -89,18 +75,52 @@ def passed_share(here, there, lost_here, lost_there):
 
 
 @inlined
-def between_glass(materials, k, here, there, cos_o, cos_i):
-    """The broad lobe of glass times cosine for photons, the density with which it draws, the share of single events.
-
-    `cos_i` is negative on the other side.
-    """
+def between_facets(materials, k, here, there, cos_o, cos_i):
+    """The broad lobe times cosine for photons; `cos_i` is negative on the other side, `there` is 0 of metals."""
     if here == there or materials.lost_mean[k, 0] == 0.0:
-        return 0.0, 0.0, 1.0
+        return 0.0
     lost, mean = lost_share(materials, k, here, there, cos_o)
     leaves, other = lost_share(materials, k, there, here, abs(cos_i))
     passed = passed_share(here, there, mean, other)
     if cos_i > 0.0:
         leaves, other = lost_share(materials, k, here, there, cos_i)
         passed = 1.0 - passed
-    density = passed * lost * abs(cos_i) / math.pi
-    return density * leaves / other, density, 1.0 - lost
+    return passed * lost * leaves / other * abs(cos_i) / math.pi
+
+
+@inlined
+def _below(x, s, step, a, b):
+    """Integral of M(c) 2 c dc from the root s of the cosine on, over the part x of a step in which M goes from a to b.
+
+    2 c dc = 4 s^3 ds, and M is a line in the root.
+    """
+    d, h = b - a, step
+    c0, c1 = s * s * s * a, 3.0 * s * s * h * a + s * s * s * d
+    c2, c3, c4 = 3.0 * s * h * (h * a + s * d), h * h * (h * a + 3.0 * s * d), h * h * h * d
+    return 4.0 * h * x * (c0 + x * (c1 / 2.0 + x * (c2 / 3.0 + x * (c3 / 4.0 + x * c4 / 5.0))))
+
+
+@merged
+def draw_lost(materials, k, here, there, u):
+    """A cosine by M(c) c of the side `here`, for an even number u: where the sum over the table comes to that share."""
+    j, w = ratio_at(materials, here, there)
+    low, high, mean = materials.lost[k, j], materials.lost[k, j + 1], materials.lost_mean[k]
+    last = low.size - 1
+    step, left = 1.0 / last, u * (mean[j] + w * (mean[j + 1] - mean[j]))
+    a = low[0] + w * (high[0] - low[0])
+    for i in range(last):
+        s, b = i * step, low[i + 1] + w * (high[i + 1] - low[i + 1])
+        whole = _below(1.0, s, step, a, b)
+        if left < whole or i == last - 1:
+            break
+        left, a = left - whole, b
+    # Halving: the sum rises throughout, but from nought it starts too flat for Newton's steps.
+    under, over = 0.0, 1.0
+    for _ in range(40):
+        x = 0.5 * (under + over)
+        if _below(x, s, step, a, b) < left:
+            under = x
+        else:
+            over = x
+    root = s + 0.5 * (under + over) * step
+    return root * root

@@ -33,49 +33,50 @@ def slopes(alpha, nx, ny, nz, hx, hy, hz):
 
 @inlined
 def reflected_lobe(alpha, n, side, wo, wi):
-    """Reflection without Fresnel's factor: BRDF times cosine, density of `wi`, cosine on the facet.
+    """Reflection without Fresnel's factor: BRDF times cosine, and the cosine on the facet.
 
-    Walter et al. equation 20 with the height-correlated shadowing 1 / (1 + Lambda + Lambda') (Heitz 2014, equation 99);
-    density by normals drawn as seen from `wo` (Heitz 2018, JCGT 7, 1, equation 17).  `side` n is the normal.
+    Walter et al. equation 20 with the height-correlated shadowing 1 / (1 + Lambda + Lambda') (Heitz 2014, equation 99).
+    Normals drawn as seen from `wo` have the density with 1 / (1 + Lambda) (Heitz 2018, JCGT 7, 1, equation 17): of
+    them the share (1 + Lambda) / (1 + Lambda + Lambda') meets no other facet.  `side` n is the normal.
     """
     nx, ny, nz = side * n[0], side * n[1], side * n[2]
     cos_o = nx * wo[0] + ny * wo[1] + nz * wo[2]
     cos_i = nx * wi[0] + ny * wi[1] + nz * wi[2]
     if not (cos_o > 0.0 and cos_i > 0.0):
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     hx, hy, hz = wo[0] + wi[0], wo[1] + wi[1], wo[2] + wi[2]
     facet = (hx * wo[0] + hy * wo[1] + hz * wo[2]) / math.sqrt(hx * hx + hy * hy + hz * hz)
     lobe = slopes(alpha, nx, ny, nz, hx, hy, hz) / (4.0 * cos_o)
     here, there = smith_lambda(alpha, cos_o), smith_lambda(alpha, cos_i)
-    return lobe / (1.0 + here + there), lobe / (1.0 + here), min(facet, 1.0)
+    return lobe / (1.0 + here + there), min(facet, 1.0)
 
 
 @inlined
 def refracted_lobe(alpha, n, side, wo, wi, here, there):
-    """Refraction without Fresnel's factor: BTDF times cosine for photons, density of `wi`, cosine on the facet.
+    """Refraction without Fresnel's factor: BTDF times cosine for photons, and the cosine on the facet.
 
-    Walter et al. equations 16, 17 and 21 with shadowing by the product of both sides; multiply by (here / there)^2 for
-    radiance that arrives from `wi`.
+    Walter et al. equations 16, 17 and 21 with shadowing by the product of both sides: of the normals that are seen the
+    share 1 / (1 + Lambda') meets no other facet.  Multiply by (here / there)^2 for radiance that arrives from `wi`.
     """
     nx, ny, nz = side * n[0], side * n[1], side * n[2]
     cos_o = nx * wo[0] + ny * wo[1] + nz * wo[2]
     cos_i = -(nx * wi[0] + ny * wi[1] + nz * wi[2])
     if not (cos_o > 0.0 and cos_i > 0.0) or here == there:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     hx, hy, hz = here * wo[0] + there * wi[0], here * wo[1] + there * wi[1], here * wo[2] + there * wi[2]
     if hx * nx + hy * ny + hz * nz < 0.0:
         hx, hy, hz = -hx, -hy, -hz
     length = math.sqrt(hx * hx + hy * hy + hz * hz)
     if length == 0.0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     near = (hx * wo[0] + hy * wo[1] + hz * wo[2]) / length
     beyond = -(hx * wi[0] + hy * wi[1] + hz * wi[2]) / length
     if not (near > 0.0 and beyond > 0.0):
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     # `length` is |here (wo . m) + there (wi . m)|: it is the projection of h on its own direction m.
     jacobian = there * there * beyond / (length * length)
     lobe = slopes(alpha, nx, ny, nz, hx, hy, hz) * near / cos_o * jacobian / (1.0 + smith_lambda(alpha, cos_o))
-    return lobe / (1.0 + smith_lambda(alpha, cos_i)), lobe, min(near, 1.0)
+    return lobe / (1.0 + smith_lambda(alpha, cos_i)), min(near, 1.0)
 
 
 @inlined

@@ -171,8 +171,8 @@ def scatter_from(table, points, p, on_surface, s):
     if on_surface:
         event = sample_bsdf(
             table.materials, table.shapes.material[points.body[p]], hero, points.normal[p], s.back, u, v, w,
-            media.index[m], media.index[beyond], media.dispersive[m] or media.dispersive[beyond], np.bool_(False),
-            s.towards, s.light, s.density,
+            uniform(s.state), uniform(s.state), media.index[m], media.index[beyond],
+            media.dispersive[m] or media.dispersive[beyond], np.bool_(False), s.towards, s.light, s.density,
         )  # fmt: skip
         return event != ABSORBED
     for n in range(3):

@@ -125,8 +125,8 @@ def bounce(scene, body, m, beyond, hero, adjoint, s, polar):
         s.towards[n] = -d[n]
     event = sample_bsdf(
         scene.materials, scene.shapes.material[body], hero, normal, s.towards, uniform(walk.state),
-        uniform(walk.state), uniform(walk.state), media.index[m], media.index[beyond],
-        media.dispersive[m] or media.dispersive[beyond], adjoint, d, s.factor, s.density,
+        uniform(walk.state), uniform(walk.state), uniform(walk.state), uniform(walk.state), media.index[m],
+        media.index[beyond], media.dispersive[m] or media.dispersive[beyond], adjoint, d, s.factor, s.density,
     )  # fmt: skip
     if event == ABSORBED:
         return event

@@ -53,9 +53,7 @@ class MaterialTable(NamedTuple):
     reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR
     index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's index
     absorption: np.ndarray  #: (material, wavelength) imaginary part k
-    kept: np.ndarray  #: (material, node) share of light that a CONDUCTOR's facets throw on none other, by even cosines
-    kept_mean: np.ndarray  #: (material,) its mean over directions by the cosine; 1 where nothing is to be made up for
-    lost: np.ndarray  #: (material, ratio, node) share that a DIELECTRIC's facets throw on others, see `facets.ratio_at`
+    lost: np.ndarray  #: (material, ratio, node) share that facets throw on others, see `facets.ratio_at`
     lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
 
 

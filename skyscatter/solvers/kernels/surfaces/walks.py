@@ -255,8 +255,9 @@ def turn_at_surface(table, row, hero, here, there, s):
     u, v = number(walk, order, 8), number(walk, order, 9)
     dispersive = media.dispersive[here] or media.dispersive[there]
     event = sample_bsdf(
-        table.materials, row, hero, s.normal, s.back, u, v, uniform(walk.state), media.index[here], media.index[there],
-        dispersive, np.bool_(False), walk.direction, s.factor, s.density,
+        table.materials, row, hero, s.normal, s.back, u, v, uniform(walk.state), uniform(walk.state),
+        uniform(walk.state), media.index[here], media.index[there], dispersive, np.bool_(False), walk.direction,
+        s.factor, s.density,
     )  # fmt: skip
     if event == ABSORBED:
         return OVER
