@@ -25,6 +25,31 @@ hypothesis.settings.register_profile("skyscatter", deadline=None, derandomize=Tr
 hypothesis.settings.load_profile("skyscatter")
 
 
+#: Beginnings of files that run the same large kernels, by what they are about.  They go to one process: else several
+#: would compile the same at the same time.
+SAME_KERNELS = {
+    "photons": ("test_photon", "test_random_rooms", "test_shipped_scenes", "test_surface_", "test_surfaces_"),
+    "nebulae": ("test_nebula_", "test_random_nebulae", "test_shipped_nebulae"),
+    "images": ("test_dehaze_scenes", "test_simulate"),
+}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """`--dist loadfile`, but for files that belong together."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByKernels(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::", 1)[0]
+            name = file.rsplit("/", 1)[-1]
+            return next((kind for kind, begins in SAME_KERNELS.items() if name.startswith(begins)), file)
+
+    return ByKernels(config, log)
+
+
 class NetworkUseError(RuntimeError):
     """A test, or code under test, tried to reach the network."""
 

@@ -128,7 +128,7 @@ def light(name: str, samples: int) -> tuple[Array, Array]:
     return answer.radiance.mean(axis=0), np.sqrt((answer.standard_error**2).sum(axis=0)) / len(answer.radiance)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [NAMES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in NAMES[1:])])
 def test_pictures_are_finite(name: str) -> None:
     scene = small(name).scene()
     camera = Telescope.from_length(24, 24, BRIGHTNESS[name][0] * PARSEC, scene.view.distance)

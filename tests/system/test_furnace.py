@@ -57,7 +57,9 @@ def test_white_furnace_by_plain_walks(optical_depth: float, phase: Any, altitude
 
 
 @ALTITUDES
-@PHASES
+@pytest.mark.parametrize(
+    "phase", [RAYLEIGH, pytest.param(FORWARD, marks=pytest.mark.slow)], ids=["rayleigh", "forward"]
+)
 @pytest.mark.parametrize(
     ("optical_depth", "samples", "bar"),
     # Marched walks carry weights whose spread grows with every leg, and nothing absorbs here: 0.1 % is in reach for
@@ -72,7 +74,9 @@ PAIRS = ((1.0, 0.5), (0.9, 0.2), (0.6, 0.3))
 
 
 # Not transmission over a bright ground: light that comes from below is no mirror image of light from above.
-@pytest.mark.parametrize(("transmitted", "albedo"), [(False, 0.0), (False, 0.6), (True, 0.0)])
+@pytest.mark.parametrize(
+    ("transmitted", "albedo"), [pytest.param(False, 0.0, marks=pytest.mark.slow), (False, 0.6), (True, 0.0)]
+)
 def test_reciprocity_of_a_slab(transmitted: bool, albedo: float) -> None:
     """I(mu; mu0) / mu0 keeps its value when light and observer change places (Chandrasekhar 1950, section 13)."""
     value, error = [], []

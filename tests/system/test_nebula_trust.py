@@ -216,7 +216,7 @@ def test_scattered_light_few(folder: Path, depth: float, most: float, n: int, sa
     check_scattered(folder, depth, most, rows, n, samples)
 
 
-@pytest.mark.parametrize("depth", [1.0, 10.0])
+@pytest.mark.parametrize("depth", [1.0, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_light_behind_the_slab(folder: Path, depth: float) -> None:
     """Down to a depth of 33, where the reference has a fifth of the light."""
     slab, _ = fitted_slab(folder, FEW)

@@ -83,7 +83,9 @@ def field_of(sun: float, tolerance: float = DEFAULT_TOLERANCE, hazy: bool = Fals
 LIMB = ((0.0, -90.0), (60.0, -50.0), (0.0, -19.3), (0.0, -19.0), (150.0, -18.8))
 
 
-@pytest.mark.parametrize("sun", [80.0, 30.0, 5.0, 0.0, -3.0, -6.0])
+@pytest.mark.parametrize(
+    "sun", [80.0, 5.0, -6.0, *(pytest.param(e, marks=pytest.mark.slow) for e in (30.0, 0.0, -3.0))]
+)
 @pytest.mark.parametrize("altitude", [0.0, 8e3, 4e5], ids=["ground", "inside", "space"])
 def test_the_first_order_is_that_of_single(sun: float, altitude: float) -> None:
     scene = scene_of(sun=sun)
@@ -135,8 +137,10 @@ def test_polarisation_of_the_first_order_is_that_of_single(sun: float) -> None:
     ("optical_depth", "phase", "stokes"),
     [
         *(pytest.param(t, Rayleigh(), s, id=f"rayleigh-{t:g}-{s}") for t in (0.1, 1.0) for s in (False, True)),
-        pytest.param(0.1, HenyeyGreenstein(g=0.8), False, id="forward-0.1-False"),
-        pytest.param(0.1, HenyeyGreenstein(g=0.8), True, id="forward-0.1-True", marks=pytest.mark.slow),
+        *(
+            pytest.param(0.1, HenyeyGreenstein(g=0.8), s, id=f"forward-0.1-{s}", marks=pytest.mark.slow)
+            for s in (False, True)
+        ),
         pytest.param(1.0, HenyeyGreenstein(g=0.6), False, id="forward-1-False", marks=pytest.mark.slow),
         *(
             pytest.param(1.0, HenyeyGreenstein(g=0.8), s, id=f"very-forward-1-{s}", marks=pytest.mark.slow)
@@ -178,7 +182,9 @@ def field_of_slab(slab: Slab, **options: Any) -> skyscatter.RadianceField:
     return skyscatter.solve(slab.scene(), [WAVELENGTH], sun_elevations_deg=(elevation, elevation), **options)
 
 
-@pytest.mark.parametrize("name", SLABS)
+@pytest.mark.parametrize(
+    "name", ["isotropic", "white", *(pytest.param(n, marks=pytest.mark.slow) for n in ("rayleigh", "forward"))]
+)
 def test_net_flux_of_a_conservative_slab_is_the_same_at_all_heights(name: str) -> None:
     slab = SLABS[name]
     field = field_of_slab(slab)
@@ -199,7 +205,12 @@ def test_net_flux_of_a_conservative_slab_is_the_same_at_all_heights(name: str) -
 
 @pytest.mark.parametrize(
     ("optical_thickness", "albedo", "beam_mu", "tolerance"),
-    [(0.03125, 0.2, 0.1, 1e-3), (0.5, 1.0, 0.6, 1e-3), (1, 0.9, 1.0, 1e-3), (5.0, 0.99, 0.4, 2e-3)],
+    [
+        (0.03125, 0.2, 0.1, 1e-3),
+        (0.5, 1.0, 0.6, 1e-3),
+        (1, 0.9, 1.0, 1e-3),
+        pytest.param(5.0, 0.99, 0.4, 2e-3, marks=pytest.mark.slow),
+    ],
 )
 def test_fluxes_of_isotropic_slabs_against_the_integral_equation(
     optical_thickness: float, albedo: float, beam_mu: float, tolerance: float
@@ -280,7 +291,7 @@ def test_irradiance_on_level_planes_is_the_flux() -> None:
     assert np.all(facing > 0.4 * flux.direct)
 
 
-@pytest.mark.parametrize("sun", [80.0, 10.0, 0.5])
+@pytest.mark.parametrize("sun", [pytest.param(80.0, marks=pytest.mark.slow), 10.0, 0.5])
 @pytest.mark.parametrize("altitude", [0.0, 1.5e4])
 def test_direct_light_is_the_transmittance(sun: float, altitude: float) -> None:
     scene = scene_of(AIR, HAZE, sun=sun)
@@ -469,10 +480,10 @@ def test_the_stated_error_covers_the_difference_from_a_finer_solution(sun: float
 def test_stokes_vectors_are_symmetric_about_the_suns_plane() -> None:
     scene = scene_of(AIR, HAZE, sun=20.0)
     left, right = ([(side * a, e) for a in (20.0, 75.0, 140.0) for e in (5.0, 30.0, 70.0)] for side in (1, -1))
-    one, other = look(scene, left, stokes=True).stokes, look(scene, right, stokes=True).stokes
+    one, other = (look(scene, seen, stokes=True, tolerance=0.03).stokes for seen in (left, right))
     # Rays of a bundle share one course: the same arithmetic but for signs and rounding.
     np.testing.assert_allclose(other, one * [1, 1, -1, -1], rtol=1e-5, atol=1e-7 * one[..., 0].max())
-    across = look(scene, [(0.0, 10.0), (0.0, 60.0), (180.0, 40.0)], stokes=True).stokes
+    across = look(scene, [(0.0, 10.0), (0.0, 60.0), (180.0, 40.0)], stokes=True, tolerance=0.03).stokes
     np.testing.assert_allclose(across[..., 2:], 0.0, atol=1e-7 * across[..., 0].max())
 
 
@@ -499,11 +510,13 @@ def test_scalar_light_misses_the_radiance_of_air() -> None:
 
 def test_same_bits_for_any_number_of_threads() -> None:
     scene = scene_of(AIR, HAZE)
-    one, two = (look(scene, stokes=True, threads=threads) for threads in (1, 2))
+    one, two = (look(scene, SIGHTS[:4], stokes=True, threads=threads, tolerance=0.03) for threads in (1, 2))
     assert np.array_equal(one.stokes, two.stokes)
     assert np.array_equal(one.stokes_error, two.stokes_error)
     camera = skyscatter.Panorama(width=24, height=12)
-    one, two = (skyscatter.render(scene, camera, WAVELENGTHS[:2], threads=threads) for threads in (1, 2))
+    one, two = (
+        skyscatter.render(scene, camera, WAVELENGTHS[:2], threads=threads, tolerance=0.03) for threads in (1, 2)
+    )
     assert np.array_equal(one.radiance, two.radiance, equal_nan=True)
 
 
@@ -516,8 +529,8 @@ def test_rays_do_not_depend_on_their_neighbours() -> None:
     alone = np.array([field.radiance(origin, d).radiance for d in directions])
     np.testing.assert_array_equal(back, whole)
     # Large bundles read the Sun's light from a table, small ones compute it, and points of a course are laid for all
-    # of its rays: a tenth of the tolerance.
-    np.testing.assert_allclose(alone, whole, rtol=0.1 * DEFAULT_TOLERANCE)
+    # of its rays: a tenth of the tolerance of 0.5 %.
+    np.testing.assert_allclose(alone, whole, rtol=DEFAULT_TOLERANCE / 10)
 
 
 def test_a_field_answers_as_the_solver_does() -> None:

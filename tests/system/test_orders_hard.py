@@ -70,6 +70,7 @@ def test_twilight_of_shipped_planets_is_the_same_for_one_sun_and_for_all(model: 
     assert_one_answer(model, (90.0, 60.0, 20.0, 5.0, 0.0, -3.0, -6.0, -8.0, -10.0, -12.0, -14.0, -16.0, -18.0), [550.0])
 
 
+@pytest.mark.slow
 def test_a_limb_by_day_is_the_same_for_one_sun_and_for_all() -> None:
     """High air is lit by the ground as far as it sees it, under Suns that differ by many degrees."""
     there = scene(AIR, layer(Exponential(scale_height=3e3), 0.1, HenyeyGreenstein(g=0.7)), sun=49.0, albedo=0.5)

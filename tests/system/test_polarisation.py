@@ -169,7 +169,9 @@ def compare_with_cds(
 
 
 @pytest.mark.parametrize("upwards", [True, False])
-@pytest.mark.parametrize(("tau", "albedo", "sun"), [("0.25", 1, 1), ("1", 0, 3), ("1", 2, 1)])
+@pytest.mark.parametrize(
+    ("tau", "albedo", "sun"), [("0.25", 1, 1), pytest.param("1", 0, 3, marks=pytest.mark.slow), ("1", 2, 1)]
+)
 def test_rayleigh_slabs_against_corrected_coulson_tables(
     tau: str, albedo: int, sun: int, upwards: bool, reference: Path
 ) -> None:

@@ -46,6 +46,7 @@ def check(found: TermsTable, aods: Iterable[float], angles: Angles, own_grids: b
             assert difference(solved(aod, like).terms(*at), found.at(aod, *at)[0]) < bar
 
 
+@pytest.mark.slow
 def test_against_solutions_between_the_nodes(built: TermsTable) -> None:
     assert built.aod[0] == 0
     assert built.aod[-1] == pytest.approx(0.5)
