@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dehaze_tables import made_up_table
 
 from skyscatter.dehaze import cachefile, table
 from skyscatter.dehaze.bands import load_sensor
 from skyscatter.dehaze.forward import PATH, Atmosphere, BandAverage, SolvedAir, reflectance_above, surface_reflectance
-from skyscatter.dehaze.table import Angles, TermsTable, build_table, difference
+from skyscatter.dehaze.table import TOLERANCE, Angles, TermsTable, _Builder, build_table, depth_weights, difference
 from skyscatter.errors import DomainError
 
 BANDS = tuple(load_sensor("landsat-8").band(name) for name in ("B1", "B5"))  # the bluest, and near infrared
@@ -213,3 +214,20 @@ def test_one_direction_is_solved_on_the_grid_of_the_thickest_haze() -> None:
     # 0.001 is what is asked of the table; another grid differs by some tenths of the solution's tolerance of 0.01.
     found = made.at(1.0, 35.0, 5.0, 100.0)[0]
     assert abs(found[0, PATH] - own[0, PATH]) < 0.001
+
+
+def test_what_is_met_between_the_nodes_is_no_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nodes that crowd at the thick end made the polynomial swing at small depths, two hundred times the noise."""
+    angles = Angles.spanned(30.0, 5.0, 60.0)
+    builder = _Builder(ATMOSPHERE, BANDS, angles, TOLERANCE, True, None, None)
+    smooth = made_up_table(ATMOSPHERE, BANDS, angles)
+
+    def noisy(aod: float, nodes: object = None) -> np.ndarray:
+        return smooth.at(aod, 30.0, 5.0, 60.0)[0] + 1e-4 * np.sin(1e4 * aod + np.arange(8).reshape(2, 4))
+
+    monkeypatch.setattr(builder, "terms", noisy)
+    monkeypatch.setattr(builder, "air", lambda aod: None)
+    monkeypatch.setattr(builder, "refine_angles", lambda aod: None)
+    depths = builder.build(None)["aod"]
+    swing = np.abs(depth_weights(depths, np.linspace(0, 2, 200))).sum(axis=-1).max()
+    assert swing < 12, (depths, swing)
