@@ -28,6 +28,8 @@ IONISATION_ENERGY = 13.598434 * ELECTRON_VOLT  #: of hydrogen [J] (NIST)
 LYMAN_LIMIT = PLANCK * LIGHT / IONISATION_ENERGY * 1e9  #: longest wavelength that ionises hydrogen [nm]
 
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(7)
+#: Budgets of photons behind whose use no photon comes, whatever a first estimate of them is worth.
+BEYOND = 1e3
 _DEEPEST = 40  #: halvings of a stretch of a ray; 2^-40 of it is rounding
 
 
@@ -127,6 +129,16 @@ class _Stretches(NamedTuple):
     end: Array
     value: Array
 
+    def some(self, which: NDArray[np.bool_] | Indices) -> _Stretches:
+        """Those of a choice."""
+        return _Stretches(self.ray[which], self.start[which], self.end[which], self.value[which])
+
+
+def _joined(parts: list[_Stretches]) -> _Stretches:
+    """All pieces, part by part."""
+    ray = np.concatenate([part.ray for part in parts])
+    return _Stretches(ray, *(np.concatenate([part[i] for part in parts]) for i in (1, 2, 3)))
+
 
 def front_radii(
     density: Callable[[Array], Array],
@@ -221,33 +233,47 @@ def _integrate(rays: _Rays, ray: Indices, start: float, end: float, tolerance: f
     """The pieces of the stretch from `start` to `end` along rays, halved until each is right.
 
     Right means to the tolerance of its own value, so that the errors of all that is used up, which is the budget, add
-    up to no more than the tolerance of the budget.  A piece may err by a millionth of that whatever its value.
+    up to no more than the tolerance of the budget.  A piece may err by a millionth of that whatever its value.  What
+    lies behind pieces that use up `BEYOND` budgets is left as it is: no photon comes there, and gas that is denser by
+    many powers of ten could not be halved until it is right.
     """
     a, b = np.full(ray.size, start), np.full(ray.size, end)
-    whole = _gauss(rays, ray, a, b)
+    waiting = _Stretches(ray, a, b, _gauss(rays, ray, a, b))
     finished: list[_Stretches] = []
-    for depth in range(_DEEPEST + 1):
+    # Estimates become better from round to round: what has to wait is looked at again.
+    while (reached := _reached(finished, waiting, budget)).any():
+        ray, a, b, whole = waiting.some(reached)
         middle = 0.5 * (a + b)
         first, second = _gauss(rays, ray, a, middle), _gauss(rays, ray, middle, b)
         allowed = tolerance * np.maximum(np.minimum(first + second, budget), 1e-6 * budget)
-        good = (np.abs(first + second - whole) <= allowed) | (depth == _DEEPEST)
-        for lower, upper, value in ((a, middle, first), (middle, b, second)):
-            finished.append(_Stretches(ray[good], lower[good], upper[good], value[good]))
-        bad = ~good
-        if not bad.any():
-            break
-        whole = np.concatenate([first[bad], second[bad]])
-        ray = np.concatenate([ray[bad], ray[bad]])
-        a, b = np.concatenate([a[bad], middle[bad]]), np.concatenate([middle[bad], b[bad]])
-    return _in_order(finished)
+        good = (np.abs(first + second - whole) <= allowed) | (b - a <= (end - start) * 0.5**_DEEPEST)
+        halves = [_Stretches(ray, a, middle, first), _Stretches(ray, middle, b, second)]
+        finished += [half.some(good) for half in halves]
+        waiting = _joined([waiting.some(~reached), *(half.some(~good) for half in halves)])
+    finished.append(waiting)
+    pieces = _in_order(finished)
+    # More than is there cannot be used; sums over rays keep their digits.
+    return pieces._replace(value=np.minimum(pieces.value, BEYOND * budget))
+
+
+def _reached(finished: list[_Stretches], rest: _Stretches, budget: float) -> NDArray[np.bool_]:
+    """Which pieces of the rest are not behind others of their ray that use up many budgets."""
+    if rest.value.sum() < BEYOND * budget:  # as nearly always
+        return np.ones(rest.ray.size, bool)
+    ray, start, _, value = _joined([*finished, rest])
+    value = np.minimum(value, BEYOND * budget)
+    order = np.lexsort((start, ray))
+    before = np.concatenate([[0.0], np.cumsum(value[order])])
+    before = before[:-1] - before[np.searchsorted(ray[order], ray[order])]
+    found = np.empty(ray.size, bool)
+    found[order] = before < BEYOND * budget
+    return found[ray.size - rest.ray.size :]
 
 
 def _in_order(parts: list[_Stretches]) -> _Stretches:
     """All pieces, ray by ray and outwards."""
-    ray = np.concatenate([part.ray for part in parts])
-    start, end, value = (np.concatenate([part[i] for part in parts]) for i in (1, 2, 3))
-    order = np.lexsort((start, ray))
-    return _Stretches(ray[order], start[order], end[order], value[order])
+    pieces = _joined(parts)
+    return pieces.some(np.lexsort((pieces.start, pieces.ray)))
 
 
 def _find_fronts(

@@ -45,6 +45,8 @@ _NARROW = 1.2  # below this geometric standard deviation resonances survive: no 
 _NODE_STEP = 0.08  # ratio of neighbouring wavelength nodes minus 1, in the logarithm
 _SIZE_STEP = 0.01  # step of the size quadrature in the logarithm of the radius
 _WINDOW = 4.5  # half width of the size quadrature in standard deviations
+#: Radius of the smallest atom [m]: sizes far below it have powers that are no numbers any more.
+_ATOM = 1e-11
 #: Largest size parameters, outside and inside the spheres, that are summed within a minute and a gigabyte.
 _LARGEST, _LARGEST_NARROW, _LARGEST_INSIDE = 20_000.0, 2_000.0, 100_000.0
 
@@ -350,7 +352,10 @@ def _node(modes: tuple[Mode, ...], wavelength_nm: float, index: complex) -> _Nod
 
 
 def _check_size(modes: tuple[Mode, ...], radius: float, wavelength: float, index: complex) -> None:
-    """Refuse what would take hours: the largest radius [m], or the refractive index, beside the wavelength [m]."""
+    """Refuse atoms, and what takes hours: the largest radius [m] or the refractive index beside the wavelength [m]."""
+    if not radius >= _ATOM:
+        rule = f'no particle is smaller than an atom, {_ATOM:g} m; write units, as in "0.2 um"'
+        raise DomainError("modes", f"radii up to {radius:.3g} m", rule)
     narrow = min(mode.geometric_standard_deviation for mode in modes) < _NARROW
     allowed = (_LARGEST_NARROW if narrow else _LARGEST) * wavelength / (2 * np.pi)
     beside = f"beside a wavelength of {wavelength * 1e9:g} nm"

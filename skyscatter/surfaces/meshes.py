@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.errors import DomainError, MissingDataError, shortened
 from skyscatter.media.arrays import ArrayField, stamp, unwritten
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.surfaces.shapes import Array, Box, Disk, Plane, Rectangle, Sphere, Surface
@@ -283,7 +283,7 @@ def _read(path: str, _: int) -> tuple[Array, Integers]:
         mesh = trimesh.load_mesh(path, process=False)
         vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
     except Exception as error:  # trimesh's readers raise whatever their parsing meets
-        raise MissingDataError(path, f"not a mesh that can be read ({error})") from error
+        raise MissingDataError(path, f"not a mesh that can be read ({shortened(str(error))})") from error
     if len(faces) == 0:
         raise MissingDataError(path, "has no triangles, or was cut short")
     _check_text(path)

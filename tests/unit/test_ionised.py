@@ -178,3 +178,20 @@ def test_an_o_star_is_of_the_known_order() -> None:
 )
 def test_refuses(call: Callable[[], Any], word: str) -> None:
     assert word in complaint(call)
+
+
+@pytest.mark.parametrize("times", [1e6, 1e12, 2.0**63])
+def test_gas_denser_by_many_powers_of_ten_ends_soon(times):
+    """What lies behind a front that is near the star is not halved until its light-years are right to the last atom."""
+    asked = []
+
+    def density(points):
+        asked.append(len(points))
+        r = np.linalg.norm(points, axis=1)
+        return times * (1 + 0.9 * np.sin(40 * r) * np.sign(np.sin(317 * points[:, 0])))
+
+    ways = np.random.default_rng(2).normal(size=(12, 3))
+    photons = times**2 * 4 * np.pi * alpha_b(1e4) * 1e-12 / 3  # a front at 1e-4 in gas of that density
+    found = front_radii(density, (0, 0, 0), ways, hydrogen_density=1.0, ionising_photons=photons, limit=1.0)
+    np.testing.assert_allclose(found, 1e-4, rtol=0.01)
+    assert sum(asked) < 300_000

@@ -9,6 +9,7 @@ import miepython
 import numpy as np
 import pytest
 
+from skyscatter.errors import DomainError
 from skyscatter.optics.mie import LogNormalMode, MieAerosol
 from skyscatter.optics.phase import Rayleigh
 from skyscatter.spectra.table import SpectralTable
@@ -272,3 +273,14 @@ def test_refuses(change: dict[str, object]) -> None:
     fields = mars_dust().model_dump() | change
     with pytest.raises(ValueError, match=r"exactly one|not both|or material|negative|at least|greater|no particles"):
         MieAerosol.model_validate(fields)
+
+
+@pytest.mark.parametrize("radius", [5e-324, 1e-300, 1e-15])
+def test_particles_below_atoms_are_refused(radius: float) -> None:
+    mode = LogNormalMode(median_radius=radius, geometric_standard_deviation=1.5)
+    aerosol = MieAerosol(
+        modes=(mode,), refractive_index_real=1.5, refractive_index_imag=0.0, optical_depth=0.1, wavelength=550.0
+    )
+    for ask in (aerosol.optical_properties, aerosol.phase_table):
+        with pytest.raises(DomainError, match="smaller than an atom"):
+            ask([550.0])

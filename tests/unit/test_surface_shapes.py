@@ -433,6 +433,15 @@ def test_binary_mesh_files_that_were_cut_short(ending: str, tmp_path: Any) -> No
             _ = Mesh(file=str(tmp_path / f"{size}.{ending}")).triangles
 
 
+def test_what_a_reader_of_meshes_says_is_cut_short(tmp_path: Any) -> None:
+    """It may repeat all of a file that it does not understand."""
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float "
+    (tmp_path / "a.ply").write_text(head + "[" * 5000 + "y\nend_header\n0 0\n")
+    with pytest.raises(MissingDataError) as caught:
+        _ = Mesh(file=str(tmp_path / "a.ply")).triangles
+    assert len(str(caught.value)) < 600
+
+
 @pytest.mark.slow
 def test_a_million_triangles() -> None:
     """Every ray aimed at a fine ball hits it where the ball is, in and out again."""
