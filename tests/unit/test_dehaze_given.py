@@ -87,7 +87,10 @@ def test_the_error_of_a_given_depth_is_in_sigma():
     changed = np.abs(low.reflectance - high.reflectance) / 2
     free = (low.reflectance > 0) & (high.reflectance > 0) & (changed > 1e-3)
     assert free.mean() > 0.5
-    np.testing.assert_allclose(added[free], changed[free], rtol=0.1, atol=5e-4)  # to the first order in the error
+    # Sigma leaves out that the albedo of the sky S, too, changes with the haze: rho^2 dS/dtau sigma, which is
+    # 0.33^2 * 0.075 * 0.05 = 4.1e-4 at 865 nm over the brightest ground here.
+    np.testing.assert_allclose(added[free], changed[free], rtol=0.0, atol=4.5e-4)
+    assert np.median(changed[free]) > 5e-3
     assert unsure.diagnostics["aod"]["sigma"] == 0.05
     none = dehazed("0±0.05")
     assert np.all(none.sigma > dehazed(0.0).sigma)
