@@ -25,6 +25,11 @@ def is_file(aerosol: str) -> bool:
     return aerosol.lower().endswith(SUFFIXES)
 
 
+def is_table(aerosol: str) -> bool:
+    """Whether it is meant as a file that knows the phase function by its asymmetry only."""
+    return aerosol.lower().endswith(".csv")
+
+
 def read_aerosol(path: str) -> MieAerosol | Particles:
     """Optics with the optical depth 1 at 550 nm.
 
@@ -33,8 +38,9 @@ def read_aerosol(path: str) -> MieAerosol | Particles:
     path : str
         ``.csv`` with the columns ``wavelength_nm``, ``extinction`` (in any unit), ``single_scattering_albedo`` and
         ``asymmetry``, and a row for each wavelength, 550 nm within; the phase function is that of Henyey & Greenstein,
-        which does not polarise.  Or ``.toml`` with ``kind = "mie"``, ``modes`` and a refractive index, or ``kind =
-        "particles"`` with a phase function, as ``optics`` has them in a model file, without an amount.
+        which does not polarise, and what others of that asymmetry differ by is in the deviations that dehazing says.
+        Or ``.toml`` with ``kind = "mie"``, ``modes`` and a refractive index, or ``kind = "particles"`` with a phase
+        function, as ``optics`` has them in a model file, without an amount.
 
     Raises
     ------

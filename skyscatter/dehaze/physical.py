@@ -19,12 +19,13 @@ from skyscatter.dehaze.forward import PATH, STANDARD_PRESSURE, Atmosphere, press
 from skyscatter.dehaze.gather import Gathered, at_dark_pixels, look
 from skyscatter.dehaze.lattice import Lattice
 from skyscatter.dehaze.options import DehazeOptions
+from skyscatter.dehaze.ownaerosol import is_table
 from skyscatter.dehaze.pixelsize import pixel_size
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows
 from skyscatter.dehaze.sensing import OZONE_DU, Gases, Sensing, gases, sense, usual_water
 from skyscatter.dehaze.table import GREATEST_AOD, Angles, TermsTable, build_table
-from skyscatter.dehaze.unsolved import imitations
+from skyscatter.dehaze.unsolved import imitations, shaped
 
 Array = NDArray[np.float64]
 Values = NDArray[np.float32]
@@ -170,7 +171,7 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
         lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
     )  # fmt: skip
-    more = imitations(tables) if options.aerosol == "auto" else []
+    more = other_aerosols(tables, options)
     haze = find_haze(tables, more, seen, sensing, gas, angles, pixel, options, known)
     best = next(t for t in tables if t.atmosphere.aerosol == haze.aerosol)
     others = [(t, haze.probabilities[t.atmosphere.aerosol]) for t in (*tables, *more) if t is not best]
@@ -181,9 +182,18 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
     )  # fmt: skip
     progress(AFTER_ESTIMATE)
     notes = [*sensing.notes, *haze.notes, *note]
+    if is_table(options.aerosol):
+        notes.append("of the aerosol only the asymmetry is known: what phase functions differ by then is in sigma")
     if options.pressure_hpa is None and options.ground_height_m is None:
         notes.append("the ground is taken to lie at sea level (1013 hPa): give its pressure or height if it does not")
     return correction, summary(haze, best, sensing, options, pressure, notes)
+
+
+def other_aerosols(tables: list[TermsTable], options: DehazeOptions) -> list[TermsTable]:
+    """Tables of what the haze may be besides: of a kind that is named, and known in full, nothing."""
+    if options.aerosol == "auto":
+        return imitations(tables)
+    return shaped(tables[0]) if is_table(options.aerosol) and tables[0].aod[-1] > 0 else []
 
 
 def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progress: Progress) -> list[TermsTable]:

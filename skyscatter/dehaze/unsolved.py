@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.datafiles import read_table
-from skyscatter.dehaze.aerosols import site_names
+from skyscatter.dehaze.aerosols import aerosol_optics, aerosol_spectrum, site_names
 from skyscatter.dehaze.flat import DEGREE, FlatTerms, Haze, solve_flat
 from skyscatter.dehaze.forward import BACK, DIFFUSE, DIRECT, PATH, STANDARD_PRESSURE
 from skyscatter.dehaze.table import TermsTable, lobatto, polynomial_weights
+from skyscatter.optics.phase import draine_value
 from skyscatter.optics.rayleigh import cross_section_bodhaine1999
 
 Array = NDArray[np.float64]
@@ -86,6 +87,25 @@ def imitations(tables: Sequence[TermsTable]) -> list[TermsTable]:
         if here:
             made |= imitated(table, own, here)
     return [made[name] for name in wanted]
+
+
+def shaped(table: TermsTable) -> list[TermsTable]:
+    """Tables of a user's aerosol of which only the asymmetry is known, with the phase functions that it may have.
+
+    It is solved for with that of Henyey & Greenstein.  Aerosols of the same asymmetry send back more or less: each of
+    those of all places lends the ratio of its own phase function to Henyey & Greenstein's of its own asymmetry.
+    """
+    wavelengths = np.array([band.effective_wavelength for band in table.bands])
+    aerosol, cosines = table.atmosphere.aerosol, np.cos(np.radians(ANGLES))
+    extinction, albedo, phase = aerosol_optics(aerosol, wavelengths, cosines)
+    asymmetry = aerosol_spectrum(aerosol, wavelengths)[2]
+    own = Optics(extinction, albedo, asymmetry[:, None] ** np.arange(DEGREE + 1), 4 * np.pi * phase)
+    wanted = {}
+    for name in site_names():
+        lends = optics_of(name, wavelengths)
+        usual = 4 * np.pi * draine_value(cosines, lends.moments[:, 1, None], 0.0)
+        wanted[name] = own._replace(phase=own.phase * lends.phase / usual)
+    return list(imitated(table, own, wanted).values())
 
 
 def unlikeness(one: Optics, other: Optics) -> float:

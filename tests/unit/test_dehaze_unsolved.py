@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +16,10 @@ from skyscatter.dehaze.bands import Sensor
 from skyscatter.dehaze.coefficients import two_rows
 from skyscatter.dehaze.flat import DEGREE, Haze, rayleigh_moments, solve_flat
 from skyscatter.dehaze.forward import BACK, DIFFUSE, DIRECT, PATH, Atmosphere
-from skyscatter.dehaze.table import TermsTable
+from skyscatter.dehaze.passband import Band
+from skyscatter.dehaze.table import Angles, TermsTable
 from skyscatter.dehaze.unsolved import ANGLES, imitated, imitations, optics_of
+from skyscatter.optics.phase import draine_value
 
 NEAR, LOW = (key[2] for key in sorted(sixs_terms(), key=lambda key: key[2])[:: len(sixs_terms()) - 1])
 
@@ -134,3 +138,32 @@ def test_a_depth_that_is_given_has_other_aerosols_too(solved: None) -> None:
     scene = SixsScene("fine", 0.35, NEAR, "city")
     named, unnamed = (judged(scene, aod=0.35, aod_sigma=0.02, **kind) for kind in ({"aerosol": "continental"}, {}))
     assert np.all(np.median(unnamed.sigma, axis=(1, 2)) > np.median(named.sigma, axis=(1, 2)))
+
+
+def test_an_asymmetry_is_no_phase_function(solved: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """6S's continental haze, told by depth, albedo and asymmetry: the path reflectance is off, and sigma says so."""
+    wl = np.linspace(400.0, 2400.0, 41)
+    rows = zip(wl, *aerosol_spectrum("continental", wl), strict=True)
+    file = tmp_path / "own.csv"
+    lines = ["wavelength_nm,extinction,single_scattering_albedo,asymmetry", *(",".join(map(str, r)) for r in rows)]
+    file.write_text("\n".join(lines))
+
+    def solve(atmosphere: Atmosphere, bands: Sequence[Band], angles: Angles, **_: object) -> TermsTable:
+        """As solved for with that phase function: the continental table, and the difference between the two."""
+        known = stored_table(Atmosphere(aerosol="continental"), bands, angles)
+        at = np.array([band.effective_wavelength for band in bands])
+        true, cosines = optics_of("continental", at), np.cos(np.radians(ANGLES))
+        g = true.moments[:, 1]
+        phase = 4 * np.pi * draine_value(cosines, g[:, None], 0.0)
+        flat = true._replace(moments=g[:, None] ** np.arange(DEGREE + 1), phase=phase)
+        return imitated(known, true, {str(file): flat})[str(file)]
+
+    monkeypatch.setattr(physical, "build_table", solve)
+    scene = SixsScene("continental", 0.5, NEAR, "city")
+    found = judged(scene, aod=0.5, aerosol=str(file))
+    monkeypatch.setattr(physical, "shaped", lambda table: [])
+    before = judged(scene, aod=0.5, aerosol=str(file))
+    short = slice(0, 7)  # at 2.2 um 6S's haze is another one
+    assert covered([before])[short].min() < 0.1
+    assert covered([found])[short].min() > 0.6
+    assert np.abs(found.error[short]).mean() < np.abs(before.error[short]).mean()
