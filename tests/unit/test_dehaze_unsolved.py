@@ -143,7 +143,8 @@ def test_a_depth_that_is_given_has_other_aerosols_too(solved: None) -> None:
 def test_an_asymmetry_is_no_phase_function(solved: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """6S's continental haze, told by depth, albedo and asymmetry: the path reflectance is off, and sigma says so."""
     wl = np.linspace(400.0, 2400.0, 41)
-    rows = zip(wl, *aerosol_spectrum("continental", wl), strict=True)
+    told = optics_of("continental", wl)
+    rows = zip(wl, told.extinction, told.albedo, told.moments[:, 1], strict=True)
     file = tmp_path / "own.csv"
     lines = ["wavelength_nm,extinction,single_scattering_albedo,asymmetry", *(",".join(map(str, r)) for r in rows)]
     file.write_text("\n".join(lines))
