@@ -52,7 +52,7 @@ def model_schema(sort: str | None = None) -> dict[str, Any]:
     refs = {command: {"$ref": f"#/definitions/{names[model]}"} for command, model in sorts().items()}
     chosen = _by_tables(refs) if sort is None else refs[sort]
     needed = _reached(chosen, definitions)
-    kept = {name: _draft7(definitions[name]) for name in sorted(needed)}
+    kept = {name: _draft7(_guarded(name, definitions)) for name in sorted(needed)}
     return {"$schema": _DRAFT, "title": "skyscatter model file", **chosen, "definitions": kept}
 
 
@@ -97,6 +97,28 @@ def _reached(node: Any, definitions: dict[str, Any]) -> set[str]:
         elif isinstance(one, list):
             open_nodes += one
     return found
+
+
+def _guarded(name: str, definitions: dict[str, Any]) -> dict[str, Any]:
+    """A definition that looks at what may hold itself, fields in fields, only where the kind is its own.
+
+    Validators look at all that is wrong with every kind of which one has to fit, and kinds within kinds within kinds
+    then take as many looks as there are kinds to the power of the depth.
+    """
+    whole: dict[str, Any] = definitions[name]
+    own = whole.get("properties", {})
+    kind = own.get("kind", {}).get("const")
+    deep = [field for field, node in own.items() if name in _reached(node, definitions)]
+    if kind is None or not deep:
+        return whole
+    words = ("title", "description", "default", "type")
+    shallow = {field: {word: own[field][word] for word in words if word in own[field]} for field in deep}
+    return {
+        **whole,
+        "properties": own | shallow,
+        "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
+        "then": {"properties": {field: own[field] for field in deep}},
+    }
 
 
 def _draft7(node: Any) -> Any:
