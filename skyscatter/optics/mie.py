@@ -45,6 +45,8 @@ _NARROW = 1.2  # below this geometric standard deviation resonances survive: no 
 _NODE_STEP = 0.08  # ratio of neighbouring wavelength nodes minus 1, in the logarithm
 _SIZE_STEP = 0.01  # step of the size quadrature in the logarithm of the radius
 _WINDOW = 4.5  # half width of the size quadrature in standard deviations
+#: Standard deviations of ln r from the median beyond which there is nothing of a mode: one particle in 1e197.
+_NO_TAIL = 30.0
 #: Radius of the smallest atom [m]: sizes far below it have powers that are no numbers any more.
 _ATOM = 1e-11
 #: Largest size parameters, outside and inside the spheres, that are summed within a minute and a gigabyte.
@@ -77,6 +79,10 @@ class LogNormalMode(Record):
         low, high = self.min_radius or 0.0, self.max_radius or np.inf
         if low >= high or (self.geometric_standard_deviation == 1.0 and not low <= self.median_radius <= high):
             raise ValueError("min_radius and max_radius leave no particles")
+        deviation = np.log(self.geometric_standard_deviation)
+        for cut, side in ((self.max_radius, -1.0), (self.min_radius, 1.0)):
+            if cut is not None and side * np.log(cut / self.median_radius) > _NO_TAIL * deviation:
+                raise ValueError("min_radius and max_radius leave no particles")
         return self
 
     @classmethod

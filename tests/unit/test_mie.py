@@ -284,3 +284,10 @@ def test_particles_below_atoms_are_refused(radius: float) -> None:
     for ask in (aerosol.optical_properties, aerosol.phase_table):
         with pytest.raises(DomainError, match="smaller than an atom"):
             ask([550.0])
+
+
+@pytest.mark.parametrize("cut", [{"max_radius": 1e-300}, {"max_radius": 1e-25}, {"min_radius": 1e12}])
+def test_cuts_that_leave_no_particles_are_refused(cut: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="leave no particles"):
+        LogNormalMode(median_radius=1e-7, geometric_standard_deviation=2.0, **cut)
+    assert LogNormalMode(median_radius=1e-7, geometric_standard_deviation=2.0, max_radius=1e-12)
