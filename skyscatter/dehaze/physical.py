@@ -271,7 +271,8 @@ def gather(
 
     def first_look(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> Any:
         toa = toa_of(row0, col0, values, flags)
-        clear = (flags & np.uint8(Flag.CLOUD | Flag.NODATA | Flag.SATURATED)) == 0
+        # A shadow that the product knows of is dark, and tells nothing of haze.
+        clear = (flags & np.uint8(Flag.CLOUD | Flag.NODATA | Flag.SATURATED | Flag.SHADOW)) == 0
         clear &= np.isfinite(toa).all(axis=0)
         return look(toa, clear, visible, lattice), bool(clear.any())
 

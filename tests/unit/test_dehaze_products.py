@@ -11,6 +11,7 @@ import satellite_products as made
 
 rasterio = pytest.importorskip("rasterio")
 
+from skyscatter.dehaze.flags import Flag  # noqa: E402
 from skyscatter.dehaze.options import SourceOptions  # noqa: E402
 from skyscatter.dehaze.rasters.base import NODATA, SATURATED  # noqa: E402
 from skyscatter.dehaze.rasters.opening import open_raster  # noqa: E402
@@ -157,6 +158,31 @@ def test_landsat_reflectance_with_the_sun_at_each_pixel(landsat):
         np.testing.assert_allclose(values[place], expected, rtol=1e-4, atol=ROUNDING)
     assert np.all(flags[:8, :9] == NODATA)
     assert np.argwhere(flags & SATURATED).tolist() == [[50, 60]]
+
+
+def test_landsat_clouds_and_shadows_of_the_product(tmp_path):
+    place = made.write_landsat(tmp_path)
+    quality = np.full(made.LANDSAT_SHAPE, 1 << 6, np.uint16)  # clear
+    quality[30:40, 30:60], quality[40:44, 30:60], quality[50:55, 10:20] = 1 << 3, 1 << 1, 1 << 4
+    with rasterio.open(next(place.glob("*_B4.TIF"))) as file:
+        layout = file.profile
+    path = place / next(place.glob("*_B4.TIF")).name.replace("_B4", "_QA_PIXEL")
+    with rasterio.open(path, "w", **{**layout, "dtype": "uint16"}) as file:
+        file.write(quality, 1)
+    with open_raster(place) as source:
+        assert any("QA_PIXEL" in note for note in source.notes)
+        whole = source.read_with_flags(0, source.height, 0, source.width)[1]
+        part = source.read_with_flags(35, 60, 15, 50)[1]
+    there = (whole & Flag.NODATA) == 0
+    assert np.array_equal((whole & Flag.CLOUD) != 0, ((quality & 0b1010) != 0) & there)
+    assert np.array_equal((whole & Flag.SHADOW) != 0, ((quality & 0b10000) != 0) & there)
+    assert (whole & Flag.CLOUD).any()
+    assert (whole & Flag.SHADOW).any()
+    assert np.array_equal(part, whole[35:60, 15:50])
+    with rasterio.open(path, "w", **{**layout, "dtype": "uint16", "height": 7}) as file:
+        file.write(quality[:7], 1)
+    with pytest.raises(MissingDataError, match="QA_PIXEL"), open_raster(place):
+        pass
 
 
 def test_landsat_angles_cross_the_zenith_smoothly(landsat):

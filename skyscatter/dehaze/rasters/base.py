@@ -169,7 +169,8 @@ class RasterSource(ABC):
         values : ndarray of float32, shape (band, row1 - row0, col1 - col0)
             NaN where there are no data.
         flags : ndarray of uint8, shape (row1 - row0, col1 - col0)
-            NODATA where none of these bands has data, SATURATED where one of them is saturated.
+            NODATA where none of these bands has data, SATURATED where one of them is saturated; CLOUD and SHADOW of
+            `skyscatter.dehaze.Flag` where the product says so.
         """
 
     @abstractmethod
