@@ -241,5 +241,5 @@ def test_missing_libraries_are_named(monkeypatch):
     from skyscatter.errors import SkyscatterError
 
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(SkyscatterError, match=r"skyscatter\[geo\]"):
+    with pytest.raises(SkyscatterError, match="pip install rasterio"):
         require_rasterio()
