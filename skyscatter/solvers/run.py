@@ -96,7 +96,8 @@ def check_wavelengths(wavelengths: ArrayLike) -> Array:
         wavelengths = wavelengths.to_value("nm")
     wl = np.atleast_1d(np.asarray(wavelengths, float))
     if wl.ndim != 1 or wl.size == 0 or not (WAVELENGTHS[0] <= wl.min() and wl.max() <= WAVELENGTHS[1]):
-        raise DomainError("wavelengths", wavelengths, f"numbers from {WAVELENGTHS[0]:g} to {WAVELENGTHS[1]:g} [nm]")
+        low, high = WAVELENGTHS
+        raise DomainError("wavelengths", wavelengths, f"one or more positive numbers, {low:g} to {high:g} [nm]")
     if np.any(np.diff(wl) <= 0):
         raise DomainError("wavelengths", wavelengths, "must increase, none twice")
     return np.ascontiguousarray(wl)
