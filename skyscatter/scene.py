@@ -29,6 +29,10 @@ from skyscatter.units import (
 AU = 149597870700.0  #: astronomical unit [m], IAU 2012 resolution B2
 
 
+#: Half the radius of a neutron star [m]: what is smaller was not meant in metres.
+LEAST_RADIUS = 5e3
+
+
 class Star(Record):
     """The light of a scene: a limb-darkened disk with a spectrum.
 
@@ -53,8 +57,12 @@ class Star(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Star:
+        if 0 < self.radius < LEAST_RADIUS:
+            remedy = f"is in metres: a star has {LEAST_RADIUS:g} at least, a point 0; or give '0.7 Rsun'"
+            raise DomainError("radius", self.radius, remedy)
         if not self.distance > self.radius:
-            raise DomainError("distance", self.distance, "must exceed the star's radius")
+            remedy = "is in metres and must exceed the star's radius; or give '0.3 au'"
+            raise DomainError("distance", self.distance, remedy)
         return self
 
     def irradiance(self, wavelengths_nm: ArrayLike, distance: float) -> NDArray[np.float64]:

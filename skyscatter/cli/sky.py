@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -269,6 +269,8 @@ def run(request: Request, arguments: list[str]) -> int:
         exposure = image.auto_exposure() if request.exposure == "auto" else float(request.exposure)
         for path in outputs:
             _save(request, image, path, exposure)
+    if not request.sun_disk:
+        rendered = replace(rendered, outputs=[*rendered.outputs, *lamp_files(rendered.outputs)])
     summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 
@@ -286,7 +288,8 @@ def _save(request: Request, image: Any, path: Path, exposure: float) -> None:
 
 def lamp_files(outputs: list[Path]) -> list[Path]:
     """Files with the Sun as a lamp, beside the domes among the outputs that leave it out."""
-    return [path.with_suffix(".sun.json") for path in outputs if path.suffix.lower() in (".exr", ".hdr")]
+    files = (path.with_suffix(".sun.json") for path in outputs if path.suffix.lower() in (".exr", ".hdr"))
+    return list(dict.fromkeys(files))
 
 
 def _png_options(request: Request, exposure: float) -> dict[str, Any]:

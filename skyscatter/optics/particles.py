@@ -18,8 +18,8 @@ from skyscatter.units import PositiveNanometres, default
 class Particles(OpticalModel):
     """Extinction by optical depth or coefficient, its Angstrom law, a single-scattering albedo and a phase function.
 
-    sigma_t(lambda) = sigma_t(wavelength) (lambda / wavelength)^(-angstrom_exponent)  (Angstrom 1929); with a table over
-    wavelength instead of a number leave the exponent at 0.
+    sigma_t(lambda) = sigma_t(wavelength) (lambda / wavelength)^(-angstrom_exponent)  (Angstrom 1929); a table over
+    wavelength instead of a number has no exponent beside it.
 
     Parameters
     ----------
@@ -49,6 +49,11 @@ class Particles(OpticalModel):
     def _check(self) -> Particles:
         if (self.optical_depth is None) == (self.extinction is None):
             raise DomainError("optical_depth", self.optical_depth, "give exactly one of optical_depth and extinction")
+        amount = self.extinction if self.optical_depth is None else self.optical_depth
+        if self.angstrom_exponent != 0 and not isinstance(amount, (int, float)):
+            raise DomainError(
+                "angstrom_exponent", self.angstrom_exponent, "a table over wavelength has it; leave it out"
+            )
         return self
 
     def coefficients(self, wavelengths_nm: ArrayLike, column_m: float) -> Coefficients:

@@ -180,13 +180,15 @@ def test_only_planets_have_a_sun_to_leave_out() -> None:
         skyscatter.render(scene, camera, WAVELENGTHS, solver="single", sun_disk=False)
 
 
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    options = "--north --no-sun --scale 0.01 --half --no-spectra --float32 --compress --size 24x12 --solver single -q"
+    options = "--north --no-sun --scale 0.01 --half --no-spectra --float32 --compress --size 24x12 --solver single"
+    options += " -q --json"
     outputs = ["-o", "dome.exr", "-o", "other.hdr", "-o", "sky.fits", "-o", "sky.nc"]
     assert main(["sky", "earth-simple", "--wavelengths", "450,550,650", *options.split(), *outputs]) == 0
     names = {"dome.exr", "dome.sun.json", "other.hdr", "other.sun.json", "sky.fits", "sky.nc"}
     assert {path.name for path in tmp_path.iterdir()} == names
+    assert set(json.loads(capsys.readouterr().out)["outputs"]) == names
     content = json.loads((tmp_path / "dome.sun.json").read_text())
     assert content["dome"] == {"rgb_per_cd_m-2": 0.01, "view": "panorama", "middle_azimuth_deg": 0.0}
     spectra = SpectralImage.load("sky.fits")

@@ -62,6 +62,10 @@ def test_optical_depth_is_what_was_asked_for(field) -> None:
         ({"optical_depth": 0.1, "single_scattering_albedo": -0.2}, ["single_scattering_albedo = -0.2"]),
         ({"optical_depth": 0.1, "size": 3}, ["size = 3", "no such field"]),
         ({"optical_depth": float("nan")}, ["optical_depth"]),
+        (
+            {"optical_depth": SpectralTable(wavelengths=(400, 700), values=(0.5, 0.2)), "angstrom_exponent": 1.2},
+            ["angstrom_exponent = 1.2", "table"],
+        ),
     ],
 )
 def test_refuses(arguments, words) -> None:

@@ -27,6 +27,7 @@ MEDIUM = Medium(planet_radius="6371 km", components=(AIR, OZONE))
         (lambda: Sun(elevation_deg=91), ["elevation_deg = 91", "-90 and 90"]),
         (lambda: Sun(distance_au=0), ["distance_au = 0", "positive"]),
         (lambda: Star(radius=-1), ["radius = -1", "never negative"]),
+        (lambda: Star(radius=0.7), ["radius = 0.7", "metres", "Rsun"]),
         (lambda: Star(radius=2e11), ["distance", "exceed"]),
         (lambda: Star(temperature=0), ["temperature = 0", "positive"]),
         (lambda: Star(spectrum=-1.0), ["spectrum = -1.0", "never negative"]),
