@@ -185,6 +185,37 @@ def test_landsat_clouds_and_shadows_of_the_product(tmp_path):
         pass
 
 
+@pytest.mark.parametrize("resolution", [10, 20, 60])
+def test_sentinel2_clouds_of_the_product(tmp_path, resolution):
+    """Opaque clouds from a raster of 60 m, on every grid; its cirrus is measured elsewhere."""
+    safe = made.write_safe(tmp_path)
+    with open_raster(safe, SourceOptions(resolution=60.0)) as source:
+        height, width = source.height, source.width
+        assert not any("MSK_CLASSI" in note for note in source.notes)
+    classes = np.zeros((3, height, width), np.uint8)
+    classes[0, 2:5, 3:9], classes[1, 6:8, 3:9], classes[2, :2] = 1, 1, 1
+    folder = next(safe.glob("GRANULE/*")) / "QI_DATA"
+    folder.mkdir()
+    place = {"crs": "EPSG:32632", "transform": rasterio.Affine(60, 0, 399960, 0, -60, 5000040)}
+    layout = {"driver": "JP2OpenJPEG", "count": 3, "dtype": "uint8", "QUALITY": 100, "REVERSIBLE": "YES", **place}
+    with rasterio.open(folder / "MSK_CLASSI_B00.jp2", "w", height=height, width=width, **layout) as file:
+        file.write(classes)
+    with open_raster(safe, SourceOptions(resolution=float(resolution), bands=("B02", "B04"))) as source:
+        assert any("MSK_CLASSI" in note for note in source.notes)
+        whole = source.read_with_flags(0, source.height, 0, source.width)[1]
+        part = source.read_with_flags(7, source.height - 1, 5, source.width - 2)[1]
+    n = 60 // resolution
+    expected = classes[0].astype(bool).repeat(n, 0).repeat(n, 1) & ((whole & Flag.NODATA) == 0)
+    assert expected.any()
+    assert np.array_equal((whole & Flag.CLOUD) != 0, expected)
+    assert not (whole & Flag.CIRRUS).any()
+    assert np.array_equal(part, whole[7:-1, 5:-2])
+    with rasterio.open(folder / "MSK_CLASSI_B00.jp2", "w", height=2, width=width, **layout) as file:
+        file.write(classes[:, :2])
+    with pytest.raises(MissingDataError, match="MSK_CLASSI"), open_raster(safe):
+        pass
+
+
 def test_landsat_angles_cross_the_zenith_smoothly(landsat):
     angles = made.landsat_angles()
     with open_raster(landsat) as source:

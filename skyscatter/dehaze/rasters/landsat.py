@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any
@@ -17,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.dehaze.flags import Flag, mark
+from skyscatter.dehaze.flags import Flag
 from skyscatter.dehaze.geometry import SceneGeometry
 from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.angles import angle_bands_geometry
 from skyscatter.dehaze.rasters.base import RasterBand, RasterProfile, finite_number
 from skyscatter.dehaze.rasters.containers import Container
 from skyscatter.dehaze.rasters.handles import DatasetPool, quiet
-from skyscatter.dehaze.rasters.layers import BandFile, LayeredSource, refuse_calibration
+from skyscatter.dehaze.rasters.layers import BandFile, LayeredSource, Quality, refuse_calibration
 from skyscatter.dehaze.rasters.names import LANDSAT_BANDS, choose_bands
 from skyscatter.errors import DomainError, MissingDataError
 
@@ -36,6 +35,11 @@ _GRID_BANDS = tuple(name for name in LANDSAT_BANDS if name != "B8")
 
 #: Bits of QA_PIXEL (L8 Data Users Handbook, table 6-2): clouds and what lies beside them, and their shadows.
 _CLOUD_BITS, _SHADOW_BITS = (1 << 1) | (1 << 3), 1 << 4
+
+
+def _qa_pixel(numbers: NDArray[Any]) -> dict[Flag, NDArray[np.bool_]]:
+    """What QA_PIXEL means."""
+    return {Flag.CLOUD: (numbers & _CLOUD_BITS) != 0, Flag.SHADOW: (numbers & _SHADOW_BITS) != 0}
 
 
 class LandsatSource(LayeredSource):
@@ -80,10 +84,11 @@ class LandsatSource(LayeredSource):
         self.bands = tuple(band for _, band in chosen)
         codes = [every[place].name for place, _ in chosen]
         self.files = _open(box, metadata, codes)
-        self._quality: DatasetPool | None = None
         try:
             self._place(codes, metadata)
-            self._quality = self._open_quality(box)
+            if found := box.find("_QA_PIXEL.TIF"):
+                quality = Quality(BandFile(DatasetPool(box.raster(found[0]), box.show(found[0]))), _qa_pixel)
+                self._heed(quality, "clouds and their shadows are those of QA_PIXEL besides our own")
             self.geometry = options.geometry() or self._geometry(box, metadata)
         except BaseException:
             self.close()
@@ -108,41 +113,6 @@ class LandsatSource(LayeredSource):
             colours=tuple(band.role if band.role in ("red", "green", "blue") else "undefined" for band in self.bands),
             scaled=True,
         )
-
-    def _open_quality(self, box: Container) -> DatasetPool | None:
-        """The pixels' quality; None where the product was got without."""
-        found = box.find("_QA_PIXEL.TIF")
-        if not found:
-            return None
-        pool = DatasetPool(box.raster(found[0]), box.show(found[0]))
-        with pool.reading() as dataset:
-            shape = dataset.height, dataset.width
-        if shape != (self.height, self.width):
-            pool.close()
-            raise MissingDataError(
-                pool.shown, f"covers {shape} pixels, the bands {(self.height, self.width)}; get the product again"
-            )
-        self.notes = (*self.notes, "clouds and their shadows are those of QA_PIXEL besides our own")
-        return pool
-
-    def read_with_flags(
-        self, row0: int, row1: int, col0: int, col1: int, bands: Sequence[int | str] | None = None
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Values and flags of a window, with clouds and their shadows; see `RasterSource`."""
-        values, flags = super().read_with_flags(row0, row1, col0, col1, bands)
-        if self._quality is not None:
-            with self._quality.reading() as dataset:
-                quality = dataset.read(1, window=((row0, row1), (col0, col1)))
-            there = (flags & np.uint8(Flag.NODATA)) == 0
-            mark(flags, ((quality & _CLOUD_BITS) != 0) & there, Flag.CLOUD)
-            mark(flags, ((quality & _SHADOW_BITS) != 0) & there, Flag.SHADOW)
-        return values, flags
-
-    def close(self) -> None:
-        """Close all files."""
-        super().close()
-        if self._quality is not None:
-            self._quality.close()
 
     def _geometry(self, box: Container, metadata: Mtl) -> SceneGeometry:
         found = {name: box.find(f"_{name}.TIF") for name in _ANGLES}

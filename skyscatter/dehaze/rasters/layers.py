@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.dehaze.flags import Flag, mark
 from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.base import NODATA, SATURATED, RasterBand, RasterSource, calibrate
 from skyscatter.dehaze.rasters.handles import DatasetPool
@@ -27,6 +28,25 @@ class BandFile:
     finer: int = 1
 
 
+@dataclass(frozen=True)
+class Quality:
+    """What the product itself says of its pixels: a file, and what numbers of its first layer mean."""
+
+    file: BandFile
+    meaning: Callable[[NDArray[Any]], dict[Flag, NDArray[np.bool_]]]
+
+    def mark(self, flags: NDArray[np.uint8], row0: int, row1: int, col0: int, col1: int) -> None:
+        """Set its flags in those of a window, in place, where there are data."""
+        n = self.file.coarser
+        first_row, first_col = row0 // n, col0 // n
+        with self.file.pool.reading() as dataset:
+            numbers = dataset.read(1, window=((first_row, -(-row1 // n)), (first_col, -(-col1 // n))))
+        rows, cols = np.arange(row0, row1) // n - first_row, np.arange(col0, col1) // n - first_col
+        there = (flags & np.uint8(NODATA)) == 0
+        for flag, where in self.meaning(numbers[rows][:, cols]).items():
+            mark(flags, where & there, flag)
+
+
 class LayeredSource(RasterSource):
     """One file a band; coarser pixels are repeated, finer ones averaged.
 
@@ -34,6 +54,7 @@ class LayeredSource(RasterSource):
     """
 
     files: tuple[BandFile, ...]
+    quality: Quality | None = None
     _dtype: str = "uint16"
 
     def read_with_flags(
@@ -49,6 +70,8 @@ class LayeredSource(RasterSource):
         self._finish(values, np.arange(row0, row1) + 0.5, np.arange(col0, col1) + 0.5)
         flags = np.where(np.isnan(values).all(axis=0), np.uint8(NODATA), np.uint8(0))
         flags[saturated] |= SATURATED
+        if self.quality is not None:
+            self.quality.mark(flags, *window)
         return values, flags
 
     def thumbnail(
@@ -71,6 +94,8 @@ class LayeredSource(RasterSource):
         """Close all files."""
         for file in self.files:
             file.pool.close()
+        if self.quality is not None:
+            self.quality.file.pool.close()
 
     def _finish(self, values: NDArray[np.float32], rows: NDArray[Any], cols: NDArray[Any]) -> None:
         """What is left to do with values at these pixel coordinates, in place; nothing here."""
@@ -109,16 +134,27 @@ class LayeredSource(RasterSource):
     def _check_files(self, labels: Sequence[str]) -> None:
         """Refuse band files of another size or type than the metadata say."""
         for label, file in zip(labels, self.files, strict=True):
-            with file.pool.reading() as dataset:
-                found = dataset.height * file.coarser // file.finer, dataset.width * file.coarser // file.finer
-                dtype = dataset.dtypes[0]
-            if found != (self.height, self.width):
-                remedy = f"band {label} covers {found} pixels of the grid where the metadata say "
-                raise MissingDataError(file.pool.shown, f"{remedy}{(self.height, self.width)}; get the product again")
+            dtype = self._check_size(f"band {label}", file)
             if dtype != self._dtype:
                 raise MissingDataError(
                     file.pool.shown, f"holds {dtype} instead of {self._dtype}; get the product again"
                 )
+
+    def _check_size(self, label: str, file: BandFile) -> str:
+        """Refuse a file of another size than the metadata say; its data type."""
+        with file.pool.reading() as dataset:
+            found = dataset.height * file.coarser // file.finer, dataset.width * file.coarser // file.finer
+            dtype = str(dataset.dtypes[0])
+        if found != (self.height, self.width):
+            remedy = f"{label} covers {found} pixels of the grid where the metadata say "
+            raise MissingDataError(file.pool.shown, f"{remedy}{(self.height, self.width)}; get the product again")
+        return dtype
+
+    def _heed(self, quality: Quality, note: str) -> None:
+        """Take the product's word on its pixels, and say so."""
+        self.quality = quality
+        self._check_size("the mask", quality.file)
+        self.notes = (*self.notes, note)
 
 
 def _mean_of_blocks(values: NDArray[np.float32], n: int) -> NDArray[np.float32]:

@@ -9,18 +9,20 @@ from __future__ import annotations
 from datetime import datetime
 from pathlib import PurePosixPath
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyscatter.dehaze.bands import Sensor
+from skyscatter.dehaze.flags import Flag
 from skyscatter.dehaze.msi import sensor_from_xml
 from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.angles import s2_geometry
 from skyscatter.dehaze.rasters.base import RasterBand, RasterProfile, finite_number
 from skyscatter.dehaze.rasters.containers import Container
 from skyscatter.dehaze.rasters.handles import DatasetPool
-from skyscatter.dehaze.rasters.layers import BandFile, LayeredSource, refuse_calibration
+from skyscatter.dehaze.rasters.layers import BandFile, LayeredSource, Quality, refuse_calibration
 from skyscatter.dehaze.rasters.names import SENTINEL2_ROLES, choose_bands
 from skyscatter.dehaze.rasters.xmltools import Metadata
 from skyscatter.errors import DomainError, MissingDataError
@@ -47,7 +49,8 @@ class Sentinel2Source(LayeredSource):
     """A Level-1C product of one granule.
 
     All 13 bands, or those asked for, on the grid of 10 m, or of 20 or 60 m.  The geometry is that of the angle grids
-    in the metadata, views averaged over detectors and bands.
+    in the metadata, views averaged over detectors and bands.  Opaque clouds are those of the product's mask
+    MSK_CLASSI_B00, which is a raster of 60 m since processing baseline 04.00, besides those found here.
 
     Parameters
     ----------
@@ -91,6 +94,11 @@ class Sentinel2Source(LayeredSource):
         self.files = _open(box, granule.name, codes, resolution)
         try:
             self._check_files(codes)
+            found = box.find("MSK_CLASSI_B00.jp2", below=f"{PurePosixPath(granule.name).parent}/QI_DATA/")
+            if found:
+                pool = DatasetPool(box.raster(found[0]), box.show(found[0]))
+                quality = Quality(BandFile(pool, coarser=GRIDS[-1] // resolution), _opaque_clouds)
+                self._heed(quality, "clouds are those of MSK_CLASSI besides our own")
             places = [place for place, _ in chosen]
             self.geometry = options.geometry() or s2_geometry(granule, places, resolution)
         except BaseException:
@@ -101,6 +109,11 @@ class Sentinel2Source(LayeredSource):
         nearness = product.number("U", default=None)
         self.sun_distance_au = None if nearness is None else nearness**-0.5
         self.profile = _profile(product, self.bands, tile, resolution)
+
+
+def _opaque_clouds(numbers: NDArray[Any]) -> dict[Flag, NDArray[np.bool_]]:
+    """What the first layer of MSK_CLASSI means.  The second, cirrus, is left to the band at 1.38 um: it measures it."""
+    return {Flag.CLOUD: numbers != 0}
 
 
 def is_sentinel2(box: Container) -> bool:
