@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 NAMES = (
     "dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "star-in-dust", "turbulent-pillar"
 )  # fmt: skip
+#: Dust, a disk and gas: the others are compared in the long run.
+QUICK = ("dark-globule", "dusty-disk", "ring-nebula")
 WAVELENGTHS = [450.0, 550.0, 656.0]
 CELLS = 40  #: voxels along a side in these tests; the shipped models have three to five times as many
 
@@ -138,7 +140,7 @@ def test_pictures_are_finite(name: str) -> None:
     assert (picture >= 0).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
 def test_nebulae_are_as_bright_as_they_were(name: str) -> None:
     mean, error = light(name, WALKS.get(name, 32))
     _, brightness, known = BRIGHTNESS[name]

@@ -292,7 +292,7 @@ def test_irradiance_on_level_planes_is_the_flux() -> None:
 
 
 @pytest.mark.parametrize("sun", [pytest.param(80.0, marks=pytest.mark.slow), 10.0, 0.5])
-@pytest.mark.parametrize("altitude", [0.0, 1.5e4])
+@pytest.mark.parametrize("altitude", [0.0, pytest.param(1.5e4, marks=pytest.mark.slow)])
 def test_direct_light_is_the_transmittance(sun: float, altitude: float) -> None:
     scene = scene_of(AIR, HAZE, sun=sun)
     field = skyscatter.solve(scene, WAVELENGTHS, sun_elevations_deg=(sun, sun), tolerance=0.02)

@@ -67,6 +67,7 @@ def test_the_truth_is_inside_its_region_as_often_as_stated(walked: Any) -> None:
     assert np.mean(distance < 0.64 * chi2.ppf(0.95, 4)) < 0.93
 
 
+@pytest.mark.slow
 def test_one_draw_all_the_way(walked: Any) -> None:
     """Optimal estimation from other numbers than the true ones: within the 99.9 % region, and the residual is noise."""
     noisy = walked * (1 + NOISE * np.random.default_rng(3).standard_normal(walked.size))
