@@ -37,6 +37,8 @@ SAME_KERNELS = {
     "nebulae": ("test_nebula_", "test_random_nebulae", "test_shipped_nebulae"),
     "images": ("test_dehaze_scenes", "test_simulate"),
 }
+#: Files of few long tests that share nothing: one by one, else they come last and one process waits for the other.
+APART = ("test_examples.py", "test_notebooks.py")
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -50,6 +52,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _split_scope(self, nodeid: str) -> str:
             file = nodeid.split("::", 1)[0]
             name = file.rsplit("/", 1)[-1]
+            if name in APART:
+                return nodeid
             return next((kind for kind, begins in SAME_KERNELS.items() if name.startswith(begins)), file)
 
     return ByKernels(config, log)
