@@ -12,8 +12,8 @@ from sixs_scenes import INSIDE, OUTSIDE, SixsScene, all_scenes, covered, judged
 
 pytestmark = pytest.mark.slow
 
-#: Asked for: 68 % within one standard deviation, by 8 points; 740 nm has 77.
-COVERED, POINTS = 0.68, 0.10
+#: Asked for: 68 % within one standard deviation, by 8 points.  Open: 740 nm has 77.
+COVERED, POINTS = 0.68, 0.08
 
 
 @pytest.fixture(scope="module")

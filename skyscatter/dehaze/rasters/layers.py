@@ -27,6 +27,17 @@ class BandFile:
     coarser: int = 1
     finer: int = 1
 
+    def native(self, row0: int, row1: int, col0: int, col1: int) -> tuple[int, int, int, int]:
+        """The coarser pixels in which a window of the grid lies."""
+        n = self.coarser
+        return row0 // n, -(-row1 // n), col0 // n, -(-col1 // n)
+
+    def repeated(self, values: NDArray[Any], row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
+        """Those coarser pixels on the window of the grid."""
+        n = self.coarser
+        rows, cols = np.arange(row0, row1) // n - row0 // n, np.arange(col0, col1) // n - col0 // n
+        return values if n == 1 else values[rows][:, cols]
+
 
 @dataclass(frozen=True)
 class Quality:
@@ -37,13 +48,11 @@ class Quality:
 
     def mark(self, flags: NDArray[np.uint8], row0: int, row1: int, col0: int, col1: int) -> None:
         """Set its flags in those of a window, in place, where there are data."""
-        n = self.file.coarser
-        first_row, first_col = row0 // n, col0 // n
+        first_row, last_row, first_col, last_col = self.file.native(row0, row1, col0, col1)
         with self.file.pool.reading() as dataset:
-            numbers = dataset.read(1, window=((first_row, -(-row1 // n)), (first_col, -(-col1 // n))))
-        rows, cols = np.arange(row0, row1) // n - first_row, np.arange(col0, col1) // n - first_col
+            numbers = dataset.read(1, window=((first_row, last_row), (first_col, last_col)))
         there = (flags & np.uint8(NODATA)) == 0
-        for flag, where in self.meaning(numbers[rows][:, cols]).items():
+        for flag, where in self.meaning(self.file.repeated(numbers, row0, row1, col0, col1)).items():
             mark(flags, where & there, flag)
 
 
@@ -112,16 +121,10 @@ class LayeredSource(RasterSource):
             out[...] = _mean_of_blocks(values, n)
             blocks = saturated.reshape(row1 - row0, n, col1 - col0, n)
             return np.logical_or.reduce(blocks, axis=(1, 3))
-        n = file.coarser
-        first_row, first_col = row0 // n, col0 // n
-        values, saturated = self._native(file, band, first_row, -(-row1 // n), first_col, -(-col1 // n))
-        rows = np.arange(row0, row1) // n - first_row
-        cols = np.arange(col0, col1) // n - first_col
-        if n == 1:
-            out[...] = values
-            return saturated
-        out[...] = values[rows][:, cols]
-        return saturated[rows][:, cols]
+        window = row0, row1, col0, col1
+        values, saturated = self._native(file, band, *file.native(*window))
+        out[...] = file.repeated(values, *window)
+        return file.repeated(saturated, *window)
 
     def _native(
         self, file: BandFile, band: RasterBand, row0: int, row1: int, col0: int, col1: int
