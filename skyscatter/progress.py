@@ -21,7 +21,7 @@ TRIAL, WORTH_A_WORD = 2.0, 60.0
 #: Seconds between two looks at whether a line is due.
 TICK = 0.2
 #: What is said while functions are compiled.
-COMPILING = "compiling, which is kept for the next time"
+COMPILING = "compiling, once where it can be kept"
 
 _log = logging.getLogger("skyscatter")
 #: What is shown at this moment.
