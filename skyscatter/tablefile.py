@@ -190,6 +190,9 @@ def _find(
 
 def _converted(path: str, name: str, column: Column, measure: Measure) -> tuple[float, ...]:
     unit = "" if column.unit is None or column.unit in ("1", "-", "none") else column.unit
+    if not unit and measure.house:
+        rule = f'write it there, such as "{name} [{measure.house}]"' if column.lines else "give it an attribute units"
+        raise TableFileError(path, f"does not say the unit of {name}; {rule}", column=name)
     factor = measure.factor(unit)
     if factor is None:
         units = ", ".join(measure.units) or "none"

@@ -116,6 +116,11 @@ def test_lamps_take_spectra_and_lobes_from_files(tmp_path: Path) -> None:
         (PROFILE.replace("\n5,", "\n10,"), [", line 4, column 1 (altitude): 10 breaks the order"]),
         (PROFILE.replace("\n5,", "\n50,"), [", line 5, column 1 (altitude): 0 breaks the order"]),
         (PROFILE.replace("[km]", "[K]"), [", column altitude: the unit K is none of a length; give one of m, km"]),
+        (
+            PROFILE.replace(" [km]", ""),
+            ["column altitude", 'not say the unit of altitude; write it there, such as "altitude [m]"'],
+        ),
+        (PROFILE.replace("[km]", "[1]"), ["does not say the unit of altitude"]),
         (PROFILE.replace("5e18,250", "5e18"), [", line 4: has 2 cells, the header 3"]),
         (PROFILE.replace("density", "altitude"), [", line 2, column 2 (altitude): each column needs a name"]),
         (PROFILE.replace("density", "o3"), ["2 columns that densities could be (o3, temperature)", 'column = "o3"']),
