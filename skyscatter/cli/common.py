@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 Wavelengths = Annotated[
     str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
 ]
+Place = Annotated[str | None, typer.Option(metavar="LAT,LON", help="Place on Earth [degree]; needs --time.")]
+Moment = Annotated[
+    str | None, typer.Option(metavar="ISO", help="Date and time, ISO 8601; no offset means UTC; needs --place.")
+]
 Samples = Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path).")]
 Noise = Annotated[
     str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1% (path).")
@@ -196,6 +200,23 @@ def check_command(model: Any, name: str, command: str) -> None:
     """Refuse a model that another command renders."""
     if model.command != command:
         raise DomainError("model", name, f"is {SORTS[model.command]}; use skyscatter {model.command}")
+
+
+def check_place(place: str | None, time: str | None, sun: Mapping[str, str | None]) -> None:
+    """Refuse a place without a time, and options that say where the Sun is beside both."""
+    if (place is None) != (time is None):
+        given, missing = ("place", "time") if time is None else ("time", "place")
+        raise DomainError(given, place or time, f"needs --{missing} as well")
+    if place is not None and any(value is not None for value in sun.values()):
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in sun)
+        raise DomainError("place", place, f"settles where the Sun is; leave out {options}")
+
+
+def scene_at(model: Any, name: str, place: tuple[float, float], time: str, altitude: float = 0.0) -> Any:
+    """Scene of a model, named `name` on the command line, at a place on Earth and a time."""
+    if model.planet.name.lower() != "earth":
+        raise DomainError("model", name, "place and time mean Earth; give --sun-elevation here")
+    return model.scene_at(*place, time, altitude)
 
 
 def has_suffix(outputs: list[Path], *suffixes: str) -> bool:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from skyscatter.solvers.state import Checkpoint
 
 SUFFIXES = (".nc", ".csv")
+DEFAULT_SUN_ELEVATION = "30"
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,9 @@ class Request:
 
     model: str
     altitudes: NDArray[np.float64]
-    elevations: NDArray[np.float64]
+    elevations: NDArray[np.float64] | None  #: None where place and time say
+    place: tuple[float, float] | None
+    time: str | None
     wavelengths: NDArray[np.float64]
     tolerance: float | None
     max_order: int | None
@@ -50,9 +53,16 @@ def flux(
     altitude: Annotated[
         str, typer.Option(metavar="LIST", help="Heights above the ground, START:STOP:STEP or a list: 0,1km,12km.")
     ] = "0",
+    place: common.Place = None,
+    time: common.Moment = None,
     sun_elevation: Annotated[
-        str, typer.Option(metavar="LIST", help="Elevations of the Sun [degree], START:STOP:STEP or a list: 5,30,60.")
-    ] = "30",
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Elevations of the Sun [degree], START:STOP:STEP or a list: 5,30,60; "
+            f"{DEFAULT_SUN_ELEVATION} if nothing is said.",
+        ),
+    ] = None,
     wavelengths: common.Wavelengths = "300:1000:50",
     tolerance: Annotated[
         str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at, 0.5% if nothing is said.")
@@ -75,12 +85,16 @@ def flux(
 ) -> int:
     """Compute fluxes of a planet's air: direct, diffuse, downward, upward, net and actinic, with estimated errors.
 
-    One solution serves all altitudes and Suns.  Units are W m-2 nm-1.
+    The Sun stands where --place and --time put it, or at --sun-elevation.  One solution serves all altitudes and Suns.
+    Units are W m-2 nm-1.
     """
+    common.check_place(place, time, {"sun_elevation": sun_elevation})
     request = Request(
         model=model,
         altitudes=parse.parse_values(altitude, "altitude", lambda word: metres(word, "altitude"), "0,1km,12km"),
-        elevations=parse.parse_values(sun_elevation, "sun_elevation", float, "10:90:10 or 5,30,60"),
+        elevations=None if place else _elevations(sun_elevation or DEFAULT_SUN_ELEVATION),
+        place=None if place is None else parse.parse_place(place),
+        time=time,
         wavelengths=parse.parse_wavelengths(wavelengths),
         tolerance=parse.parse_tolerance(tolerance),
         max_order=parse.parse_integer(max_order, "max_order", 1, "give an order of scattering, 1 or more"),
@@ -93,9 +107,14 @@ def flux(
         every=None if checkpoint is None else parse.parse_time(checkpoint, "checkpoint"),
     )
     parse.check_new(request.outputs if no_clobber else ())
-    if not np.abs(request.elevations).max() <= 90.0:
-        raise DomainError("sun_elevation", sun_elevation, "give elevations between -90 and 90 degrees")
     return common.stoppable(lambda: run(request, list(context.obj or [])))
+
+
+def _elevations(text: str) -> NDArray[np.float64]:
+    elevations = parse.parse_values(text, "sun_elevation", float, "10:90:10 or 5,30,60")
+    if not np.abs(elevations).max() <= 90.0:
+        raise DomainError("sun_elevation", text, "give elevations between -90 and 90 degrees")
+    return elevations
 
 
 def run(request: Request, arguments: list[str]) -> int:
@@ -110,10 +129,11 @@ def run(request: Request, arguments: list[str]) -> int:
     if not (request.altitudes.min() >= 0.0 and request.altitudes.max() <= top):
         beyond = float(request.altitudes[np.argmax(np.abs(request.altitudes - top / 2))])
         raise DomainError("altitude", beyond, f"lies between 0 and the top of the air, {top:g} m")
+    scene, elevations = _scene(request, model)
     checkpoint = common.checkpoint_for(request.resume, request.outputs, request.every, "skyscatter-flux")
     try:
         with stopping.keeping(lambda: common.keep(checkpoint, arguments)):
-            dataset = _solve(request, model, checkpoint)
+            dataset = _solve(request, model.name, scene, elevations, checkpoint)
         for path in request.outputs:
             _write(dataset, path)
     except BaseException:
@@ -125,17 +145,26 @@ def run(request: Request, arguments: list[str]) -> int:
     return _report(request, model, dataset, clock.monotonic() - started)
 
 
-def _solve(request: Request, model: Any, checkpoint: Checkpoint) -> Any:
+def _scene(request: Request, model: Any) -> tuple[Any, NDArray[np.float64]]:
+    """Scene, and elevations of its Sun [degree]."""
+    if request.place is not None and request.time is not None:
+        scene = common.scene_at(model, request.model, request.place, request.time)
+        return scene, np.array([scene.sun.elevation_deg])
+    assert request.elevations is not None
+    return model.scene(), request.elevations
+
+
+def _solve(request: Request, name: str, scene: Any, elevations: NDArray[np.float64], checkpoint: Checkpoint) -> Any:
     """The field and its fluxes, as labelled data."""
     import skyscatter
     from skyscatter.progress import Progress, say
     from skyscatter.solvers.field import DEFAULT_TOLERANCE
 
-    with Progress(1.0, f"{model.name} fluxes", request.progress) as progress:
+    with Progress(1.0, f"{name} fluxes", request.progress) as progress:
         field = skyscatter.solve(
-            model.scene(),
+            scene,
             request.wavelengths,
-            sun_elevations_deg=(float(request.elevations.min()), float(request.elevations.max())),
+            sun_elevations_deg=(float(elevations.min()), float(elevations.max())),
             tolerance=DEFAULT_TOLERANCE if request.tolerance is None else request.tolerance,
             max_order=request.max_order,
             threads=request.threads,
@@ -144,7 +173,7 @@ def _solve(request: Request, model: Any, checkpoint: Checkpoint) -> Any:
             checkpoint=checkpoint,
         )
         say("integrals over directions")
-        return field.flux_dataset(request.altitudes, request.elevations, progress=progress.to, checkpoint=checkpoint)
+        return field.flux_dataset(request.altitudes, elevations, progress=progress.to, checkpoint=checkpoint)
 
 
 def _write(dataset: Any, path: Path) -> None:
@@ -170,7 +199,7 @@ def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
         "skyscatter": skyscatter.__version__,
         "model": model.name,
         "altitude_m": request.altitudes.tolist(),
-        "sun_elevation_deg": request.elevations.tolist(),
+        "sun_elevation_deg": dataset["sun_elevation"].values.tolist(),
         "wavelengths_nm": request.wavelengths.tolist(),
         "estimated_error": error,
         **({} if request.outputs else {name: dataset[name].values.tolist() for name in QUANTITIES}),

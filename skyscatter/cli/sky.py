@@ -51,10 +51,8 @@ def sky(
     model: Annotated[
         str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")
     ] = "earth",
-    place: Annotated[str | None, typer.Option(metavar="LAT,LON", help="Place on Earth [degree]; needs --time.")] = None,
-    time: Annotated[
-        str | None, typer.Option(metavar="ISO", help="Date and time, ISO 8601; no offset means UTC; needs --place.")
-    ] = None,
+    place: common.Place = None,
+    time: common.Moment = None,
     sun_elevation: Annotated[
         str | None,
         typer.Option(metavar="DEG", help=f"Sun's elevation [degree], {DEFAULT_SUN_ELEVATION:g} if nothing is said."),
@@ -199,11 +197,7 @@ def sky(
 
 
 def _sun_choice(place: str | None, time: str | None, elevation: str | None, azimuth: str | None) -> tuple[float, float]:
-    if (place is None) != (time is None):
-        given, missing = ("place", "time") if time is None else ("time", "place")
-        raise DomainError(given, place or time, f"needs --{missing} as well")
-    if place is not None and (elevation is not None or azimuth is not None):
-        raise DomainError("place", place, "settles where the Sun is; leave out --sun-elevation and --sun-azimuth")
+    common.check_place(place, time, {"sun_elevation": elevation, "sun_azimuth": azimuth})
     return (
         parse.parse_degrees(elevation, "sun_elevation", 90.0, DEFAULT_SUN_ELEVATION),
         parse.parse_degrees(azimuth, "sun_azimuth", 360.0, DEFAULT_SUN_AZIMUTH),
@@ -246,9 +240,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
-    if model.planet.name.lower() != "earth":
-        raise DomainError("model", request.model, "place and time mean Earth; give --sun-elevation here")
-    return model, model.scene_at(*request.place, request.time, request.altitude)
+    return model, common.scene_at(model, request.model, request.place, request.time, request.altitude)
 
 
 def run(request: Request, arguments: list[str]) -> int:

@@ -105,6 +105,22 @@ def test_the_command(
     assert main([*command, "--no-clobber", "-o", "flux.csv"]) == 2
 
 
+def test_a_place_and_a_time_settle_the_sun_and_its_distance(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    found: list[Any] = []
+
+    def solve(scene: Any, *_: Any, sun_elevations_deg: tuple[float, float], **__: Any) -> Any:
+        found.append((scene, sun_elevations_deg))
+        raise skyscatter.errors.DomainError("x", 1, "is enough")
+
+    monkeypatch.setattr(skyscatter, "solve", solve)
+    assert main(["flux", "--place", "52.5,13.4", "--time", "2026-01-04T11:00", "-q"]) == 2
+    assert capsys.readouterr().err.endswith("is enough\n")
+    ((scene, (low, high)),) = found
+    wanted = skyscatter.load_model("earth").scene_at(52.5, 13.4, "2026-01-04T11:00")
+    assert (scene, low, high) == (wanted, wanted.sun.elevation_deg, wanted.sun.elevation_deg)
+    assert scene.sun.distance_au == pytest.approx(0.9833, abs=1e-4)  # perihelion
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -115,6 +131,9 @@ def test_the_command(
         (["earth", "--sun-elevation", "20:10:5"], "such as 10:90:10"),
         (["earth", "--sun-elevation", "95"], "between -90 and 90 degrees"),
         (["earth", "--sun-elevation", "5,5"], "give each value once"),
+        (["earth", "--place", "52.5,13.4"], "needs --time as well"),
+        (["--place=52,13", "--time=2026-01-04", "--sun-elevation=3"], "settles where the Sun is; leave out --sun-elev"),
+        (["mars", "--place=52,13", "--time=2026-01-04"], "place and time mean Earth"),
         (["earth", "-o", "flux.png"], "must be one of .nc, .csv"),
         (["ring-nebula"], "use skyscatter nebula"),
         (["fog-room"], "use skyscatter render"),
