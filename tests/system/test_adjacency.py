@@ -42,7 +42,8 @@ def hazy(view_zenith_deg: float, stokes: bool = False) -> SpreadFunction:
     return spread_function(medium(air(0.0973), haze(0.3)), WAVELENGTHS, view_zenith_deg, stokes=stokes)
 
 
-@pytest.mark.parametrize("stokes", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("stokes", [False, True])
+@pytest.mark.slow
 def test_direct_and_diffuse_transmittance_are_those_of_the_field(stokes: bool) -> None:
     there = Scene(medium=medium(air(0.0973), haze(0.3)))
     terms = skyscatter.CorrectionTerms(

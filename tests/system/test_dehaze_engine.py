@@ -102,7 +102,7 @@ def same(one, other):
     assert one.diagnostics == other.diagnostics
 
 
-@pytest.mark.parametrize("aod", ["auto", 0.25])
+@pytest.mark.parametrize("aod", [pytest.param("auto", marks=pytest.mark.slow), 0.25])
 def test_neither_windows_nor_threads_change_a_bit(quick, aod):
     toa = hazy(115, 130)
     given = {**KNOWN, "bands": ALL, "aod": aod, "pixel_size_m": 60.0}

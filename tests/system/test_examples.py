@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import skyscatter
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WRITES = {
     "air_mass.py": (),
@@ -32,15 +34,18 @@ def test_every_example_is_tested_and_listed() -> None:
     assert [name for name in sorted(scripts) if f"`{name}`" not in text] == []
 
 
-#: Half a minute each; what they show is tested elsewhere.
-LONG = {"clear_ground.py", "twilight_sequence.py"}
+#: A quarter of a minute and more each; what they show is tested elsewhere.
+LONG = {"clear_ground.py", "neutral_points.py", "twilight_ozone.py", "twilight_sequence.py"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in sorted(WRITES)])
 def test_example_runs_and_its_number_is_right(name: str, tmp_path: Path) -> None:
     source = EXAMPLES / name
-    # The package under test, wherever it comes from; 32 pixels keep each script to a few seconds.
-    path = os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    # The package under test, wherever it comes from: another copy would compile its own kernels.  32 pixels keep each
+    # script to a few seconds.
+    path = os.pathsep.join([str(Path(skyscatter.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]).rstrip(
+        os.pathsep
+    )
     environment = {**os.environ, "SKYSCATTER_EXAMPLE_SIZE": "32", "PYTHONPATH": path}
     done = subprocess.run(
         [sys.executable, str(source)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300

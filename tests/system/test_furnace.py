@@ -75,7 +75,7 @@ PAIRS = ((1.0, 0.5), (0.9, 0.2), (0.6, 0.3))
 
 # Not transmission over a bright ground: light that comes from below is no mirror image of light from above.
 @pytest.mark.parametrize(
-    ("transmitted", "albedo"), [pytest.param(False, 0.0, marks=pytest.mark.slow), (False, 0.6), (True, 0.0)]
+    ("transmitted", "albedo"), [*(pytest.param(False, a, marks=pytest.mark.slow) for a in (0.0, 0.6)), (True, 0.0)]
 )
 def test_reciprocity_of_a_slab(transmitted: bool, albedo: float) -> None:
     """I(mu; mu0) / mu0 keeps its value when light and observer change places (Chandrasekhar 1950, section 13)."""
@@ -96,6 +96,7 @@ def test_reciprocity_of_a_slab(transmitted: bool, albedo: float) -> None:
 @pytest.mark.parametrize(
     ("optical_thickness", "phase"), [(0.5, Isotropic()), pytest.param(1.0, RAYLEIGH, marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_nothing_is_lost_without_absorption(optical_thickness: float, phase: Any) -> None:
     slab = Slab(optical_thickness, 1.0, phase, 0.6, 1.0, ground_albedo=0.3)
     options = {"nodes": 16, "azimuths": 4, "samples": 2048}
@@ -106,6 +107,7 @@ def test_nothing_is_lost_without_absorption(optical_thickness: float, phase: Any
     assert_agrees(up + into_ground, slab.direct_flux(0.0), np.hypot(up_error, 0.7 * down_error), slack=3e-4)
 
 
+@pytest.mark.slow
 def test_reflected_transmitted_and_absorbed_light_is_all_light() -> None:
     slab = Slab(1.0, 0.8, Isotropic(), 0.6, 1.0, ground_albedo=0.3)
     up, up_error = slab.flux(0.0, True, samples=2048)

@@ -139,6 +139,7 @@ def test_colour_temperature_of_measured_spectra(reference):
     assert np.max(np.abs(difference[stated >= 10000])) < 4.0
 
 
+@pytest.mark.slow
 def test_colour_temperature_of_clear_skies(reference):
     """Daylight of the model at the same place and time, between a clean and a hazy tropical atmosphere.
 

@@ -209,7 +209,8 @@ def test_direct_light(folder: Path, depth: float, most: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth", "most", "n", "samples"), [(0.1, 0.03, 12, 16), (1.0, 0.03, 20, 16), (10.0, 0.1, 20, 128)]
+    ("depth", "most", "n", "samples"),
+    [(0.1, 0.03, 12, 16), (1.0, 0.03, 20, 16), pytest.param(10.0, 0.1, 20, 128, marks=pytest.mark.slow)],
 )
 def test_scattered_light_few(folder: Path, depth: float, most: float, n: int, samples: int) -> None:
     rows = FEW if depth < 10 else FEW[2:]

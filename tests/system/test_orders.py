@@ -314,7 +314,7 @@ def test_fluxes_have_the_shape_of_heights_and_suns() -> None:
 # The terms of a bright ground
 
 
-@pytest.mark.parametrize("albedo", [0.3, 1.0])
+@pytest.mark.parametrize("albedo", [pytest.param(0.3, marks=pytest.mark.slow), 1.0])
 def test_correction_terms_give_what_a_solution_gives(albedo: float) -> None:
     sun, zenith, azimuth = 40.0, np.array([0.0, 30.0, 55.0])[:, None], np.array([20.0, 150.0])
     terms = skyscatter.CorrectionTerms(scene_of(AIR, HAZE), WAVELENGTHS, sun_elevations_deg=(sun, sun)).at(
@@ -342,7 +342,7 @@ def test_correction_terms_refuse_what_they_do_not_know() -> None:
             terms.at(*arguments)
 
 
-@pytest.mark.parametrize("depth", [1.0, 1.2])
+@pytest.mark.parametrize("depth", [1.0, pytest.param(1.2, marks=pytest.mark.slow)])
 def test_what_comes_back_to_a_shining_ground_has_settled(depth: float) -> None:
     """The spherical albedo is a few per cent of the light at the ground: its series must have ended as well."""
     air = AIR.model_copy(update={"optics": RayleighPowerLaw(coefficient=1.2e-5, wavelength=660.0)})
@@ -396,6 +396,7 @@ def test_all_orders_against_path(name: str) -> None:
     assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=DEFAULT_TOLERANCE)
 
 
+@pytest.mark.slow
 def test_stokes_vectors_against_path() -> None:
     scene = scene_of(AIR, HAZE, sun=20.0)
     found, expected = look(scene, stokes=True), look(scene, solver="path", stokes=True, samples=8192)
@@ -414,6 +415,7 @@ def test_mars_against_path() -> None:
     assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=2 * DEFAULT_TOLERANCE)
 
 
+@pytest.mark.slow
 def test_the_deep_night_does_not_shine() -> None:
     """Beside Suns for which no light is left, interpolation must not swing: each order made a thousandfold of it."""
     scene = skyscatter.load_model("earth").scene()
@@ -533,6 +535,7 @@ def test_rays_do_not_depend_on_their_neighbours() -> None:
     np.testing.assert_allclose(alone, whole, rtol=DEFAULT_TOLERANCE / 10)
 
 
+@pytest.mark.slow
 def test_a_field_answers_as_the_solver_does() -> None:
     """One solved for all Suns, and one solved for the rays that were asked."""
     field = skyscatter.solve(scene_of(), WAVELENGTHS)

@@ -143,6 +143,7 @@ def greek(reference: Path) -> GreekPhase:
 
 
 @pytest.mark.parametrize("tolerance", [2e-3, *(pytest.param(t, marks=SLOW) for t in (1e-3, FINE))])
+@pytest.mark.slow
 def test_siewert_problem_2a(tolerance: float, reference: Path) -> None:
     """I and Q at all depths and directions but the horizontal, at both azimuths."""
     depths = np.array([0.0, 0.125, 0.25, 0.5, 0.75, 0.875, 1.0])

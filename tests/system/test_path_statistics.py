@@ -81,7 +81,7 @@ def test_marched_and_free_walks_agree_in_every_order(sun: float, hazy: bool) -> 
 
 @pytest.mark.filterwarnings("ignore:sampling = 'free-flight'")
 @pytest.mark.parametrize("sampling", ["march", pytest.param("free-flight", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("sun", [30.0, -4.0])
+@pytest.mark.parametrize("sun", [pytest.param(30.0, marks=pytest.mark.slow), -4.0])
 def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: str) -> None:
     samples = 256 if sampling == "march" else 4000
     _, together = over_seeds(lambda seed: look(sun, True, samples=samples, sampling=sampling, seed=seed), 16)
@@ -153,6 +153,7 @@ def test_same_ray_numbers_same_bits_however_rays_are_split() -> None:
 
 
 @pytest.mark.parametrize(("planet", "sun"), [("mars", 3.0)])
+@pytest.mark.slow
 def test_error_bars_cover_where_the_sky_is_bright_around_a_low_sun_only(planet: str, sun: float) -> None:
     """Seen beside it and from behind, where the light has to find its way through that narrow part of the sky."""
     scene = skyscatter.load_model(planet).scene(sun_elevation_deg=sun, sun_azimuth_deg=180.0)

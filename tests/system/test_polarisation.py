@@ -170,7 +170,8 @@ def compare_with_cds(
 
 @pytest.mark.parametrize("upwards", [True, False])
 @pytest.mark.parametrize(
-    ("tau", "albedo", "sun"), [("0.25", 1, 1), pytest.param("1", 0, 3, marks=pytest.mark.slow), ("1", 2, 1)]
+    ("tau", "albedo", "sun"),
+    [("0.25", 1, 1), *(pytest.param(*p, marks=pytest.mark.slow) for p in (("1", 0, 3), ("1", 2, 1)))],
 )
 def test_rayleigh_slabs_against_corrected_coulson_tables(
     tau: str, albedo: int, sun: int, upwards: bool, reference: Path
@@ -238,6 +239,7 @@ def hazy(sun: float, azimuth: float = 0.0) -> skyscatter.Scene:
 
 @pytest.mark.filterwarnings("ignore:sampling = 'free-flight'")  # the spread over 16 seeds is what is judged by
 @pytest.mark.parametrize("sun", [30.0, pytest.param(0.0, marks=SLOW)])
+@pytest.mark.slow
 def test_marched_and_free_walks_agree(sun: float) -> None:
     _, marched = over_seeds(lambda seed: look(hazy(sun), samples=256, seed=seed), 16)
     _, free = over_seeds(lambda seed: look(hazy(sun), samples=2000, sampling="free-flight", seed=seed), 16)
@@ -347,6 +349,7 @@ def test_black_medium_sends_nothing(solver: str) -> None:
     assert not answer.stokes_error.any()
 
 
+@pytest.mark.slow
 def test_scalar_light_misses_the_radiance() -> None:
     """Mishchenko, Lacis & Travis (1994), JQSRT 51, 491: up to 10 % in Rayleigh slabs, of either sign."""
     slab = Slab(1.0, 1.0, Rayleigh(), 0.6)

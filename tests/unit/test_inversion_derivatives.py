@@ -118,6 +118,7 @@ def test_luminosity_counts_in_proportion_in_every_solver() -> None:
 # Against finite differences
 
 
+@pytest.mark.slow
 def test_against_finite_differences_with_a_step_study() -> None:
     """Differences of separate solutions miss by step^2 until their noise takes over."""
     rays, options = (*sky_rays(), WAVELENGTHS), {"solver": "single"}

@@ -216,7 +216,7 @@ def test_extremes_contain_all_values():
 
 
 # Where only the rim of particles reaches a box, their bounds cost a tenth of a second.
-@pytest.mark.parametrize(("resolution", "boxes"), [(0, 60), pytest.param(0, 2000, marks=pytest.mark.slow), (20, 4000)])
+@pytest.mark.parametrize(("resolution", "boxes"), [(0, 15), pytest.param(0, 2000, marks=pytest.mark.slow), (20, 4000)])
 def test_bounds_hold_on_the_edges_of_particles(resolution, boxes):
     field = particles(resolution=resolution)
     places, _, lengths = field.particles

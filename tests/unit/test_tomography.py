@@ -98,7 +98,9 @@ def test_the_priors_weigh_the_same_on_finer_cells() -> None:
         assert values[0] == pytest.approx(values[1], rel=allowed)  # differences of first order in the cells
 
 
-@pytest.mark.parametrize(("make", "limit"), [(emitting, 0.12), (absorbing, 0.15), (scattering, 0.25)])
+@pytest.mark.parametrize(
+    ("make", "limit"), [pytest.param(emitting, 0.12, marks=pytest.mark.slow), (absorbing, 0.15), (scattering, 0.25)]
+)
 def test_a_known_density_comes_back(make: Any, limit: float) -> None:
     model, exact = make(), truth()
     found = reconstruct(noisy(model, exact, 0.01), model, coarsest=6)

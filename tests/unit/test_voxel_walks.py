@@ -52,6 +52,7 @@ def model(**more: Any) -> VoxelModel:
     return VoxelModel.from_scene(scene(cloud()), WAVELENGTHS, **({"step": 0.2, "fine": 2} | more))
 
 
+@pytest.mark.slow
 def test_light_is_that_of_path() -> None:
     found = multiple_scattering(model(), cloud(), ORIGINS, DIRECTIONS, samples=20_000, seed=3)
     expected = skyscatter.radiance(scene(cloud()), ORIGINS, DIRECTIONS, WAVELENGTHS, "path", samples=16384, parts=True)
@@ -62,6 +63,7 @@ def test_light_is_that_of_path() -> None:
     assert not found.density.any()
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_path() -> None:
     """Along directions in the space of densities: one component as a whole, and noise."""
     noise = np.random.default_rng(2).standard_normal(cloud().shape) * cloud()
