@@ -488,6 +488,13 @@ def percent(share: float) -> str:
     return f"{np.format_float_positional(float(f'{100 * share:.2g}'), trim='-')} %"
 
 
+def missed(error: float | None, tolerance: float | None) -> str:
+    """What a summary adds where an error is above the tolerance that was asked for."""
+    if error is None or tolerance is None or error <= tolerance:
+        return ""
+    return f", more than the {percent(tolerance)} asked for"
+
+
 def describe_part(summary: dict[str, Any]) -> str:
     """How much is finished, for people; nothing where all is."""
     if summary["complete"]:

@@ -212,6 +212,7 @@ def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
         from skyscatter.progress import format_seconds
 
         accuracy = "" if error is None else f", median estimated error of the net flux {common.percent(error)} of down"
+        accuracy += common.missed(error, request.tolerance)
         written = f"; wrote {', '.join(summary['outputs'])}" if request.outputs else ""
         done = f"{dataset['net'].size} places, Suns and wavelengths{accuracy}; {format_seconds(seconds)}{written}"
         typer.echo(f"{model.name}: {done}", err=True)

@@ -342,6 +342,7 @@ def describe(summary: dict[str, Any]) -> str:
     sun, noise, error = summary["sun"], summary["noise"], summary["estimated_error"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
     accuracy += "" if error is None else f", median estimated error {common.percent(error)}"
+    accuracy += common.missed(error, summary["tolerance"])
     polarised = summary["polarisation"]
     if polarised is not None and polarised["mean_degree"] is not None:
         accuracy += f"; degree of linear polarisation {common.percent(polarised['mean_degree'])} on average"

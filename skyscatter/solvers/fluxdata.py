@@ -56,10 +56,10 @@ def to_dataset(field: RadianceField, fluxes: Fluxes, altitudes: Array, elevation
         attributes = {"units": UNITS, "long_name": words, "ancillary_variables": f"{name}_error", **more}
         variables[name] = (DIMS, value, attributes)
         variables[f"{name}_error"] = (DIMS, error, {"units": UNITS, "long_name": f"estimated error of {name}"})
-    elsewhere: dict[str, Any] = {"altitude": True, "sun": {"elevation_deg": True, "azimuth_deg": True}}  # these are coordinates
+    coordinates: dict[str, Any] = {"altitude": True, "sun": {"elevation_deg": True, "azimuth_deg": True}}
     recipe = {
         "skyscatter": __version__,
-        "scene": field.scene.model_dump(mode="json", exclude=elsewhere, exclude_none=True),
+        "scene": field.scene.model_dump(mode="json", exclude=coordinates, exclude_none=True),
         "tolerance": field.tolerance,
         "solver": "orders",
     }

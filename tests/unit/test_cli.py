@@ -295,6 +295,12 @@ def test_accuracy_and_order_limit_of_the_default_solver(fake, capsys, text, valu
     assert json.loads(capsys.readouterr().out)["tolerance"] == value
 
 
+@pytest.mark.parametrize(("asked", "words"), [("0.5%", ", more than the 0.5 % asked for;"), ("1%", "error 1 %;")])
+def test_a_missed_tolerance_is_said(fake, capsys, asked, words):
+    assert main(["sky", "--tolerance", asked, "-o", "sky.png"]) == 0
+    assert f"{words} EV" in capsys.readouterr().err
+
+
 def test_place_and_time_set_the_sun(fake):
     assert main(["sky", "--place", "-33.9,151.2", "--time", "2026-12-21T02:00Z", "-o", "sky.png", "-q"]) == 0
     # Sydney, two hours after its clock noon: high in the north-west
