@@ -137,6 +137,7 @@ def test_the_sky_of_mars_at_noon_is_butterscotch() -> None:
     assert np.all(chromaticity(far)[:, 1] > 0.36)  # yellowish brown, not pink
 
 
+@pytest.mark.slow
 def test_the_sky_of_titan_is_orange_and_hides_the_sun() -> None:
     scene = skyscatter.load_model("titan").scene(sun_elevation_deg=40)
     # The mean over many directions: a single one is still noisy after thousands of walks.

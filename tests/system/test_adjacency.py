@@ -61,6 +61,7 @@ def test_direct_and_diffuse_transmittance_are_those_of_the_field(stokes: bool) -
         assert_agrees(spread.direct + spread.diffuse, up, spread.diffuse_error, slack=2e-3)
 
 
+@pytest.mark.slow
 def test_light_scattered_once_in_thin_air_comes_from_where_quadrature_says() -> None:
     """Nadir view of thin Rayleigh air over a round ground of radiance 1, by quadrature over the scattering's height.
 

@@ -82,6 +82,7 @@ def broadband(depth: float, elevation: np.ndarray, distance: float) -> np.ndarra
     return (smooth * mu - 1361.0 * water_vapour(elevation) * mu) / distance**2
 
 
+@pytest.mark.slow
 def test_day_course_of_irradiance(reference):
     """Kider et al. (2014), 2013-05-27: one optical depth for the day, each even hour within 5 %.
 

@@ -282,6 +282,7 @@ def test_stated_errors_are_the_spread_over_seeds() -> None:
     assert np.mean(ratio, axis=(0, 1)) == pytest.approx(1.0, abs=4 * np.sqrt(2 / (5 * (seeds - 1))))
 
 
+@pytest.mark.slow
 def test_free_flights_state_their_errors() -> None:
     seeds = 60
     answers = [look(hazy(30.0), samples=500, sampling="free-flight", seed=seed) for seed in range(seeds)]

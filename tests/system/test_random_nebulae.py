@@ -106,6 +106,7 @@ def test_star_and_eye_change_places(scenes: int) -> None:
 
 
 @pytest.mark.parametrize("scenes", COUNTS)
+@pytest.mark.slow
 def test_what_a_star_sends_out_leaves_white_dust(scenes: int) -> None:
     """Straight, which is an integral, or scattered: over random lines through a sphere around all."""
     rays, shares, errors = 6000, [], []

@@ -43,6 +43,7 @@ def observation(radiance: Any) -> Any:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_truth_is_inside_its_region_as_often_as_stated(walked: Any) -> None:
     """1000 draws of noise on radiances by ``path``; retrieval by ``orders``, linear about the truth.
 

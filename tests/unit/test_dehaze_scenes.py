@@ -43,6 +43,7 @@ def test_scene_is_what_its_parameters_say() -> None:
     assert scene.ground.map.classes.array.shape == (16, 16)
 
 
+@pytest.mark.slow
 def test_files_belong_to_their_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fresh = render(SMALL, tmp_path)
     assert fresh["reflectance"].shape == fresh["surface"].shape == (2, 8, 8)

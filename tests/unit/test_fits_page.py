@@ -28,7 +28,7 @@ def of_a_sky(stokes: bool = False) -> SpectralImage:
 def pictures(folder: Path) -> list[Path]:
     sky, cube = of_a_sky(stokes=True), np.ones((2, 2, 5))
     uneven = [450.0, 500.0, 550.0, 600.0, 700.0]
-    nebula = SpectralImage(cube, uneven, cube, error_kind="estimated", layers={"once": cube})
+    nebula = SpectralImage(cube, uneven, cube, recipe={"solver": "orders"}, layers={"once": cube})
     nebula = nebula.placed(skyscatter.SkyFrame(ra_deg=1, dec_deg=2, pixel_scale_deg=0.1, distance="5 pc", name="x"))
     files = [folder / f"{name}.fits" for name in ("sky", "packed", "nebula", "filters")]
     sky.save(files[0])

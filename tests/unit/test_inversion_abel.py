@@ -76,6 +76,7 @@ def test_inverse_with_noise(pair: Pair) -> None:
     assert 1 <= found.degrees_of_freedom < 101
 
 
+@pytest.mark.slow
 def test_coverage_over_shapes_and_draws() -> None:
     shares, radius = [], np.linspace(0.0, 1.0, 61)
     for pair in TRAINING:

@@ -152,6 +152,7 @@ def test_stacked_values_are_those_of_the_scene() -> None:
 # Monte Carlo
 
 
+@pytest.mark.slow
 def test_walks_against_the_deterministic_solution() -> None:
     """All orders of scattering: `path` within its standard errors of `orders`, for every parameter."""
     rays = (*sky_rays(), WAVELENGTHS)

@@ -185,6 +185,7 @@ def test_noise_that_is_a_share_leads_nowhere_astray() -> None:
     assert off.std() == pytest.approx(1, abs=3 / np.sqrt(2 * len(off)))
 
 
+@pytest.mark.slow
 def test_an_emulator_that_fails_says_so() -> None:
     """A model with a kink, which no quadratic follows: the report warns; a straight one does not."""
     from types import SimpleNamespace

@@ -144,6 +144,7 @@ def test_transmittance_to_infinity(media: MediaTable) -> None:
 
 @pytest.mark.parametrize("m", [THIN, DARK, CLOUD, MIXED])
 @pytest.mark.parametrize("far", [3.0, math.inf])
+@pytest.mark.slow
 def test_flights_follow_the_extinction_of_their_hero(media: MediaTable, m: int, far: float) -> None:
     n, walk, work = 4000, make_walk(2), make_media_work(7, 2)
     distance, value, chance = np.empty(n), np.empty((n, 2)), np.empty((n, 2))
