@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
+from skyscatter.problems import numbered
 from skyscatter.record import Record
 
 #: What a model is of, by the command that renders it.
@@ -67,9 +68,9 @@ def _densities(content: Mapping[str, Any], path: str = "") -> Iterator[tuple[str
                 continue
             density = table.get("density")
             if name == "media":
-                yield from _densities(table, f"{path}media.{place}.")
+                yield from _densities(table, f"{path}media.{numbered(place, table)}.")
             elif isinstance(density, Mapping) and isinstance(density.get("kind"), str):
-                yield f"{path}components.{place}", density["kind"]
+                yield f"{path}components.{numbered(place, table)}", density["kind"]
 
 
 def sorts() -> dict[str, type[Record]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,9 @@ from skyscatter.record import UNKNOWN_FIELD, similar
 
 #: Longest value that is shown whole.
 _LONGEST = 80
+
+#: Names that may stand in a path.
+_PLAIN = re.compile(r"[\w -]{1,40}")
 
 #: What would be accepted, by the type of a complaint.
 _REMEDIES: dict[str, str] = {
@@ -69,8 +73,14 @@ def _path(problem: Mapping[str, Any], content: Any) -> str:
             node = node[part]
         elif content is not None or "(" in str(part):
             continue
-        parts.append(shortened(str(part)))
+        parts.append(numbered(part, node) if isinstance(part, int) else shortened(str(part)))
     return ".".join(parts)
+
+
+def numbered(place: int, entry: Any) -> str:
+    """An entry of a list as paths have it: its number, and its name where it has a plain one."""
+    name = entry.get("name") if isinstance(entry, Mapping) else None
+    return f"{place} ({name})" if isinstance(name, str) and _PLAIN.fullmatch(name) else str(place)
 
 
 def _line(problem: Mapping[str, Any], path: str, fitting: Fitting | None) -> str:
@@ -105,7 +115,9 @@ def _own_words(problem: Mapping[str, Any], path: str, error: Any) -> str:
     if not isinstance(error, (DomainError, UnitsError)):
         return f"{path}: {message}" if path else message
     parts, value = path.split("."), problem["input"]
-    if error.name in [part for part in parts if not part.isdecimal()][-1:]:  # of the field itself, or of one of a list
+    if (
+        error.name in [part for part in parts if not part[:1].isdecimal()][-1:]
+    ):  # of the field itself, or of one of a list
         return f"{path}{message.removeprefix(error.name)}"
     inside = isinstance(value, Mapping) and error.name in value
     return f"{path}{'.' if inside else ': '}{message}" if path else message

@@ -131,12 +131,12 @@ def test_a_model_built_in_python_is_the_model_of_the_file() -> None:
         (
             "coefficient = 1e-5",
             "coefficient = -1e-5",
-            ["components.0.optics", "coefficient = -1e-05", "never negative"],
+            ["components.0 (air).optics", "coefficient = -1e-05", "never negative"],
         ),
         (
             "coefficient = 1e-5",
             "coeficient = 1e-5",
-            ["components.0.optics", "coeficient = 1e-05", "did you mean coefficient?"],
+            ["components.0 (air).optics", "coeficient = 1e-05", "did you mean coefficient?"],
         ),
         ("[planet]", "[plannet]", ["plannet: no such field", "did you mean planet?"]),
         ('radius = "1000 km"', 'raduis = "1000 km"', ["planet", "raduis = '1000 km'", "did you mean radius?"]),
@@ -146,20 +146,24 @@ def test_a_model_built_in_python_is_the_model_of_the_file() -> None:
             "wavelength = [400, 700]",
             ["ground.albedo.wavelength: no such field", "did you mean wavelengths?"],
         ),
-        ('kind = "exponential"', 'kin = "exponential"', ["components.0.density.kin", "did you mean kind?"]),
-        ('kind = "exponential", ', "", ["components.0.density.kind is missing"]),
-        ("weight = 0.5", "weight = -0.5", ["components.1", "weight = -0.5"]),
-        ("weight = 0.5", "wieght = 0.5", ["components.1", "wieght = 0.5", "no such field", "did you mean weight?"]),
+        ('kind = "exponential"', 'kin = "exponential"', ["components.0 (air).density.kin", "did you mean kind?"]),
+        ('kind = "exponential", ', "", ["components.0 (air).density.kind is missing"]),
+        ("weight = 0.5", "weight = -0.5", ["components.1 (dust)", "weight = -0.5"]),
+        (
+            "weight = 0.5",
+            "wieght = 0.5",
+            ["components.1 (dust)", "wieght = 0.5", "no such field", "did you mean weight?"],
+        ),
         (
             "densities = [1.0, 0.5]",
             "densities = [1.0, -0.5]",
-            ["components.1.density.densities.1 = -0.5: is never negative"],
+            ["components.1 (dust).density.densities.1 = -0.5: is never negative"],
         ),
-        ('kind = "draine"', 'kind = "drain"', ["components.1.optics", "drain", "henyey-greenstein"]),
-        ('kind = "exponential"', 'kind = "exp"', ["components.0.density", "exp", "exponential"]),
-        ("g = 0.7", "g = 1.7", ["components.1.optics", "g = 1.7", "between -1 and 1"]),
+        ('kind = "draine"', 'kind = "drain"', ["components.1 (dust).optics", "drain", "henyey-greenstein"]),
+        ('kind = "exponential"', 'kind = "exp"', ["components.0 (air).density", "exp", "exponential"]),
+        ("g = 0.7", "g = 1.7", ["components.1 (dust).optics", "g = 1.7", "between -1 and 1"]),
         ('name = "dust"', 'name = "air"', ["air", "rename one"]),
-        ("optical_depth = 0.1", "optical_depth = nan", ["components.1.optics", "optical_depth", "nan"]),
+        ("optical_depth = 0.1", "optical_depth = nan", ["components.1 (dust).optics", "optical_depth", "nan"]),
         ('sources = ["nowhere"]', "sources = 5", ["sources = 5"]),
     ],
 )
@@ -213,8 +217,8 @@ def test_all_that_is_wrong_is_said_in_one_run(tmp_path: Path, capsys: pytest.Cap
     assert main(["models", "check", str(path)]) == 2
     lines = [line.removeprefix(f"skyscatter: error: {path}: ") for line in capsys.readouterr().err.splitlines()]
     assert [line.split(" = ")[0].split(":")[0] for line in lines] == [
-        "planet.raduis", "star.temperature", "components.0.density.scale_height", "components.0.optics.coefficient",
-        "components.1.density.values", "components.1.optics.phase.kind", "components.1.weight",
+        "planet.raduis", "star.temperature", "components.0 (air).density.scale_height", "components.0 (air).optics.coefficient",
+        "components.1 (dust).density.values", "components.1 (dust).optics.phase.kind", "components.1 (dust).weight",
     ]  # fmt: skip
     assert "'30 deg': give a temperature, such as \"4000 K\"" in lines[1]
     assert lines[2].endswith("= -8: must be a positive length")
@@ -234,7 +238,7 @@ def test_kinds_are_those_of_the_place(kind: str, words: str) -> None:
     with pytest.raises(ModelFileError) as caught:
         parse_model(tomllib.loads(GOOD.replace('kind = "exponential"', f'kind = "{kind}"')), "text")
     message = str(caught.value).splitlines()[0]
-    assert message.startswith(f"text: components.0.density.kind = '{kind}': ")
+    assert message.startswith(f"text: components.0 (air).density.kind = '{kind}': ")
     assert words in message
     assert "plummer" not in message
 

@@ -133,7 +133,7 @@ def test_errors_name_file_line_and_column(folder: Path, text: str, words: list[s
     assert main(["models", "check", str(folder / "x.toml")]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
-    assert f"x.toml: components.0.density: {folder / 'data' / 'profile.csv'}" in lines[0]
+    assert f"x.toml: components.0 (air).density: {folder / 'data' / 'profile.csv'}" in lines[0]
     assert all(word in lines[0] for word in words), lines[0]
 
 
