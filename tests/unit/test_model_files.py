@@ -217,8 +217,9 @@ def test_all_that_is_wrong_is_said_in_one_run(tmp_path: Path, capsys: pytest.Cap
     assert main(["models", "check", str(path)]) == 2
     lines = [line.removeprefix(f"skyscatter: error: {path}: ") for line in capsys.readouterr().err.splitlines()]
     assert [line.split(" = ")[0].split(":")[0] for line in lines] == [
-        "planet.raduis", "star.temperature", "components.0 (air).density.scale_height", "components.0 (air).optics.coefficient",
-        "components.1 (dust).density.values", "components.1 (dust).optics.phase.kind", "components.1 (dust).weight",
+        "planet.raduis", "star.temperature", "components.0 (air).density.scale_height",
+        "components.0 (air).optics.coefficient", "components.1 (dust).density.values",
+        "components.1 (dust).optics.phase.kind", "components.1 (dust).weight",
     ]  # fmt: skip
     assert "'30 deg': give a temperature, such as \"4000 K\"" in lines[1]
     assert lines[2].endswith("= -8: must be a positive length")
