@@ -91,14 +91,22 @@ def rms(values: Any) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def report(section: str, where: str, packages: str, blocks: Sequence[str], command: Sequence[str], write: bool) -> None:
-    """Print the blocks; with `write`, put them between the markers of their section of RESULTS.md."""
+def report(
+    section: str,
+    where: str,
+    packages: str,
+    blocks: Sequence[str],
+    command: Sequence[str],
+    write: bool,
+    page: Path = RESULTS,
+) -> None:
+    """Print the blocks; with `write`, put them between the markers of their section of a page, dated."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    words = shlex.join(word for word in command if word != "--write")
+    words = shlex.join([Path(command[0]).name, *(word for word in command[1:] if word != "--write")])
     body = "\n\n".join([f"{today}; {where}; {packages}.", f"Command: `python benchmarks/{words} --write`", *blocks])
     print(body)
     if write:
-        replace_section(RESULTS, section, body)
+        replace_section(page, section, body)
 
 
 def replace_section(page: Path, section: str, body: str) -> None:

@@ -1,17 +1,19 @@
 """How often the error bars of ``path`` in nebulae cover the truth.
 
 One line of sight through each scene is followed with many seeds (as that many rays: each draws numbers of its own),
-and once with many walks for the reference.  Run with ``--seeds``, ``--samples`` and ``--threads``; names of scenes
-choose among them.
+and once with many walks for the reference.
+
+    python benchmarks/coverage_nebula.py [part of a scene's name ...] [--seeds 200] [--samples 64] [--write]
 """
 
 from __future__ import annotations
 
-import argparse
-import time
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import machine, parser, report, versions
 from error_bars import HEADER, coverage, table_row
 
 import skyscatter
@@ -24,6 +26,7 @@ from skyscatter.optics.phase import HenyeyGreenstein, Isotropic
 from skyscatter.space import SpaceScene, View
 from skyscatter.spectra.table import SpectralTable
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "validation-nebulae.md"
 #: Walks of the reference for every walk of an estimate, and rays among which they are divided.
 REFERENCE_FACTOR, REFERENCE_RAYS = 64, 1000
 
@@ -78,20 +81,20 @@ def study(scene: SpaceScene, offset: float, seeds: int, samples: int, threads: i
 
 
 def main() -> None:
-    """Print the table."""
-    arguments = argparse.ArgumentParser(description=__doc__)
+    """Run the study and report it."""
+    arguments = parser(__doc__)
     arguments.add_argument("scene", nargs="*", help="part of the name of a scene")
     arguments.add_argument("--seeds", type=int, default=200)
     arguments.add_argument("--samples", type=int, default=64)
     arguments.add_argument("--threads", type=int, default=None)
-    given = arguments.parse_args()
-    print(f"{given.seeds} seeds, {given.samples} walks\n\n{HEADER}")
+    given, where, rows = arguments.parse_args(), machine(), []
     for name, (scene, offset) in scenes().items():
         if given.scene and not any(part in name for part in given.scene):
             continue
-        start = time.process_time()
-        print(table_row(name, study(scene, offset, given.seeds, given.samples, given.threads)), flush=True)
-        print(f"<!-- {time.process_time() - start:.0f} s of processor -->", flush=True)
+        rows.append(table_row(name, study(scene, offset, given.seeds, given.samples, given.threads)))
+        print(rows[-1], flush=True)
+    blocks = [f"{given.seeds} seeds of {given.samples} walks along one ray.", "\n".join([HEADER, *rows])]
+    report("nebula-coverage", where, versions("skyscatter", "numba"), blocks, sys.argv, given.write, PAGE)
 
 
 if __name__ == "__main__":

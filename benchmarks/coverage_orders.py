@@ -1,6 +1,6 @@
 """How often the stated error of the solver orders covers, over random skies.
 
-    python benchmarks/coverage_orders.py [--scenes 200] [--first 0] [--tolerance 0.005] [--walks 8192]
+    python benchmarks/coverage_orders.py [--scenes 200] [--first 0] [--tolerance 0.005] [--walks 8192] [--write]
 
 Every scene has air, haze or both, in shells, tents and layers of metres to kilometres, forward peaks up to g = 0.9,
 optical depths up to 3, a ground of any albedo, a Sun from the zenith to deep twilight, and an observer on the ground,
@@ -12,12 +12,13 @@ the stated one, or than a fifth of the light, say nothing and are left out of th
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 import warnings
+from pathlib import Path
 
 import numpy as np
+from common import machine, parser, report, table, versions
 
 import skyscatter
 from skyscatter import Component, Ground, Medium, Scene, Star, Sun
@@ -25,6 +26,11 @@ from skyscatter.media.fields import Exponential, Tent, Uniform
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein, Rayleigh
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "validation-orders.md"
+HEADER = (
+    "tolerance", "scenes", "values that tell", "within the stated error", "within twice", "median stated",
+    "mean deviation", "seconds a scene",
+)  # fmt: skip
 RAYS = 6
 #: Relative error of the judge beyond which it has found too few walks to know its own error.
 BLIND = 0.2
@@ -106,27 +112,29 @@ def compare(seed: int, tolerance: float, walks: int) -> tuple[np.ndarray, float]
     return row, seconds
 
 
-def print_table(rows: np.ndarray, scenes: int, tolerance: float, seconds: float) -> None:
-    """One row of the table of docs/validation-orders.md."""
+def row_of(rows: np.ndarray, first: int, scenes: int, tolerance: float, seconds: float) -> str:
+    """The table of one study."""
     d, e, j = rows
     told = telling(e, j)
     inside, twice = (np.abs(d) <= k * e + 2 * j for k in (1, 2))
-    print("| tolerance | scenes | values that tell | within the stated error | within twice | median stated | "
-          "mean deviation | seconds a scene |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
     weight = 1 / (j[told] ** 2 + 0.002**2)
-    print(f"| {tolerance:g} | {scenes} | {told.sum()} of {told.size} | {100 * inside[told].mean():.1f} % | "
-          f"{100 * twice[told].mean():.1f} % | {100 * np.median(e[told]):.2f} % | "
-          f"{100 * np.average(d[told], weights=weight):+.3f} ± {100 * weight.sum() ** -0.5:.3f} % | "
-          f"{seconds / scenes:.2f} |")  # fmt: skip
+    mean = f"{100 * np.average(d[told], weights=weight):+.3f} ± {100 * weight.sum() ** -0.5:.3f} %"
+    cells = [
+        f"{tolerance:g}", f"{first} to {first + scenes - 1}", f"{told.sum()} of {told.size}",
+        *(f"{100 * part[told].mean():.1f} %" for part in (inside, twice)), f"{100 * np.median(e[told]):.2f} %", mean,
+        f"{seconds / scenes:.2f}",
+    ]  # fmt: skip
+    return table(HEADER, [cells])
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0, help="number of the first scene, which is its seed")
-    parser.add_argument("--tolerance", type=float, default=0.005)
-    parser.add_argument("--walks", type=int, default=8192)
-    given = parser.parse_args()
+    """Run the study, which Ctrl-C ends early, and report it."""
+    options = parser(__doc__)
+    options.add_argument("--scenes", type=int, default=200)
+    options.add_argument("--first", type=int, default=0, help="number of the first scene, which is its seed")
+    options.add_argument("--tolerance", type=float, default=0.005)
+    options.add_argument("--walks", type=int, default=8192)
+    given, where = options.parse_args(), machine()
     warnings.simplefilter("ignore")
     rows, seconds = [], 0.0
     try:
@@ -138,7 +146,9 @@ def main() -> None:
     except KeyboardInterrupt:
         print(f"interrupted after {len(rows)} scenes", file=sys.stderr)
     if rows:
-        print_table(np.concatenate(rows, axis=1), len(rows), given.tolerance, seconds)
+        found = row_of(np.concatenate(rows, axis=1), given.first, len(rows), given.tolerance, seconds)
+        section = f"random-skies-{given.tolerance:g}"
+        report(section, where, versions("skyscatter", "numba"), [found], sys.argv, given.write, PAGE)
 
 
 if __name__ == "__main__":

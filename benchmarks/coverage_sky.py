@@ -1,6 +1,6 @@
 """How often the error bars of walks in skies cover the truth, where walks that matter are rare.
 
-    python benchmarks/coverage_sky.py [--seeds 200] [--walks 1024] [--only mars]
+    python benchmarks/coverage_sky.py [--seeds 200] [--walks 1024] [--only mars] [--write]
 
 Each scene is looked at along six lines of sight at two wavelengths.  Every ray has random numbers of its own, so that
 copies of a ray are runs with other seeds.  The truth is the mean of 64 times as many walks, by marching whatever the
@@ -9,16 +9,18 @@ study's own sampling.  One line a scene, pooled over rays and wavelengths.
 
 from __future__ import annotations
 
-import argparse
-import time
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
+from common import machine, parser, report, versions
 from error_bars import HEADER, Coverage, coverage, pooled, table_row
 
 import skyscatter
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "validation.md"
 #: Name, model, elevation of the Sun [degree] and way to walk.
 SCENES = (
     ("Earth by day", "earth", 30.0, "march"),
@@ -62,19 +64,19 @@ def study(model: str, sun: float, sampling: str, seeds: int, walks: int) -> Cove
 
 
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=200)
-    parser.add_argument("--walks", type=int, default=1024, help="walks of a run")
-    parser.add_argument("--only", default="", help="scenes whose name holds this")
-    options = parser.parse_args()
+    """Run the study and report it."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--seeds", type=int, default=200)
+    arguments.add_argument("--walks", type=int, default=1024, help="walks of a run")
+    arguments.add_argument("--only", default="", help="scenes whose name holds this")
+    options, where, rows = arguments.parse_args(), machine(), []
     warnings.simplefilter("ignore")  # what walks are warned of is what is studied here
-    print(HEADER, flush=True)
     for name, model, sun, sampling in SCENES:
         if options.only.lower() in name.lower():
-            start = time.process_time()
-            found = study(model, sun, sampling, options.seeds, options.walks)
-            print(table_row(name, found), f"<!-- {time.process_time() - start:.0f} s -->", flush=True)
+            rows.append(table_row(name, study(model, sun, sampling, options.seeds, options.walks)))
+            print(rows[-1], flush=True)
+    blocks = ["\n".join([HEADER, *rows])]
+    report("sky-coverage", where, versions("skyscatter", "numba"), blocks, sys.argv, options.write, PAGE)
 
 
 if __name__ == "__main__":

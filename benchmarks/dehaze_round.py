@@ -10,12 +10,12 @@ The walks of `skyscatter.dehaze.simulate` (solver `path`, polarised, all orders)
 from __future__ import annotations
 
 import csv
-import datetime
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
-from common import machine, parser, replace_section, table, versions
+from common import machine, parser, report, table, versions
 from dehaze_sixs import FLAT, ROUND, Single, SixsAir
 
 from skyscatter.dehaze.forward import PATH, SolvedAir
@@ -87,11 +87,7 @@ def main() -> None:
         "Sun, view, azimuth", "walks, flat", "± [%]", "6S [%]", "orders, flat [%]", "walks, round", "± [%]", "6S [%]",
         "orders, round [%]", "round less flat [%]",
     ]  # fmt: skip
-    told = f"{datetime.date.today():%d %B %Y}; {versions('skyscatter', 'numpy')}; {where.split(',')[0]}."
-    body = f"{told}\n\n{table(head, rows)}"
-    print(body)
-    if given.write:
-        replace_section(PAGE, "round", body)
+    report("round", where, versions("skyscatter", "numpy"), [table(head, rows)], sys.argv, given.write, PAGE)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import machine, parser, replace_section, table, versions
+from common import machine, parser, report, table, versions
 from numpy.typing import NDArray
 
 from skyscatter.dehaze.bands import load_sensor
@@ -245,21 +245,12 @@ def main() -> None:
     where, rows = machine(), read(given.reference)
     found = list(lines([r for r in rows if not r.gas], given.tolerance, given.threads))
     gases = list(with_gases([r for r in rows if r.gas], given.tolerance, given.threads))
-    command = "python benchmarks/dehaze_sixs.py" + (
-        f" --tolerance {given.tolerance:g}" if given.tolerance != 0.01 else ""
-    )
-    blocks = [
-        f"`{command} --write`; {versions('skyscatter', 'numba', 'numpy')}; {where.split(',')[0]}.",
-        "### In short", summary(found),
-    ]  # fmt: skip
+    blocks = ["### In short", summary(found)]
     for aerosol in dict.fromkeys(c.row.aerosol for c in found):
         blocks += ["### Air alone" if aerosol == "none" else f"### {aerosol.capitalize()}"]
         blocks += [long_table([c for c in found if c.row.aerosol == aerosol])]
     blocks += ["### Bands with gases", gas_table(gases)]
-    body = "\n\n".join(blocks)
-    print(body)
-    if given.write:
-        replace_section(PAGE, "sixs", body)
+    report("sixs", where, versions("skyscatter", "numba", "numpy"), blocks, sys.argv, given.write, PAGE)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,12 @@ Amount and kind are found by itself.  The tables of two geometries take some min
 
 from __future__ import annotations
 
-import datetime
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from common import machine, parser, replace_section, rms, table, versions
+from common import machine, parser, report, rms, table, versions
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -66,17 +65,14 @@ def main() -> None:
     where, found = machine(), [(scene, judged(scene)) for scene in all_scenes()]
     head = ["AOD 68 %", "90 %", "95 %", "mean"]
     bands = [f"{wl:.0f}" for wl in (442.7, 492.4, 559.8, 664.6, 740.5, 832.8, 1613.7, 2202.4)]
-    body = "\n\n".join([
-        f"{datetime.date.today():%d %B %Y}. {where}; {versions('skyscatter', 'numpy')}.",
+    blocks = [
         "Share of pixels [%] whose true reflectance is within one σ, by band [nm]; share of scenes whose true AOD is "
         "within the interval of 68, 90 and 95 %; mean of the AOD's error over its σ.",
         table(["hazes", "scenes", *bands, *head], [[n, *cells(f)] for n, f in groups(found)]),
         "Root mean square of the errors / of the σ, 1e-4:",
         table(["hazes", *bands], [[n, *error_cells(f)] for n, f in groups(found)]),
-    ])  # fmt: skip
-    print(body)
-    if given.write:
-        replace_section(PAGE, "sixs-blind", body)
+    ]  # fmt: skip
+    report("sixs-blind", where, versions("skyscatter", "numpy"), blocks, sys.argv, given.write, PAGE)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import machine, parser, replace_section, table, versions
+from common import machine, parser, report, table, versions
 
 import skyscatter
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
@@ -146,21 +146,13 @@ def main() -> None:
     options.add_argument("--seeds", type=int, default=40)
     options.add_argument("--samples", type=int, default=256, help="walks per ray and seed")
     given = options.parse_args()
-    print(machine(), file=sys.stderr)
+    where = machine()
     lines = [*step_study("sky", "single"), *step_study("sky", "orders"), *step_study("sphere", "single")]
     first = table(["scene", "solver", "parameter", *(f"step {s:g}" for s in STEPS)], lines)
     lines = [*walks("sky", given.seeds, given.samples), *walks("sphere", given.seeds, given.samples)]
-    second = table(
-        ["scene", "beside", "parameter", "rms of z", "largest", "standard error", "stated / spread"], lines
-    )
-    command = f"`python benchmarks/derivatives.py --seeds {given.seeds} --samples {given.samples} --write`"
-    body = "\n\n".join([
-        f"{command}; {versions('skyscatter', 'numba', 'numpy')}.",
-        "### Differences of separate solutions, by their relative step", first, "### Walks", second,
-    ])  # fmt: skip
-    print(body)
-    if given.write:
-        replace_section(PAGE, "derivatives", body)
+    second = table(["scene", "beside", "parameter", "rms of z", "largest", "standard error", "stated / spread"], lines)
+    blocks = ["### Differences of separate solutions, by their relative step", first, "### Walks", second]
+    report("derivatives", where, versions("skyscatter", "numba", "numpy"), blocks, sys.argv, given.write, PAGE)
 
 
 if __name__ == "__main__":

@@ -21,10 +21,15 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def commands() -> dict[str, list[str]]:
-    """Command lines of the README that write something, by the script's name."""
+    """Command lines of the README that write something, by the script's name, numbered from its second one on."""
     text = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
-    lines = re.findall(r"^ {4}python (benchmarks/\w+\.py .*--write)$", text, re.M)
-    return {Path(line.split()[0]).stem: shlex.split(line) for line in lines}
+    found: dict[str, list[str]] = {}
+    for line in re.findall(r"^ {4}python (benchmarks/\w+\.py .*--write)$", text, re.M):
+        words = shlex.split(line)
+        name = Path(words[0]).stem
+        before = sum(other.partition("-")[0] == name for other in found)
+        found[f"{name}-{before + 1}" if before else name] = words
+    return found
 
 
 def chosen(known: dict[str, list[str]], only: str | None, after: str | None) -> list[str]:
