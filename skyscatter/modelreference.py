@@ -267,6 +267,6 @@ dimension is understood.
 **Files.** A file is CSV or netCDF and is looked for from the folder of the model file. The header of a CSV names the
 columns, each with its unit: `altitude [km],density [cm-3]`; lines that start with `#` are remarks. In netCDF the
 variables are the columns, with the attribute `units`. A column of lengths, angles or wavelengths that does not say its
-unit is refused. Profiles, size distributions, lobes and everything over wavelength (albedos, optical depths, refractive
-indices, spectra of lamps) can stand in files.
+unit is refused. Profiles, size distributions, phase functions, lobes and everything over wavelength (albedos, optical
+depths, refractive indices, spectra of lamps) can stand in files.
 """

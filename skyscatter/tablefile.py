@@ -137,13 +137,18 @@ class TableRecord(Record):
         return written
 
 
-def with_columns(data: Mapping[str, Any], columns: Mapping[str, Wanted]) -> dict[str, Any]:
-    """The content of a table with the columns of its file in place of the file's name."""
+def with_columns(
+    data: Mapping[str, Any], columns: Mapping[str, Wanted], fields: Iterable[str] | None = None
+) -> dict[str, Any]:
+    """The content of a table with the columns of its file in place of the file's name.
+
+    `fields`, which the file stands for, must not be given beside it; those of the columns if nothing is said.
+    """
     if data.get("file") is None:
         raise DomainError("column", data["column"], "names a column of a file; give file too")
-    given = [name for name in columns if data.get(name) is not None]
-    if given:
-        raise DomainError("file", data["file"], f"give either the file or {', '.join(columns)}, not both")
+    fields = tuple(columns if fields is None else fields)
+    if any(data.get(name) is not None for name in fields):
+        raise DomainError("file", data["file"], f"give either the file or {', '.join(fields)}, not both")
     if not isinstance(data["file"], (str, Path)):
         raise DomainError("file", data["file"], 'give the name of a CSV or netCDF file, such as "profile.csv"')
     last = list(columns)[-1]

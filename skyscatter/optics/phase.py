@@ -11,17 +11,23 @@ sampler; the named classes only say which parameters they mean.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, UnitsError
 from skyscatter.optics.base import Array, PhaseFunction
 from skyscatter.spectra.table import SpectralNumber, SpectralShare, bounds, evaluate
-from skyscatter.units import Numbers, Wavelengths, default
+from skyscatter.tablefile import TableRecord, Wanted, column_names, with_columns
+from skyscatter.units import ANGLE, RELATIVE_AMOUNT, WAVELENGTH, Numbers, Wavelengths, default
 
+#: Wavelength of a table that holds for all [nm].
+DESIGN_NM = 550.0
 #: Below this |g| the antiderivative of the Draine family loses digits, and quadrature is exact to rounding.
 _SMALL_G = 0.1
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(24)
@@ -273,8 +279,21 @@ class DoubleHenyeyGreenstein(PhaseFunction):
         return np.where(in_forward, forward.sample(stretched, wavelength_nm), backward.sample(stretched, wavelength_nm))
 
 
-class TabulatedPhase(PhaseFunction):
+def _wavelength_columns(file: Any) -> dict[str, float]:
+    """Columns of a file whose names are wavelengths with a unit, and these [nm], rising."""
+    found = {}
+    for name in column_names(file) if isinstance(file, (str, Path)) else ():
+        if name[0].isdigit() and name[-1].isalpha():
+            with suppress(UnitsError):
+                found[name] = WAVELENGTH.read(name, "file")
+    return dict(sorted(found.items(), key=lambda column: column[1]))
+
+
+class TabulatedPhase(TableRecord, PhaseFunction):
     """Phase function as a table, linear in the cosine and in wavelength (constant beyond the end wavelengths).
+
+    In a file there is a column of scattering angles from 0 to 180 degrees and one of values, for all wavelengths; or
+    several, whose headers are the wavelengths: ``angle [deg],450 nm,550 nm``.
 
     Parameters
     ----------
@@ -286,13 +305,38 @@ class TabulatedPhase(PhaseFunction):
         Proportional to the phase function; normalised on reading.
     polarisation : five such tables, optional
         Elements a2, a3, a4, b1, b2 of the scattering matrix on the scale of `values` (which are a1); see `matrix`.
+    file : str, optional
+        CSV or netCDF file with the columns instead; in a model file the path counts from its folder.
+    column : str, optional
+        Which column of the file has the values, where there are several and their headers are no wavelengths.
     """
+
+    columns: ClassVar[dict[str, Wanted]] = {
+        "cos_theta": Wanted(("angle", "angles", "theta"), ANGLE.within(0.0, 180.0), rising=True),
+        "wavelengths": Wanted((), WAVELENGTH),  # in the headers
+        "values": Wanted(("value", "p", "p11"), RELATIVE_AMOUNT),
+    }
 
     kind: Literal["phase-table"] = "phase-table"
     cos_theta: Numbers
     wavelengths: Wavelengths
     values: tuple[tuple[float, ...], ...]
     polarisation: tuple[tuple[tuple[float, ...], ...], ...] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or data.get("file", data.get("column")) is None:
+            return data
+        angle, value = cls.columns["cos_theta"], cls.columns["values"]
+        of_wavelengths = {} if "column" in data else _wavelength_columns(data.get("file"))
+        wanted = {name: Wanted((name,), value.measure) for name in of_wavelengths} or {"values": value}
+        read = with_columns(data, {"cos_theta": angle, **wanted}, cls.columns)
+        # Angles rise as their cosines fall.
+        cosines = tuple(np.cos(np.radians(read.pop("cos_theta")))[::-1].tolist())
+        rows = tuple(zip(*(read.pop(name)[::-1] for name in wanted), strict=True))
+        wavelengths = tuple(of_wavelengths.values()) or (DESIGN_NM,)
+        return {**read, "cos_theta": cosines, "wavelengths": wavelengths, "values": rows}
 
     @model_validator(mode="after")
     def _check(self) -> TabulatedPhase:

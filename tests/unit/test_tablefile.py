@@ -16,6 +16,7 @@ from skyscatter.errors import TableFileError
 from skyscatter.media.fields import Tabulated
 from skyscatter.model import parse_model
 from skyscatter.optics.mie import LogNormalMode, MieAerosol, SizeTable
+from skyscatter.optics.phase import HenyeyGreenstein, TabulatedPhase
 from skyscatter.surfaces.lamps import PointLamp
 from skyscatter.surfaces.lobes import TabulatedLobe
 from skyscatter.tablefile import Wanted, read_columns
@@ -161,3 +162,35 @@ def test_a_file_written_anew_is_read_anew(tmp_path: Path) -> None:
         os.utime(path, ns=(0, int(value) * 10**9))
         found = read_columns(path, {"z": Wanted((), LENGTH, rising=True), "v": Wanted((), NUMBER)})
         assert found == {"z": (0.0, 1e3), "v": (float(value),) * 2}
+
+
+@pytest.mark.parametrize(
+    ("header", "wavelengths"), [("theta [deg],p", (550.0,)), ("angle [deg],0.65um,450 nm", (450.0, 650.0))]
+)
+def test_a_measured_phase_function(tmp_path: Path, header: str, wavelengths: tuple[float, ...]) -> None:
+    """Henyey & Greenstein's, in any unit, written by angle; two wavelengths in the other order."""
+    angles = np.linspace(0.0, 180.0, 721)
+    columns = [7.0 * HenyeyGreenstein(g=g).value(np.cos(np.radians(angles)), 550.0)[:, 0] for g in (0.6, 0.3)]
+    rows = np.column_stack([angles, *columns[: len(wavelengths)]])
+    lines = [header, *(",".join(f"{number:.17g}" for number in row) for row in rows)]
+    (tmp_path / "p.csv").write_text("\n".join(lines), encoding="utf-8")
+    found = TabulatedPhase(file=str(tmp_path / "p.csv"))
+    assert found.wavelengths == wavelengths
+    for wavelength, g in zip(wavelengths, (0.3, 0.6)[-len(wavelengths) :], strict=True):
+        expected = HenyeyGreenstein(g=g).value(np.cos(np.radians(angles)), wavelength)
+        # Linear between angles of a quarter of a degree: 1e-4 in the integral that normalises.
+        np.testing.assert_allclose(found.value(np.cos(np.radians(angles)), wavelength), expected, rtol=2e-4)
+    with pytest.raises(ValueError, match="give either the file or cos_theta, wavelengths, values, not both"):
+        TabulatedPhase(file=str(tmp_path / "p.csv"), wavelengths=(550,))
+
+
+def test_columns_of_a_phase_function_are_chosen_by_name(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("angle [deg],mine,yours\n0,1,2\n90,1,1\n180,1,4\n", encoding="utf-8")
+    found = TabulatedPhase(file=str(tmp_path / "p.csv"), column="yours")
+    assert found.values == ((4.0,), (1.0,), (2.0,))
+    assert found.cos_theta[::2] == (-1.0, 1.0)
+    with pytest.raises(ValueError, match=r'column = "mine"'):
+        TabulatedPhase(file=str(tmp_path / "p.csv"))
+    (tmp_path / "p.csv").write_text("angle [deg],p\n0,1\n170,1\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="must rise from -1 to 1, ends included"):
+        TabulatedPhase(file=str(tmp_path / "p.csv"))
