@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import types
@@ -604,6 +605,16 @@ def test_the_package_runs_as_a_module():
     # In a process of its own: the program changes what signals do.
     done = subprocess.run([sys.executable, "-m", "skyscatter", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"skyscatter {skyscatter.__version__}\n"
+
+
+@pytest.mark.parametrize("home", [{}, {"HOME": "/nonexistent"}])
+@pytest.mark.parametrize("words", [["info"], ["models", "check", "earth"]])
+def test_no_home_is_needed(home, words, tmp_path):
+    lost = ("HOME", "NUMBA_CACHE_DIR", "SKYSCATTER_CACHE", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR")
+    environment = {name: value for name, value in os.environ.items() if name not in lost} | home
+    command = [sys.executable, "-m", "skyscatter", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_info_lists_versions_and_the_cache(capsys, monkeypatch):
