@@ -115,9 +115,8 @@ def _own_words(problem: Mapping[str, Any], path: str, error: Any) -> str:
     if not isinstance(error, (DomainError, UnitsError)):
         return f"{path}: {message}" if path else message
     parts, value = path.split("."), problem["input"]
-    if (
-        error.name in [part for part in parts if not part[:1].isdecimal()][-1:]
-    ):  # of the field itself, or of one of a list
+    named = [part for part in parts if not part[:1].isdecimal()]
+    if error.name in named[-1:]:  # of the field itself, or of one of a list
         return f"{path}{message.removeprefix(error.name)}"
     inside = isinstance(value, Mapping) and error.name in value
     return f"{path}{'.' if inside else ': '}{message}" if path else message
