@@ -33,7 +33,7 @@ def timed(function: Any, repeats: int) -> tuple[float, float]:
 
 def main() -> None:
     """Command line."""
-    parser = common.parser(__doc__)
+    parser = common.parser(__doc__, repeats=3)
     parser.add_argument("--cells", type=int, default=64)
     parser.add_argument("--pixels", type=int, default=256)
     given, where = parser.parse_args(), common.machine()

@@ -21,11 +21,12 @@ RESULTS = Path(__file__).with_name("RESULTS.md")
 WAVELENGTHS = np.linspace(380.0, 780.0, 32)  #: vacuum wavelengths of all benchmarks [nm]
 
 
-def parser(description: str | None) -> argparse.ArgumentParser:
-    """A parser with the options that every benchmark has."""
+def parser(description: str | None, repeats: int | None = None) -> argparse.ArgumentParser:
+    """A parser with the options that benchmarks share; `--repeats` for those that time something, with its default."""
     made = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("--write", action="store_true", help="write the result into its section of RESULTS.md")
-    made.add_argument("--repeats", type=int, default=3, help="repeats of each timing; the median counts")
+    if repeats is not None:
+        made.add_argument("--repeats", type=int, default=repeats, help="repeats of each timing; the median counts")
     return made
 
 

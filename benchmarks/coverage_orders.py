@@ -112,7 +112,7 @@ def compare(seed: int, tolerance: float, walks: int) -> tuple[np.ndarray, float]
     return row, seconds
 
 
-def row_of(rows: np.ndarray, first: int, scenes: int, tolerance: float, seconds: float) -> str:
+def table_of(rows: np.ndarray, first: int, scenes: int, tolerance: float, seconds: float) -> str:
     """The table of one study."""
     d, e, j = rows
     told = telling(e, j)
@@ -146,7 +146,7 @@ def main() -> None:
     except KeyboardInterrupt:
         print(f"interrupted after {len(rows)} scenes", file=sys.stderr)
     if rows:
-        found = row_of(np.concatenate(rows, axis=1), given.first, len(rows), given.tolerance, seconds)
+        found = table_of(np.concatenate(rows, axis=1), given.first, len(rows), given.tolerance, seconds)
         section = f"random-skies-{given.tolerance:g}"
         report(section, where, versions("skyscatter", "numba"), [found], sys.argv, given.write, PAGE)
 

@@ -221,7 +221,7 @@ def speed(repeats: int) -> str:
 
 
 def main() -> None:
-    made = parser(__doc__)
+    made = parser(__doc__, repeats=3)
     given = made.parse_args()
     folder = Path(os.environ.get("SKYSCATTER_REFERENCE", ROOT.parent / "shared" / "reference")) / "imagery" / "rice1"
     parts = [f"Machine: {machine()}; {versions('numpy', 'numba', 'scipy', 'colour-science')}."]

@@ -154,7 +154,7 @@ def picture(cases: list[Case], every: list[list[Runs]], size: int, path: Path) -
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--size", type=int, default=48, help="pixels along a side")
     options.add_argument("--sizes", default="5,20,50,500", help="effective radii of droplets [um]")
     options.add_argument("--concentrations", default="0.01,0.1", help="share of the volume [%%]")

@@ -270,8 +270,7 @@ def compare(mi: Any, dr: Any, name: str, given: Any) -> list[str]:
 
 
 def main() -> None:
-    options = parser(__doc__)
-    options.set_defaults(repeats=4)
+    options = parser(__doc__, repeats=4)
     options.add_argument("--quick", action="store_true", help="64x64 pixels, 64^3 voxels and few paths, for a trial")
     options.add_argument("--cases", default=",".join(CASES), help="by commas")
     options.add_argument("--size", type=int, default=256, help="pixels along a side")

@@ -116,8 +116,7 @@ def agreement(long: Timed, truth: Any, noise: Any, kept: Any, wavelengths: Any) 
 
 
 def main() -> None:
-    options = parser(__doc__)
-    options.set_defaults(repeats=4)
+    options = parser(__doc__, repeats=4)
     options.add_argument("--size", type=int, default=64, help="pixels along a side")
     options.add_argument("--wavelengths", type=int, default=32, help="from 400 to 700 nm")
     options.add_argument("--extinction", type=float, default=FogRoom.extinction, help="of the fog at 550 nm [m-1]")

@@ -136,7 +136,7 @@ def trace(mi: Any, dr: Any, scene: Any, around: Any, directions: Any, samples: i
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--size", default="16x8", help="pixels of the upper half of the sky that are compared")
     options.add_argument("--shells", type=int, default=16)
     options.add_argument("--samples", type=int, default=256, help="Mitsuba's paths per pixel and pass: 32, 64, ...")

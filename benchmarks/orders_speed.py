@@ -338,7 +338,7 @@ def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--parts", default=",".join(PARTS), help="by commas")
     options.add_argument("--size", default="512x256", help="the picture")
     options.add_argument("--samples", type=int, default=64, help="walks per ray for path, in twilight four times")

@@ -107,8 +107,7 @@ def measure(name: str, given: Any) -> list[str]:
 
 
 def main() -> None:
-    options = parser(__doc__)
-    options.set_defaults(repeats=1)
+    options = parser(__doc__, repeats=1)
     options.add_argument("--quick", action="store_true", help="20 000 particles, 64^3 voxels, 64x64 pixels")
     options.add_argument("--scenes", default=",".join(DENSITIES), help="by commas")
     options.add_argument("--particles", type=int, default=1_000_000)

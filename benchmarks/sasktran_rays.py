@@ -78,7 +78,7 @@ def our_scene(nodes: Any, sun_zenith: float) -> skyscatter.Scene:
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--samples", default="64,256,1024", help="walks per ray to time, by commas")
     options.add_argument("--reference", type=int, default=16384, help="walks per ray of the long run")
     options.add_argument(

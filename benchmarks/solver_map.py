@@ -122,7 +122,7 @@ def plot(results: dict[str, list[dict[str, Any]]], path: Path) -> None:
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--scenes", default=",".join(SCENES))
     options.add_argument("--depths", default="0.01,0.03,0.1,0.3,1,3,10,30")
     options.add_argument("--size", type=int, default=24, help="pixels along a side")

@@ -39,7 +39,7 @@ def install(folder: Path, keep_cache: bool) -> Path:
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--skip-install", action="store_true", help="use the running Python's environment")
     options.add_argument("--pip-cache", action="store_true", help="let pip use its cache")
     options.add_argument("--picture", default="sky", help="command of the picture, without -o")

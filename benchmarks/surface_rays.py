@@ -102,7 +102,7 @@ def measure(shapes: list[Any], count: int, repeats: int, tree_from: int | None =
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--rays", type=int, default=200_000)
     given = options.parse_args()
     where = machine()

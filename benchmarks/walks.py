@@ -29,7 +29,7 @@ def rays_of(scene: Any, picture: tuple[int, int]) -> Any:
 
 
 def main() -> None:
-    options = parser(__doc__)
+    options = parser(__doc__, repeats=3)
     options.add_argument("--size", default="512x256", help="the picture that the claim is about")
     options.add_argument("--measured-size", default="64x32", help="the picture that is measured")
     options.add_argument("--full", action="store_true", help="measure the whole picture instead of scaling up")

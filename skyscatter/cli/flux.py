@@ -92,7 +92,7 @@ def flux(
     request = Request(
         model=model,
         altitudes=parse.parse_values(altitude, "altitude", lambda word: metres(word, "altitude"), "0,1km,12km"),
-        elevations=None if place else _elevations(sun_elevation or DEFAULT_SUN_ELEVATION),
+        elevations=_elevations(sun_elevation) if place is None else None,
         place=None if place is None else parse.parse_place(place),
         time=time,
         wavelengths=parse.parse_wavelengths(wavelengths),
@@ -110,7 +110,8 @@ def flux(
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 
-def _elevations(text: str) -> NDArray[np.float64]:
+def _elevations(given: str | None) -> NDArray[np.float64]:
+    text = DEFAULT_SUN_ELEVATION if given is None else given
     elevations = parse.parse_values(text, "sun_elevation", float, "10:90:10 or 5,30,60")
     if not np.abs(elevations).max() <= 90.0:
         raise DomainError("sun_elevation", text, "give elevations between -90 and 90 degrees")
