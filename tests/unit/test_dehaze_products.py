@@ -216,6 +216,61 @@ def test_sentinel2_clouds_of_the_product(tmp_path, resolution):
         pass
 
 
+OUTLINES = """<eop:Mask xmlns:eop="http://www.opengis.net/eop/2.0" xmlns:gml="http://www.opengis.net/gml/3.2">
+ <eop:maskMembers>{features}</eop:maskMembers></eop:Mask>"""
+OUTLINE = """<eop:MaskFeature><eop:maskType codeSpace="urn:gs2:S2PDGS:maskType">{kind}</eop:maskType><eop:extentOf>
+ <gml:Polygon>{rings}</gml:Polygon></eop:extentOf></eop:MaskFeature>"""
+
+
+def outlined(kind, *rings):
+    """A feature with an outer ring and holes: lists of (column, row) on the grid of 60 m."""
+    sides = ["exterior"] + ["interior"] * (len(rings) - 1)
+    lists = (" ".join(f"{399960 + 60 * x} {5000040 - 60 * y}" for x, y in ring) for ring in rings)
+    texts = (
+        f'<gml:{side}><gml:LinearRing><gml:posList srsDimension="2">{points}</gml:posList></gml:LinearRing>'
+        f"</gml:{side}>"
+        for side, points in zip(sides, lists, strict=True)
+    )
+    return OUTLINE.format(kind=kind, rings="".join(texts))
+
+
+def box(x0, y0, x1, y1):
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
+
+
+@pytest.mark.parametrize("resolution", [10, 20, 60])
+def test_sentinel2_outlines_of_clouds(tmp_path, resolution):
+    """Before baseline 04.00: polygons, of which those of cirrus are left to the band that measures it."""
+    safe = made.write_safe(tmp_path, baseline="02.14", offset=None)
+    path = next(safe.glob("GRANULE/*")) / "QI_DATA" / "MSK_CLOUDS_B00.gml"
+    path.parent.mkdir()
+    clouds = outlined("OPAQUE", box(3, 5, 16, 17), box(6, 8, 9, 12)) + outlined("OPAQUE", box(25, 30, 29, 33))
+    path.write_text(OUTLINES.format(features=clouds + outlined("CIRRUS", box(20, 3, 30, 10))))
+    coarse = np.zeros((40, 40), bool)
+    coarse[5:17, 3:16] = coarse[30:33, 25:29] = True
+    coarse[8:12, 6:9] = False
+    with open_raster(safe, SourceOptions(resolution=float(resolution), bands=("B02", "B04"))) as source:
+        assert any("MSK_CLOUDS" in note for note in source.notes)
+        whole = source.read_with_flags(0, source.height, 0, source.width)[1]
+        part = source.read_with_flags(7, source.height - 1, 5, source.width - 2)[1]
+    n = 60 // resolution
+    expected = coarse.repeat(n, 0).repeat(n, 1) & ((whole & Flag.NODATA) == 0)
+    assert np.array_equal((whole & Flag.CLOUD) != 0, expected)
+    assert np.array_equal(part, whole[7:-1, 5:-2])
+
+
+def test_sentinel2_outlines_none_and_damaged(tmp_path):
+    safe = made.write_safe(tmp_path, baseline="02.14", offset=None)
+    path = next(safe.glob("GRANULE/*")) / "QI_DATA" / "MSK_CLOUDS_B00.gml"
+    path.parent.mkdir()
+    path.write_text(OUTLINES.format(features=""))
+    with open_raster(safe, SourceOptions(resolution=60.0, bands=("B02",))) as source:
+        assert not (source.read_with_flags(0, source.height, 0, source.width)[1] & Flag.CLOUD).any()
+    path.write_text(OUTLINES.format(features=outlined("OPAQUE", box(3, 5, 16, 17)[:3])))
+    with pytest.raises(MissingDataError, match=r"MSK_CLOUDS.*closed ring"), open_raster(safe):
+        pass
+
+
 def test_landsat_angles_cross_the_zenith_smoothly(landsat):
     angles = made.landsat_angles()
     with open_raster(landsat) as source:

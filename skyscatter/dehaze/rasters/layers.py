@@ -19,13 +19,10 @@ from skyscatter.errors import DomainError, MissingDataError
 NODATA_NUMBER = 0
 
 
-@dataclass(frozen=True)
-class BandFile:
-    """File of one band: pixels `coarser` times as wide as those of the grid, or `finer` times as many."""
+class _OnGrid:
+    """Numbers on pixels `coarser` times as wide as those of the grid."""
 
-    pool: DatasetPool
-    coarser: int = 1
-    finer: int = 1
+    coarser: int
 
     def native(self, row0: int, row1: int, col0: int, col1: int) -> tuple[int, int, int, int]:
         """The coarser pixels in which a window of the grid lies."""
@@ -40,19 +37,52 @@ class BandFile:
 
 
 @dataclass(frozen=True)
-class Quality:
-    """What the product itself says of its pixels: a file, and what numbers of its first layer mean."""
+class BandFile(_OnGrid):
+    """File of one band, of coarser pixels than the grid, or of `finer` times as many."""
 
-    file: BandFile
+    pool: DatasetPool
+    coarser: int = 1
+    finer: int = 1
+
+    def numbers(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
+        """Numbers of the file's first layer in a window of its own pixels."""
+        with self.pool.reading() as dataset:
+            found: NDArray[Any] = dataset.read(1, window=((row0, row1), (col0, col1)))
+        return found
+
+    def close(self) -> None:
+        """Close the file."""
+        self.pool.close()
+
+
+@dataclass(frozen=True)
+class Drawn(_OnGrid):
+    """Numbers that were drawn rather than read, shape (row, column)."""
+
+    pixels: NDArray[Any]
+    coarser: int = 1
+
+    def numbers(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
+        """Those of a window of its own pixels."""
+        return self.pixels[row0:row1, col0:col1]
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What the product itself says of its pixels: numbers on a grid, and what they mean."""
+
+    layer: BandFile | Drawn
     meaning: Callable[[NDArray[Any]], dict[Flag, NDArray[np.bool_]]]
 
     def mark(self, flags: NDArray[np.uint8], row0: int, row1: int, col0: int, col1: int) -> None:
         """Set its flags in those of a window, in place, where there are data."""
-        first_row, last_row, first_col, last_col = self.file.native(row0, row1, col0, col1)
-        with self.file.pool.reading() as dataset:
-            numbers = dataset.read(1, window=((first_row, last_row), (first_col, last_col)))
+        window = row0, row1, col0, col1
+        numbers = self.layer.repeated(self.layer.numbers(*self.layer.native(*window)), *window)
         there = (flags & np.uint8(NODATA)) == 0
-        for flag, where in self.meaning(self.file.repeated(numbers, row0, row1, col0, col1)).items():
+        for flag, where in self.meaning(numbers).items():
             mark(flags, where & there, flag)
 
 
@@ -104,7 +134,7 @@ class LayeredSource(RasterSource):
         for file in self.files:
             file.pool.close()
         if self.quality is not None:
-            self.quality.file.pool.close()
+            self.quality.layer.close()
 
     def _finish(self, values: NDArray[np.float32], rows: NDArray[Any], cols: NDArray[Any]) -> None:
         """What is left to do with values at these pixel coordinates, in place; nothing here."""
@@ -156,7 +186,8 @@ class LayeredSource(RasterSource):
     def _heed(self, quality: Quality, note: str) -> None:
         """Take the product's word on its pixels, and say so."""
         self.quality = quality
-        self._check_size("the mask", quality.file)
+        if isinstance(quality.layer, BandFile):
+            self._check_size("the mask", quality.layer)
         self.notes = (*self.notes, note)
 
 

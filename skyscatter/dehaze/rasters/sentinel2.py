@@ -21,8 +21,9 @@ from skyscatter.dehaze.options import SourceOptions
 from skyscatter.dehaze.rasters.angles import s2_geometry
 from skyscatter.dehaze.rasters.base import RasterBand, RasterProfile, finite_number
 from skyscatter.dehaze.rasters.containers import Container
+from skyscatter.dehaze.rasters.gml import Polygon, outlines
 from skyscatter.dehaze.rasters.handles import DatasetPool
-from skyscatter.dehaze.rasters.layers import BandFile, LayeredSource, Quality, refuse_calibration
+from skyscatter.dehaze.rasters.layers import BandFile, Drawn, LayeredSource, Quality, refuse_calibration
 from skyscatter.dehaze.rasters.names import SENTINEL2_ROLES, choose_bands
 from skyscatter.dehaze.rasters.xmltools import Metadata
 from skyscatter.errors import DomainError, MissingDataError
@@ -49,8 +50,9 @@ class Sentinel2Source(LayeredSource):
     """A Level-1C product of one granule.
 
     All 13 bands, or those asked for, on the grid of 10 m, or of 20 or 60 m.  The geometry is that of the angle grids
-    in the metadata, views averaged over detectors and bands.  Opaque clouds are those of the product's mask
-    MSK_CLASSI_B00, which is a raster of 60 m since processing baseline 04.00, besides those found here.
+    in the metadata, views averaged over detectors and bands.  Opaque clouds are those of the product's mask besides
+    those found here: MSK_CLASSI_B00, a raster of 60 m since processing baseline 04.00, or the outlines of
+    MSK_CLOUDS_B00 before.  Products of this level hold no mask of cloud shadows.
 
     Parameters
     ----------
@@ -94,11 +96,9 @@ class Sentinel2Source(LayeredSource):
         self.files = _open(box, granule.name, codes, resolution)
         try:
             self._check_files(codes)
-            found = box.find("MSK_CLASSI_B00.jp2", below=f"{PurePosixPath(granule.name).parent}/QI_DATA/")
-            if found:
-                pool = DatasetPool(box.raster(found[0]), box.show(found[0]))
-                quality = Quality(BandFile(pool, coarser=GRIDS[-1] // resolution), _opaque_clouds)
-                self._heed(quality, "clouds are those of MSK_CLASSI besides our own")
+            clouds = _clouds(box, granule, resolution)
+            if clouds is not None:
+                self._heed(*clouds)
             places = [place for place, _ in chosen]
             self.geometry = options.geometry() or s2_geometry(granule, places, resolution)
         except BaseException:
@@ -111,9 +111,36 @@ class Sentinel2Source(LayeredSource):
         self.profile = _profile(product, self.bands, tile, resolution)
 
 
+def _clouds(box: Container, granule: Metadata, resolution: int) -> tuple[Quality, str] | None:
+    """The product's mask of clouds and a note on it; None if it has none."""
+    below, coarser = f"{PurePosixPath(granule.name).parent}/QI_DATA/", GRIDS[-1] // resolution
+    found = box.find("MSK_CLASSI_B00.jp2", below=below)
+    if found:
+        pool = DatasetPool(box.raster(found[0]), box.show(found[0]))
+        return Quality(BandFile(pool, coarser), _opaque_clouds), "clouds are those of MSK_CLASSI besides our own"
+    found = box.find("MSK_CLOUDS_B00.gml", below=below)
+    if found:
+        drawn = _drawn(outlines(Metadata(box, found[0]), "OPAQUE"), _tile(granule, GRIDS[-1]))
+        return Quality(Drawn(drawn, coarser), _opaque_clouds), "clouds are those of MSK_CLOUDS besides our own"
+    return None
+
+
 def _opaque_clouds(numbers: NDArray[Any]) -> dict[Flag, NDArray[np.bool_]]:
     """What the first layer of MSK_CLASSI means.  The second, cirrus, is left to the band at 1.38 um: it measures it."""
     return {Flag.CLOUD: numbers != 0}
+
+
+def _drawn(polygons: list[Polygon], tile: Tile) -> NDArray[np.uint8]:
+    """1 where the centre of a pixel lies within a polygon, else 0."""
+    from affine import Affine
+    from rasterio.features import rasterize
+
+    pixels = np.zeros((tile.height, tile.width), np.uint8)
+    if polygons:
+        size = float(GRIDS[-1])
+        transform = Affine(size, 0.0, tile.left, 0.0, -size, tile.top)
+        rasterize(({"type": "Polygon", "coordinates": p} for p in polygons), out=pixels, transform=transform)
+    return pixels
 
 
 def is_sentinel2(box: Container) -> bool:
