@@ -116,6 +116,11 @@ def summary(source: RasterSource, veil: Veil, places: list[int], options: Dehaze
     if len(places) < len(source.bands):
         kept = [band.name for k, band in enumerate(source.bands) if k not in places]
         notes.append(f"{', '.join(kept)} passed on as they are: a picture is red, green and blue")
+    if veil.pale:
+        notes.append(
+            "nothing dark is left in some band: the ground is pale or of one colour, or a veil, or its colour, is left;"
+            " all is flagged as uncertain and sigma tells how much"
+        )
     return {**veil.diagnostics(), "kind": "relative", "strength": options.strength, "remarks": notes}
 
 

@@ -26,7 +26,10 @@ def known_veil(
     """A veil that was not fitted."""
     field = np.broadcast_to(np.asarray(depth, float), (-(-shape[0] // cell), -(-shape[1] // cell))).copy()
     a = np.full(3, airlight)
-    return Veil(field, 0 * field + 0.1, np.ones(3), a, 0.1 * a, 0.0, 0.5, 1.0, 0.0, cell, PictureOptions(**options))
+    black = np.zeros(3)
+    return Veil(
+        field, 0 * field + 0.1, np.ones(3), a, 0.1 * a, 0.0, 0.5, 1.0, 0.0, black, cell, PictureOptions(**options)
+    )
 
 
 def test_strength_zero_returns_the_picture(hazy_city):
@@ -146,6 +149,58 @@ def test_no_veil_does_harm(veil):
         hazy = pictures.veiled(clear, veil)
         out, _ = fit_picture(hazy).apply(hazy)
         assert pictures.psnr(out, clear) > pictures.psnr(hazy, clear) + 0.3
+
+
+#: Airlights of red, green and blue that no layer has which scatters sunlight without absorbing.
+COLOURED = {
+    "light blue": (0.55, 0.62, 0.72),
+    "deep blue": (0.35, 0.50, 0.80),
+    "yellow": (0.70, 0.60, 0.38),
+    "brown": (0.66, 0.58, 0.45),
+}
+
+
+def test_colour_that_a_veil_leaves_is_told():
+    """A cast is flagged, or of the picture's small change; sigma holds what grey veils leave, and of this a part.
+
+    The bar of 10 levels of a* and b* is what is left of a brown veil of depth 0.35 where cities and seas have dark ends
+    enough to look clear; thicker ones are all flagged.
+    """
+    inside = {"grey": [], "coloured": []}
+    for scene in pictures.SCENES.values():
+        clear = pictures.shown(scene(128))
+        for name, airlight in {"grey": (0.62,) * 3, **COLOURED}.items():
+            for depth in (0.35, 1.0):
+                t = np.exp(-depth)
+                hazy = np.round((clear * t + np.array(airlight)[:, None, None] * (1.0 - t)) * 255) / 255
+                veil = fit_picture(hazy)
+                out, flags = veil.apply(hazy)
+                inside["grey" if name == "grey" else "coloured"].append(
+                    (np.abs(out - clear) <= veil.uncertainty(hazy)).mean()
+                )
+                if name != "grey":
+                    told = veil.pale and bool(((flags & Flag.UNCERTAIN) != 0).all())
+                    assert told or (depth == 0.35 and cast(out, clear) < 10.0), (name, depth)
+    assert np.mean(inside["grey"]) > 0.9
+    assert np.mean(inside["coloured"]) > 0.6
+
+
+def cast(picture, truth):
+    """Mean difference in a* and b*."""
+    import colour
+
+    def lab(x):
+        shown = np.clip(x[:, ::3, ::3].astype(float), 0.0, 1.0)
+        return colour.XYZ_to_Lab(colour.sRGB_to_XYZ(np.moveaxis(shown, 0, -1)))
+
+    return np.hypot(*(lab(picture) - lab(truth))[..., 1:].reshape(-1, 2).mean(axis=0))
+
+
+@pytest.mark.parametrize("scene", list(pictures.SCENES))
+def test_clear_pictures_with_something_dark_are_not_doubted(scene):
+    veil = fit_picture(pictures.shown(pictures.SCENES[scene]()))
+    assert not veil.pale
+    assert veil.diagnostics()["dark_end"] == pytest.approx(list(veil.floor), abs=1e-4)
 
 
 def test_the_map_follows_a_front():

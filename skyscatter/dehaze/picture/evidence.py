@@ -99,6 +99,7 @@ class Features:
 
 EVERYWHERE = (slice(None), slice(None))
 BLOCKS = 5
+ENDS = 0.02  #: Share of the cells beyond the dark end, and beyond the bright one.
 
 
 def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE, least: float = 0.25) -> Features | None:
@@ -111,11 +112,18 @@ def features(lattice: Lattice, where: tuple[slice, slice] = EVERYWHERE, least: f
     mean = lattice.mean[:, *where][:, some].astype(np.float64)
     centre = mean @ weight
     variance = (lattice.variance[:, *where][:, some] + (mean - centre[:, None]) ** 2) @ weight
-    dark = np.quantile(lattice.low[:, *where][:, some].astype(np.float64), 0.02, axis=1)
-    bright = np.quantile(lattice.high[:, *where][:, some].astype(np.float64), 0.98, axis=1)
+    dark = np.quantile(lattice.low[:, *where][:, some].astype(np.float64), ENDS, axis=1)
+    bright = np.quantile(lattice.high[:, *where][:, some].astype(np.float64), 1.0 - ENDS, axis=1)
     tops, bottoms = lattice.brightest[where][some] @ weight, lattice.darkest[where][some] @ weight
     floors = _floors(lattice) if where == EVERYWHERE else None
     return Features(dark, bright, centre, np.sqrt(variance) + 1e-4, float(tops), float(bottoms), floors)
+
+
+def dark_end(lattice: Lattice, airlight: Floats, gain: Floats) -> Floats:
+    """Dark ends of the bands beneath a veil of these airlights and gains 1 / t (band, row, column), (bands,)."""
+    beneath = airlight + (lattice.low - airlight) * gain
+    found: Floats = np.quantile(beneath[:, lattice.number > 0], ENDS, axis=1)
+    return found
 
 
 def _floors(lattice: Lattice) -> Floats | None:
@@ -129,7 +137,7 @@ def _floors(lattice: Lattice) -> Floats | None:
             ]
             some = lattice.number[block] > 0
             if some.sum() >= 4:
-                found.append(np.quantile(lattice.low[:, *block][:, some], 0.02, axis=1))
+                found.append(np.quantile(lattice.low[:, *block][:, some], ENDS, axis=1))
     return np.array(found, dtype=np.float64).T if len(found) >= 8 else None
 
 

@@ -13,11 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.dehaze.flags import Flag, mark
-from skyscatter.dehaze.picture.evidence import DEPTHS, Candidates, Weights, candidates, features, weigh
+from skyscatter.dehaze.picture.evidence import (
+    DARK_END,
+    DEPTHS,
+    Candidates,
+    Weights,
+    candidates,
+    dark_end,
+    features,
+    weigh,
+)
 from skyscatter.dehaze.picture.lattice import Lattice, new_lattice, saturation_of
 from skyscatter.dehaze.picture.options import PictureOptions
 from skyscatter.dehaze.picture.relative import relative_depths
-from skyscatter.dehaze.picture.transfer import decode, encode_slope, tables
+from skyscatter.dehaze.picture.transfer import decode, encode, encode_slope, tables
 from skyscatter.dehaze.picture.veilmap import depth_moments, find_regions, heterogeneity, smooth, spread_map
 from skyscatter.errors import DomainError
 
@@ -27,6 +36,8 @@ KNEE = 0.9
 """Light from which on the bright end is compressed where the gain would carry it beyond 1."""
 UNCERTAIN_DEPTH = 0.4
 """Standard deviation of the depth from which on a pixel is flagged; that of the prior is 0.52."""
+PALE = DARK_END[0] + 2.0 * DARK_END[1]
+"""Dark end of a band, without the veil, from which on the picture is flagged: pale ground, or a veil that was left."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,9 @@ class Veil:
         That there is a veil, on the picture or on the part of it that looks veiled.
     misfit : float
         Root mean square over the bands of ln(A / mean A): colour of the veil that no α explains.
+    floor : (bands,) float
+        Dark ends of the picture without the veil, 0 to 1 of the picture's scale.  What of them lies above those of
+        most pictures is ground without anything dark, or what was left of the veil in that band.
     cell : int
         Edge of a cell, pixels.
     options : PictureOptions
@@ -62,8 +76,29 @@ class Veil:
     alpha_sigma: float
     probability: float
     misfit: float
+    floor: Floats
     cell: int
     options: PictureOptions
+
+    @property
+    def pale(self) -> bool:
+        """Whether nothing is dark in red or in blue, so that a veil, or its colour, may have been left on the picture.
+
+        Green leaves are not dark in green.
+        """
+        return bool(encode(self.floor[[0, -1]], self.options.transfer).max() > PALE)
+
+    def _left(self, clear: Floats) -> Floats:
+        """What a veil that was left would have added to the light (band, h, w), should the ground not be pale.
+
+        To the dark ends what they lie above where they mostly lie, and to all else less the nearer it is to the
+        airlight.
+        """
+        usual = decode(np.array(DARK_END[0]), self.options.transfer)
+        lifted, room = np.maximum(self.floor - usual, 0.0), np.maximum(self.airlight - self.floor, 0.1)
+        share = np.minimum(np.abs(clear - self.airlight[:, None, None]) / room[:, None, None], 1.0)
+        left: Floats = lifted[:, None, None] * share
+        return left
 
     def gains(self, strength: float = 1.0) -> NDArray[np.float32]:
         """Gain 1 / t of the bands at the centres of the cells, (bands, rows, columns)."""
@@ -115,7 +150,7 @@ class Veil:
             # Decoding and encoding again would cost a rounding.
             out = window.copy()
             flags &= np.uint8(255 - Flag.CLIPPED)
-        doubtful = self._at(self.depth_sigma > UNCERTAIN_DEPTH, row0, col0, flags.shape)
+        doubtful = self._at((self.depth_sigma > UNCERTAIN_DEPTH) | self.pale, row0, col0, flags.shape)
         mark(flags, doubtful & (flags & np.uint8(Flag.NODATA) == 0), Flag.UNCERTAIN)
         return out, flags
 
@@ -134,7 +169,8 @@ class Veil:
     def uncertainty(self, window: NDArray[np.floating], row0: int = 0, col0: int = 0) -> NDArray[np.float32]:
         """Standard deviation of what `apply` returns at full strength, (bands, h, w).
 
-        From those of the veil's depth and of its airlight, and the rounding of the picture to its levels.
+        From those of the veil's depth and of its airlight, what may have been left of it where nothing is dark, and
+        the rounding of the picture to its levels.
         """
         window = np.asarray(window, dtype=np.float64)
         transfer, pixels = self.options.transfer, window.shape[1:]
@@ -144,6 +180,7 @@ class Veil:
         clear = a + (light - a) * gain
         rounding = 1.0 / (np.sqrt(12.0) * (self.options.levels - 1)) / encode_slope(light, transfer)
         variance = ((clear - a) * self.ratio[:, None, None] * self._at(self.depth_sigma, row0, col0, pixels)) ** 2
+        variance += self._left(clear) ** 2
         variance += ((gain - 1.0) * self.airlight_sigma[:, None, None]) ** 2 + (gain * rounding) ** 2
         return (np.sqrt(variance) * encode_slope(np.clip(clear, 0.0, 1.0), transfer)).astype(np.float32)
 
@@ -161,6 +198,7 @@ class Veil:
             "airlight": [round(float(a), 4) for a in self.airlight],
             "airlight_sigma": [round(float(a), 4) for a in self.airlight_sigma],
             "colour_misfit": round(self.misfit, 4),
+            "dark_end": [round(float(v), 4) for v in encode(self.floor, self.options.transfer)],
             "depth_mean": round(float(self.depth.mean()), 4),
             "depth_range": [round(float(self.depth.min()), 4), round(float(self.depth.max()), 4)],
             "depth_sigma": round(float(self.depth_sigma.mean()), 4),
@@ -195,8 +233,10 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
     found = features(lattice)
     bands = len(options.wavelengths)
     if found is None:
-        none, full = np.zeros(lattice.shape), np.full(bands, 0.5)
-        return Veil(none, none + 0.52, np.ones(bands), full, 0.15 * full, 0.0, 1.2, 0.0, 0.0, lattice.cell, options)
+        none, full, black = np.zeros(lattice.shape), np.full(bands, 0.5), np.zeros(bands)
+        return Veil(
+            none, none + 0.52, np.ones(bands), full, 0.15 * full, 0.0, 1.2, 0.0, 0.0, black, lattice.cell, options
+        )
     veils = candidates(options)
     whole = weigh(found, veils, options.transfer)
     colours, chance = _colours(whole, veils), 1.0 - whole.clear
@@ -212,8 +252,9 @@ def fit_veil(lattice: Lattice, options: PictureOptions) -> Veil:
             depth, sigma = _depths(lattice, whole, colours, options)
     ratio, airlight, airlight_sigma, alpha, alpha_sigma = colours
     misfit = float(np.sqrt(np.mean(np.log(airlight / airlight.mean()) ** 2)))
+    floor = dark_end(lattice, airlight[:, None, None], np.exp(ratio[:, None, None] * depth))
     return Veil(
-        depth, sigma, ratio, airlight, airlight_sigma, alpha, alpha_sigma, chance, misfit, lattice.cell, options
+        depth, sigma, ratio, airlight, airlight_sigma, alpha, alpha_sigma, chance, misfit, floor, lattice.cell, options
     )
 
 
@@ -228,7 +269,8 @@ def _depths(lattice: Lattice, whole: Weights, colours: Colours, options: Picture
         return np.full(lattice.shape, level), np.full(lattice.shape, sigma)
     field = spread_map(smooth(values, errors), regions, lattice.shape)
     error = spread_map(np.minimum(errors, 1.0), regions, lattice.shape)
-    return np.maximum((1.0 - share) * level + share * field, 0.0), (1.0 - share) * sigma + share * error
+    # Regions tell by how much they differ; whether what they have in common is a veil, only the whole picture does.
+    return np.maximum((1.0 - share) * level + share * field, 0.0), np.hypot(share * error, sigma)
 
 
 class Colours(NamedTuple):
