@@ -18,6 +18,8 @@ from typing import Any
 
 from numba import njit
 
+from skyscatter.solvers.kernels.pipeline import OnceOptimised
+
 #: The package whose sources count, and the folder that holds it.
 PACKAGE = "skyscatter"
 ROOT = Path(__file__).parents[3]
@@ -87,7 +89,7 @@ def source_stamp(file: Path, root: Path = ROOT) -> str:
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    compiled = njit(nogil=True, error_model="numpy", **options)(function)
+    compiled = njit(nogil=True, error_model="numpy", pipeline_class=OnceOptimised, **options)(function)
     try:
         compiled.enable_caching()
     except RuntimeError:  # no folder that numba knows of may be written to

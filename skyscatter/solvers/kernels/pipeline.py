@@ -1,0 +1,85 @@
+"""What LLVM does for a kernel, once: as a part of the entries that it is called from.
+
+Numba optimises every function together with all that it calls, and turns that into machine code, at each step from the
+innermost loop up to what Python calls.  Of all that work only the last step's is ever run: what lies beneath an entry
+is in its module as well, where it is inlined and optimised again.  So kernels that Python cannot call are kept as they
+were lowered, and an entry is optimised once instead of twice (Numba's first pass serves reference counts, of which
+there are none).  Half of the time of compiling goes, the machine code of the entries keeps its bits.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.typed_passes import AnnotateTypes
+
+#: How the names of the globals begin that Numba looks up by address in a library.
+ENVIRONMENT = "_ZN08NumbaEnv"
+
+
+class _Entry(JITCodeLibrary):
+    """Of a function that Python calls, which counts no references."""
+
+    def _optimize_final_module(self) -> None:
+        made = self._codegen._module_pass_manager()
+        manager, *builder = made if isinstance(made, tuple) else (made,)
+        manager.run(self._final_module, *builder)
+
+
+class _Part(JITCodeLibrary):
+    """Of a function that only compiled functions call: code to be linked, and none to be run."""
+
+    _final_module: Any
+
+    def _optimize_final_module(self) -> None:
+        """Left to the entries."""
+
+    def _finalize_final_module(self) -> None:
+        whole = self._final_module
+        self._finalized = True  # as far as being linked goes
+        self._get_module_for_linking()
+        self._finalized = False
+        self._final_module = _globals_only(whole)
+        super()._finalize_final_module()
+
+
+def _globals_only(whole: Any) -> Any:
+    """A module that defines what Numba sets by address in another, and nothing else."""
+    lines = [f'target triple = "{whole.triple}"', f'target datalayout = "{whole.data_layout}"']
+    names = (variable.name for variable in whole.global_variables)
+    lines += [f'@"{name}" = common global i64 0' for name in names if name.startswith(ENVIRONMENT)]
+    module = llvm.parse_assembly("\n".join(lines))
+    module.name = whole.name
+    return module
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _ChooseLibrary(LoweringPass):
+    """Makes the library that the next passes would otherwise make for themselves."""
+
+    _name = "choose_library"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        if not state.flags.nrt:
+            kind = _Part if state.flags.no_cpython_wrapper else _Entry
+            state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.library.enable_object_caching()
+        return False
+
+
+class OnceOptimised(CompilerBase):
+    """How all kernels are compiled."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Numba's passes, and before the last of them the choice of a library."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_ChooseLibrary, AnnotateTypes)
+        passes.finalize()
+        return [passes]
