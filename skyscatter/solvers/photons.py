@@ -203,7 +203,8 @@ def scout_radius(context: Context, rays: Rays, options: Options) -> float:
     some = np.unique(np.linspace(0, len(rays.origins) - 1, SCOUTS).astype(int))
     part = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some].copy())
     table = context.table
-    room = _Room.for_rays(table, len(part.origins))
+    # Of the kind that the passes have: another would be compiled apart.
+    room = _Room.for_rays(table, len(part.origins), context.matrix, part.directions)
     room.look(context, part, 0, 0, options, 0.0, 0.0, np.zeros((0, 1, 1)))
     media, floor = room.in_use
     place = np.concatenate([media.place, floor.place])

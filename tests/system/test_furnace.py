@@ -56,7 +56,11 @@ def test_white_furnace_by_plain_walks(optical_depth: float, phase: Any, altitude
     assert_white(furnace(optical_depth, phase), altitude, 1e-3, samples=2**18, sampling="free-flight")
 
 
-@ALTITUDES
+@pytest.mark.parametrize(
+    "altitude",
+    [pytest.param(0.0, marks=pytest.mark.slow), 5e3, pytest.param(4e5, marks=pytest.mark.slow)],
+    ids=["ground", "inside", "space"],
+)
 @pytest.mark.parametrize(
     "phase", [RAYLEIGH, pytest.param(FORWARD, marks=pytest.mark.slow)], ids=["rayleigh", "forward"]
 )

@@ -168,7 +168,7 @@ def compare_with_cds(
     return answer.stokes[..., 0, :3], expected, answer.stokes_error[..., 0, :3]
 
 
-@pytest.mark.parametrize("upwards", [True, False])
+@pytest.mark.parametrize("upwards", [pytest.param(True, marks=pytest.mark.slow), False])
 @pytest.mark.parametrize(
     ("tau", "albedo", "sun"),
     [("0.25", 1, 1), *(pytest.param(*p, marks=pytest.mark.slow) for p in (("1", 0, 3), ("1", 2, 1)))],

@@ -607,8 +607,10 @@ def test_the_package_runs_as_a_module():
     assert done.stdout == f"skyscatter {skyscatter.__version__}\n"
 
 
-@pytest.mark.parametrize("home", [{}, {"HOME": "/nonexistent"}])
-@pytest.mark.parametrize("words", [["info"], ["models", "check", "earth"]])
+@pytest.mark.parametrize(
+    ("words", "home"),
+    [(["info"], {}), (["info"], {"HOME": "/nonexistent"}), (["models", "check", "earth"], {"HOME": "/nonexistent"})],
+)
 def test_no_home_is_needed(home, words, tmp_path):
     lost = ("HOME", "NUMBA_CACHE_DIR", "SKYSCATTER_CACHE", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR")
     environment = {name: value for name, value in os.environ.items() if name not in lost} | home
