@@ -227,7 +227,10 @@ def test_labelled_arrays_keep_their_labels(quick):
     np.testing.assert_array_equal(turned.reflectance.transpose(*array.dims).values, plain.reflectance)
 
 
-@pytest.mark.parametrize(("aod", "chunks"), [("auto", {"y": 40, "x": 50}), (0.25, {"band": 1, "y": 33})])
+@pytest.mark.parametrize(
+    ("aod", "chunks"),
+    [pytest.param("auto", {"y": 40, "x": 50}, marks=pytest.mark.slow), (0.25, {"band": 1, "y": 33})],
+)
 def test_lazy_arrays_give_the_same_and_stay_lazy(quick, chunks, aod):
     pytest.importorskip("dask")
     array = labelled(hazy(80, 90))

@@ -139,7 +139,7 @@ def test_air_alone(rows: list[Row], flat: bool) -> None:
     check([r for r in rows if r.aerosol == "none" and r.spectral in ("443nm", "865nm")], flat)
 
 
-@pytest.mark.parametrize("flat", [True, False], ids=["flat", "round"])
+@pytest.mark.parametrize("flat", [pytest.param(True, marks=pytest.mark.slow), False], ids=["flat", "round"])
 def test_a_continental_haze(rows: list[Row], flat: bool) -> None:
     mine = [r for r in rows if r.aerosol == "continental" and r.aod == 0.3 and r.spectral in ("490nm", "865nm")]
     assert len(mine) >= 4

@@ -34,8 +34,11 @@ def test_every_example_is_tested_and_listed() -> None:
     assert [name for name in sorted(scripts) if f"`{name}`" not in text] == []
 
 
-#: A quarter of a minute and more each; what they show is tested elsewhere.
-LONG = {"clear_ground.py", "neutral_points.py", "twilight_ozone.py", "twilight_sequence.py"}
+#: Several seconds to a quarter of a minute and more each; what they show is tested elsewhere.
+LONG = {
+    "air_mass.py", "clear_ground.py", "neutral_points.py", "twilight_ozone.py", "twilight_sequence.py",
+    "zenith_and_horizon.py",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in sorted(WRITES)])

@@ -13,7 +13,12 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
 names = pytest.mark.parametrize("source", SOURCES, ids=[path.stem for path in SOURCES])
 #: Deep white skies take a minute even at the reduced size, twilight and dehazing a quarter of one.
-LONG = {"02_sunset_and_twilight", "07_what_single_scattering_loses", "08_dehazing_step_by_step"}
+LONG = {
+    "02_sunset_and_twilight",
+    "03_aerosol_from_the_sky",
+    "07_what_single_scattering_loses",
+    "08_dehazing_step_by_step",
+}
 runs = pytest.mark.parametrize(
     "source",
     [pytest.param(p, id=p.stem, marks=[pytest.mark.slow] * (p.stem in LONG)) for p in SOURCES],

@@ -211,7 +211,10 @@ def greek(reference: Path) -> GreekPhase:
 
 
 @pytest.mark.parametrize("samples", [4096, pytest.param(2**16, marks=SLOW)])
-@pytest.mark.parametrize(("azimuth", "tables"), [(0, ("table2_I", "table3_Q")), (180, ("table8_I", "table9_Q"))])
+@pytest.mark.parametrize(
+    ("azimuth", "tables"),
+    [(0, ("table2_I", "table3_Q")), pytest.param(180, ("table8_I", "table9_Q"), marks=SLOW)],
+)
 def test_siewert_problem_2a(azimuth: int, tables: tuple[str, str], samples: int, reference: Path) -> None:
     """Spheroids, for which a2 differs from a1 and a4 from a3, in an absorbing slab of thickness 1."""
     folder = reference / "siewert2000_problem_IIA"

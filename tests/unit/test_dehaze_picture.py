@@ -173,7 +173,7 @@ def test_colour_that_a_veil_leaves_is_told(scenes, colours, depths):
     """A cast above 10 in a* b* is flagged, and sigma holds what veils leave.
 
     10 is just above what is left of a thin brown veil (depth 0.35) where cities and seas have dark ends enough to look
-    clear; thicker veils are all flagged.  Shares of values within sigma: 0.98 and 0.70 of all, 0.99 and 0.68 of some.
+    clear; thicker veils are all flagged.  Shares of values within sigma: 0.98 and 0.70 of all, 0.98 and 0.67 of some.
     """
     inside = {"grey": [], "coloured": []}
     for name in scenes:

@@ -129,6 +129,7 @@ def test_a_place_and_a_time_settle_the_sun_and_its_distance(monkeypatch: pytest.
         (["earth", "--altitude=-1m"], "lies between 0 and the top of the air"),
         (["earth", "--sun-elevation", "10:20"], "such as 10:90:10"),
         (["earth", "--sun-elevation", "20:10:5"], "such as 10:90:10"),
+        (["earth", "--sun-elevation", ""], "such as 10:90:10"),
         (["earth", "--sun-elevation", "95"], "between -90 and 90 degrees"),
         (["earth", "--sun-elevation", "5,5"], "give each value once"),
         (["earth", "--place", "52.5,13.4"], "needs --time as well"),

@@ -99,7 +99,8 @@ def test_the_priors_weigh_the_same_on_finer_cells() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "limit"), [pytest.param(emitting, 0.12, marks=pytest.mark.slow), (absorbing, 0.15), (scattering, 0.25)]
+    ("make", "limit"),
+    [*(pytest.param(*of, marks=pytest.mark.slow) for of in ((emitting, 0.12), (absorbing, 0.15))), (scattering, 0.25)],
 )
 def test_a_known_density_comes_back(make: Any, limit: float) -> None:
     model, exact = make(), truth()
