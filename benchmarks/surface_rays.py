@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from common import machine, parser, report, seconds, table, versions
 
-from skyscatter.solvers.kernels.surfaces import rays
+from skyscatter.kernels.surfaces import rays
 from skyscatter.surfaces import packing
 from skyscatter.surfaces.materials import Lambert
 from skyscatter.surfaces.meshes import Mesh

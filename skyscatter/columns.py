@@ -23,8 +23,8 @@ def optical_depth(
     """Optical depth of the medium along straight segments.
 
     Columns of shells are exact to about 1e-9 (closed form for exponential shells, Gauss-Legendre quadrature between the
-    breaks of the others; see `skyscatter.solvers.kernels.columns`), those of fields in three dimensions to rounding
-    where there is a closed form and to about 1e-6 elsewhere (`skyscatter.solvers.kernels.space`).
+    breaks of the others; see `skyscatter.kernels.columns`), those of fields in three dimensions to rounding
+    where there is a closed form and to about 1e-6 elsewhere (`skyscatter.kernels.space`).
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def optical_depth(
     DomainError
         If an end lies inside the planet.
     """
+    from skyscatter.kernels.columns import exact_columns
     from skyscatter.solvers.compile import field_tables, medium_optics
-    from skyscatter.solvers.kernels.columns import exact_columns
     from skyscatter.solvers.run import check_wavelengths
 
     wl = check_wavelengths(wavelengths)

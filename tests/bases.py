@@ -20,6 +20,12 @@ from scipy.integrate import quad
 from scipy.stats import chi2
 
 from skyscatter.errors import SkyscatterError
+from skyscatter.kernels.columns import density as kernel_density
+from skyscatter.kernels.columns import exact_columns
+from skyscatter.kernels.columns import vertical_column as kernel_vertical_column
+from skyscatter.kernels.fastexp import fast_exp
+from skyscatter.kernels.lookup import ColumnTable, build_column_table, densities, outward_columns
+from skyscatter.kernels.optics import phase_at, sample_cosine
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.tables import pack_fields
@@ -28,12 +34,6 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import AnyPhase, matrix_excess
 from skyscatter.problems import problem_lines
 from skyscatter.solvers.compile import compile_scene, matrix_tables, medium_optics
-from skyscatter.solvers.kernels.columns import density as kernel_density
-from skyscatter.solvers.kernels.columns import exact_columns
-from skyscatter.solvers.kernels.columns import vertical_column as kernel_vertical_column
-from skyscatter.solvers.kernels.fastexp import fast_exp
-from skyscatter.solvers.kernels.lookup import ColumnTable, build_column_table, densities, outward_columns
-from skyscatter.solvers.kernels.optics import phase_at, sample_cosine
 
 Array = NDArray[np.float64]
 EARTH = 6371e3

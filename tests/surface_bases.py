@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from skyscatter.solvers.kernels.surfaces import bsdf, rays
-from skyscatter.solvers.kernels.surfaces.tables import ABSORBED, DELTA, REFLECTED, TRANSMITTED, ShapeTable
+from skyscatter.kernels.surfaces import bsdf, rays
+from skyscatter.kernels.surfaces.tables import ABSORBED, DELTA, REFLECTED, TRANSMITTED, ShapeTable
 from skyscatter.surfaces.materials import Interface, Lambert
 from skyscatter.surfaces.packing import item_areas, pack_materials, pack_shapes
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.kernels.space import SpaceTable
+from skyscatter.kernels.surfaces.tables import MediaTable
 from skyscatter.media.space import SpatialField
 from skyscatter.media.spacetables import pack_space
 from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.kernels.space import SpaceTable
-from skyscatter.solvers.kernels.surfaces.tables import MediaTable
 
 Array = NDArray[np.float64]
 

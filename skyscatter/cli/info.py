@@ -60,7 +60,7 @@ def kernel_cache() -> str:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return f"{chosen} (NUMBA_CACHE_DIR)"
-    kernels = Path(skyscatter.__file__).parent / "solvers" / "kernels" / "__pycache__"
+    kernels = Path(skyscatter.__file__).parent / "kernels" / "__pycache__"
     if os.access(kernels if kernels.is_dir() else kernels.parent, os.W_OK):
         return str(kernels)
     return "numba's folder in the user's cache directory (set NUMBA_CACHE_DIR to choose another)"

@@ -132,11 +132,11 @@ def spread_function(
     DomainError
         For a medium without a planet, angles, altitudes or numbers of walks out of range.
     """
-    from skyscatter.dehaze.kernels.spread import BATCHES, make_spread_scratch, spread_walks
     from skyscatter.geometry.meridian import meridian_frame
+    from skyscatter.kernels.polar import make_polar
+    from skyscatter.kernels.raster.spread import BATCHES, make_spread_scratch, spread_walks
     from skyscatter.scene import Scene
     from skyscatter.solvers.compile import compile_scene, matrix_tables
-    from skyscatter.solvers.kernels.polar import make_polar
     from skyscatter.solvers.run import check_wavelengths
 
     wl = check_wavelengths(wavelengths)

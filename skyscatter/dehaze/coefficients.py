@@ -35,7 +35,7 @@ SLIGHT = 0.05
 
 @dataclass
 class Coefficients:
-    """What `skyscatter.dehaze.kernels.correct` takes.
+    """What `skyscatter.kernels.raster.correct` takes.
 
     Attributes
     ----------

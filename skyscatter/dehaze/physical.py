@@ -85,7 +85,7 @@ class Correction:
 
         The mask costs a few operations per pixel, against some hundred for its bands: it is always there to be counted.
         """
-        from skyscatter.dehaze.kernels.correct import correct, spread
+        from skyscatter.kernels.raster.correct import correct, spread
 
         c, size = self.coefficients, self.lattice.small
         flags = flags.copy()

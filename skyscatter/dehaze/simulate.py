@@ -1,6 +1,6 @@
 """Simulated satellite images: the light of a mapped ground above the atmosphere, all orders, by Monte Carlo.
 
-The walks are those of the solver `path`; one walk serves all pixels, see `skyscatter.dehaze.kernels.simulate`.  So the
+The walks are those of the solver `path`; one walk serves all pixels, see `skyscatter.kernels.raster.simulate`.  So the
 noise is that of the whole image's walks in every pixel, and nearly the same in all of them.  Nothing here knows the
 correction terms by which images are dehazed.
 """
@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 
 if TYPE_CHECKING:
-    from skyscatter.dehaze.kernels.simulate import Landscape, Sums
     from skyscatter.ground import GroundMap
+    from skyscatter.kernels.raster.simulate import Landscape, Sums
     from skyscatter.scene import Scene
 
 Array = NDArray[np.float64]
@@ -92,12 +92,12 @@ def simulate(
         For a scene without a map, a Sun that is down, light that is not the Sun's, angles or sizes out of range.
     """
     from skyscatter.dehaze.adjacency import line_of_sight
-    from skyscatter.dehaze.kernels.simulate import make_simulate_scratch, simulate_batch
     from skyscatter.geometry.meridian import meridian_frame
     from skyscatter.ground import Ground
+    from skyscatter.kernels.optics import GroundTable
+    from skyscatter.kernels.polar import make_polar
+    from skyscatter.kernels.raster.simulate import make_simulate_scratch, simulate_batch
     from skyscatter.solvers.compile import compile_scene, matrix_tables
-    from skyscatter.solvers.kernels.optics import GroundTable
-    from skyscatter.solvers.kernels.polar import make_polar
     from skyscatter.solvers.run import check_wavelengths
     from skyscatter.solvers.single import single_parts
 
@@ -157,7 +157,7 @@ def _check(scene: Scene, size: tuple[int, int], view_zenith_deg: float, walks: i
 
 def _landscape(scene: Scene, picture: GroundMap, size: tuple[int, int], wl: Array) -> tuple[Landscape, Array]:
     """The map relative to a uniform ground of its mean albedo, and that albedo (wavelength,)."""
-    from skyscatter.dehaze.kernels.simulate import Landscape
+    from skyscatter.kernels.raster.simulate import Landscape
 
     rows = picture.rows
     albedos = np.concatenate([scene.ground.reflectance(wl)[None], picture.reflectance(wl)])
@@ -176,7 +176,7 @@ def _ray(origin: Array, direction: Array) -> Any:
 
 
 def _empty_sums(picture: GroundMap, size: tuple[int, int], bands: int) -> Sums:
-    from skyscatter.dehaze.kernels.simulate import Sums
+    from skyscatter.kernels.raster.simulate import Sums
 
     height, width = picture.classes.array.shape
     # From any pixel to any cell of the map.

@@ -26,7 +26,7 @@ from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics
 from skyscatter.solvers.workers import Workers
 
 if TYPE_CHECKING:
-    from skyscatter.inversion.kernels.march import MarchTable, Scratch
+    from skyscatter.kernels.adjoint.march import MarchTable, Scratch
     from skyscatter.space import SpaceScene
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ class VoxelModel:
         origins, directions : array_like, shape (ray, 3)
             [m], and unit vectors.
         """
-        from skyscatter.inversion.kernels.march import image_rays
+        from skyscatter.kernels.adjoint.march import image_rays
 
         o, d = _rays(origins, directions)
         light = np.zeros((len(o), self.background.size))
@@ -223,7 +223,7 @@ class VoxelModel:
         phase_slope : (component, angle, wavelength), optional
             Derivative of the phase tables with respect to a parameter, as of `adjoint.henyey_greenstein_tables`.
         """
-        from skyscatter.inversion.kernels.march import Slopes, adjoint_rays
+        from skyscatter.kernels.adjoint.march import Slopes, adjoint_rays
 
         o, d = _rays(origins, directions)
         light = np.zeros((len(o), self.background.size))
@@ -259,7 +259,7 @@ class VoxelModel:
         self, density: ArrayLike | Prepared, change: ArrayLike | Prepared, origins: ArrayLike, directions: ArrayLike
     ) -> tuple[Array, Array]:
         """The image, and its derivative along a change of the densities, both (ray, wavelength)."""
-        from skyscatter.inversion.kernels.march import tangent_rays
+        from skyscatter.kernels.adjoint.march import tangent_rays
 
         o, d = _rays(origins, directions)
         light, moved = (np.zeros((len(o), self.background.size)) for _ in range(2))
@@ -273,7 +273,7 @@ class VoxelModel:
 
     def prepare(self, density: ArrayLike | Prepared) -> Prepared:
         """Densities on the padded nodes, and the columns to the stars: linear in the densities."""
-        from skyscatter.inversion.kernels.lightcolumns import columns_to_lights
+        from skyscatter.kernels.adjoint.lightcolumns import columns_to_lights
 
         if isinstance(density, Prepared):
             return density
@@ -300,7 +300,7 @@ class VoxelModel:
         return Prepared(nodes, toward)
 
     def _columns_back(self, slope: Array) -> Array:
-        from skyscatter.inversion.kernels.lightcolumns import columns_back
+        from skyscatter.kernels.adjoint.lightcolumns import columns_back
 
         low, inverse, shape = self._geometry()
         lights, h = self.lights, self.step * float(self.frame.cell.min())
@@ -329,7 +329,7 @@ class VoxelModel:
         return np.array(self.frame.low) - 0.5 * cell, 1 / cell, np.array(self.frame.shape, np.int64) + 2
 
     def _table(self, ready: Prepared, emits: bool = False) -> MarchTable:
-        from skyscatter.inversion.kernels.march import MarchTable
+        from skyscatter.kernels.adjoint.march import MarchTable
 
         low, inverse, shape = self._geometry()
         cell = float(self.frame.cell.min())
@@ -356,7 +356,7 @@ class VoxelModel:
         return out.reshape(int(np.prod(shape)), len(self.lights.place))
 
     def _scratch(self) -> Scratch:
-        from skyscatter.inversion.kernels.march import Scratch
+        from skyscatter.kernels.adjoint.march import Scratch
 
         (c, w), s = self.optics.sigma_t.shape, len(self.lights.place)
         cells = np.linalg.norm(self.frame.cell * (np.array(self.frame.shape) + 1)) / (self.step * self.frame.cell.min())

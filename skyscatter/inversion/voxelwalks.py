@@ -17,8 +17,8 @@ from skyscatter.errors import DomainError
 from skyscatter.inversion.brief import Brief
 
 if TYPE_CHECKING:
-    from skyscatter.inversion.kernels.replay import Draws, Walk
     from skyscatter.inversion.voxelimage import VoxelModel
+    from skyscatter.kernels.adjoint.replay import Draws, Walk
 
 Array = NDArray[np.float64]
 
@@ -79,8 +79,8 @@ def multiple_scattering(
     DomainError
         For shapes that do not fit, fewer walks than batches, and densities that are constant within cells.
     """
-    from skyscatter.inversion.kernels.replay import walk_rays
     from skyscatter.inversion.voxelimage import _added, _like, _rays
+    from skyscatter.kernels.adjoint.replay import walk_rays
 
     if samples < BATCHES:
         raise DomainError("samples", samples, f"at least {BATCHES}, one for each batch")
@@ -118,7 +118,7 @@ def _mean(batches: Array) -> tuple[Array, Array]:
 
 def _draws(model: VoxelModel, density: Array) -> Draws:
     """What directions are drawn from: mean phase functions, and their distribution functions."""
-    from skyscatter.inversion.kernels.replay import Draws
+    from skyscatter.kernels.adjoint.replay import Draws
 
     optics = model.optics
     share = np.where(optics.sigma_s.sum(axis=1, keepdims=True) > 0, optics.sigma_s, 1.0)
@@ -135,7 +135,7 @@ def _draws(model: VoxelModel, density: Array) -> Draws:
 
 def _walk(model: VoxelModel) -> Walk:
     """Scratch of a walk."""
-    from skyscatter.inversion.kernels.replay import Walk
+    from skyscatter.kernels.adjoint.replay import Walk
 
     (c, w), k = model.optics.sigma_t.shape, MOST_COLLISIONS
     return Walk(

@@ -59,8 +59,8 @@ class DensityField(Record):
         return float(self.vertical_column(0.0))
 
     def _evaluate(self, altitude: ArrayLike, function: str) -> NDArray[np.float64]:
+        from skyscatter.kernels import columns
         from skyscatter.media.tables import pack_fields
-        from skyscatter.solvers.kernels import columns
 
         table = pack_fields([self], radius=1e7)
         h = np.asarray(altitude, float)

@@ -82,7 +82,7 @@ class Front(Shape):
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame."""
-        from skyscatter.solvers.kernels.shapes import fill_front_radii
+        from skyscatter.kernels.shapes import fill_front_radii
 
         leaf = self.leaf()
         near, far = radii(low, high)

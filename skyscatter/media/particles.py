@@ -143,7 +143,7 @@ class ParticleSet(ArrayRecord):
         cells : int
             Along the longest side of the box around all spheres.
         """
-        from skyscatter.solvers.kernels.splats import splat
+        from skyscatter.kernels.splats import splat
 
         if cells < 1:
             raise DomainError("cells", cells, "must be positive")
@@ -168,7 +168,7 @@ class ParticleSet(ArrayRecord):
     @cached_property
     def tree(self) -> tuple[Instruction, float]:
         """The particles as the kernels read them, and the largest weight m / (pi h^3) times `factor`."""
-        from skyscatter.solvers.kernels.splats import box_nodes, sort_into_tree
+        from skyscatter.kernels.splats import box_nodes, sort_into_tree
 
         positions, masses, lengths = self.particles
         number = len(positions)
@@ -224,7 +224,7 @@ class ParticleSet(ArrayRecord):
 
 def _refined_bounds(leaf: Instruction, low: Array, high: Array) -> tuple[Array, Array]:
     """Bounds, over the largest weight, within boxes (n, 3) in the frame of the tree; see `ParticleSet.extremes`."""
-    from skyscatter.solvers.kernels.particles import particle_bounds
+    from skyscatter.kernels.particles import particle_bounds
 
     lowest, highest, reached = np.full(len(low), np.inf), np.zeros(len(low)), np.zeros(len(low))
     owner = np.arange(len(low))
@@ -250,7 +250,7 @@ def neighbour_distances(positions: Array, neighbours: int) -> Array:
     """Distance of every particle (n, 3) to its k-th nearest neighbour (the farthest one when there are fewer)."""
     from scipy.spatial import cKDTree
 
-    from skyscatter.solvers.kernels.splats import sort_into_tree
+    from skyscatter.kernels.splats import sort_into_tree
 
     count = min(neighbours, len(positions) - 1)
     if count < 1:

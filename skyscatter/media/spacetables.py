@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skyscatter.media.space import Array, SpatialField
 
 if TYPE_CHECKING:
-    from skyscatter.solvers.kernels.space import SpaceTable
+    from skyscatter.kernels.space import SpaceTable
 
 #: Cells of the grid of bounds along the longest side of the medium.
 BOUND_CELLS = 32
@@ -23,7 +23,7 @@ RIM = 1e-9
 
 def pack_space(fields: Sequence[SpatialField], bound_cells: int = BOUND_CELLS) -> SpaceTable:
     """Pack fields, one for each component, into a `SpaceTable`; bounds on so many cells along the longest side."""
-    from skyscatter.solvers.kernels.space import SpaceTable
+    from skyscatter.kernels.space import SpaceTable
 
     groups = [field.terms() for field in fields]
     terms = [term for group in groups for term in group]
@@ -115,7 +115,7 @@ def field_table(fields: tuple[SpatialField, ...]) -> SpaceTable:
 
 def field_densities(field: SpatialField, points: Array) -> Array:
     """Densities of one field at points (..., 3)."""
-    from skyscatter.solvers.kernels.space import fill_densities, make_space_work
+    from skyscatter.kernels.space import fill_densities, make_space_work
 
     table = field_table((field,))
     flat = np.ascontiguousarray(points.reshape(-1, 3))
@@ -126,7 +126,7 @@ def field_densities(field: SpatialField, points: Array) -> Array:
 
 def field_columns(field: SpatialField, start: Array, end: Array) -> Array:
     """Columns of one field between points (..., 3)."""
-    from skyscatter.solvers.kernels.space import fill_columns, make_space_work
+    from skyscatter.kernels.space import fill_columns, make_space_work
 
     table = field_table((field,))
     start, end = np.broadcast_arrays(start, end)

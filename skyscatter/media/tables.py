@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skyscatter.kernels.columns import FieldTable
 from skyscatter.media.fields import LINEAR, DensityField, FieldRow
-from skyscatter.solvers.kernels.columns import FieldTable
 
 
 def pack_fields(density_fields: Sequence[DensityField], radius: float) -> FieldTable:

@@ -105,7 +105,7 @@ class Turbulence(Shape):
 
     def local_extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes of its own frame."""
-        from skyscatter.solvers.kernels.shapes import fill_mode_bounds
+        from skyscatter.kernels.shapes import fill_mode_bounds
 
         half = self._half()
         lowest, highest = np.empty(len(low)), np.empty(len(low))

@@ -259,7 +259,7 @@ class VoxelGrid(ArrayRecord):
         self, first: NDArray[np.int64], last: NDArray[np.int64], shape: NDArray[np.int64], period: NDArray[np.int64]
     ) -> tuple[Array, Array]:
         """Lowest and highest numbers from first to last (box, 3), which may go on into a second period."""
-        from skyscatter.solvers.kernels.voxels import box_extremes
+        from skyscatter.kernels.voxels import box_extremes
 
         lowest, highest = np.empty(len(first)), np.empty(len(first))
         length = (last - first).max(axis=1) + 1

@@ -13,8 +13,8 @@ from skyscatter.errorkind import ErrorKind
 from skyscatter.errors import DomainError
 
 if TYPE_CHECKING:
+    from skyscatter.kernels.optics import GroundTable, SceneTable
     from skyscatter.scene import Scene
-    from skyscatter.solvers.kernels.optics import GroundTable, SceneTable
 
 Array = NDArray[np.float64]
 

@@ -40,9 +40,9 @@ def check_bounds(medium: Medium) -> None:
 @lru_cache(maxsize=32)
 def excesses(fields: tuple[SpatialField, ...]) -> tuple[tuple[int, tuple[float, ...]], ...]:
     """Of every field the cells with a density outside its bounds, and the last such point; kept between calls."""
+    from skyscatter.kernels.space import fill_densities, make_space_work
+    from skyscatter.kernels.tracking import TIGHT
     from skyscatter.media.spacetables import medium_table
-    from skyscatter.solvers.kernels.space import fill_densities, make_space_work
-    from skyscatter.solvers.kernels.tracking import TIGHT
 
     space = medium_table(fields)
     corners = np.stack(np.meshgrid(*(np.arange(n) for n in space.cells), indexing="ij"), axis=-1).reshape(-1, 3)

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.ground import Ground
+from skyscatter.kernels.columns import FieldTable
+from skyscatter.kernels.lookup import ColumnTable, build_column_table
+from skyscatter.kernels.optics import GroundTable, OpticsTable, SceneTable
 from skyscatter.media.medium import Medium
 from skyscatter.media.tables import pack_fields
 from skyscatter.optics.phase import normalise
 from skyscatter.scene import Scene
-from skyscatter.solvers.kernels.columns import FieldTable
-from skyscatter.solvers.kernels.lookup import ColumnTable, build_column_table
-from skyscatter.solvers.kernels.optics import GroundTable, OpticsTable, SceneTable
 from skyscatter.spectra.table import evaluate
 
 Array = NDArray[np.float64]

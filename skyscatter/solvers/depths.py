@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from skyscatter.solvers.diffusion import mean_cosines
 
 if TYPE_CHECKING:
+    from skyscatter.kernels.volume import VolumeTable
     from skyscatter.solvers.base import Rays
-    from skyscatter.solvers.kernels.volume import VolumeTable
 
 Array = NDArray[np.float64]
 

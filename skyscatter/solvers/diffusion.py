@@ -25,7 +25,7 @@ from skyscatter.solvers.compile import phase_cosines
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from skyscatter.solvers.kernels.volume import VolumeTable
+    from skyscatter.kernels.volume import VolumeTable
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Cells:
     """The medium on the cells of the guide."""
 
     def __init__(self, table: VolumeTable) -> None:
-        from skyscatter.solvers.kernels.space import fill_densities, make_space_work
+        from skyscatter.kernels.space import fill_densities, make_space_work
 
         self.table = table
         space = table.space

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skyscatter.kernels.lookup import ColumnTable, outward_columns
+from skyscatter.kernels.optics import SceneTable
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.kernels.lookup import ColumnTable, outward_columns
-from skyscatter.solvers.kernels.optics import SceneTable
 
 #: Zenith cosines over which columns are tabulated across the disk: seen through a planet's air from space, they change
 #: by a factor of 20 there.

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.kernels.surfaces.tables import (
+from skyscatter.kernels.surfaces.tables import (
     BOX,
     CONDUCTOR,
     DIELECTRIC,
@@ -25,9 +24,10 @@ from skyscatter.solvers.kernels.surfaces.tables import (
     SURFACE_LAMP,
     MediaTable,
 )
+from skyscatter.solvers.compile import phase_cosines
 
 if TYPE_CHECKING:
-    from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
+    from skyscatter.kernels.surfaces.gathering import WalkTable
 
 Array = NDArray[np.float64]
 #: Expected number of walks along a ray (or of photons) that find a lamp, below which there is a warning.

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.kernels.optics import SceneTable
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
@@ -24,7 +25,6 @@ from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
-from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.kernels.lookup import ColumnTable
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.estimate import level_error, stated_error
-from skyscatter.solvers.kernels.lookup import ColumnTable
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import Problem, Solution, view
 

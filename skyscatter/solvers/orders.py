@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.errors import DomainError
+from skyscatter.kernels.optics import SceneTable
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.field import (
@@ -24,7 +25,6 @@ from skyscatter.solvers.field import (
     scattering_top,
     solve_range,
 )
-from skyscatter.solvers.kernels.optics import SceneTable
 from skyscatter.solvers.state import Checkpoint
 
 #: Rays in a tile at most: those of a picture's row share their geometry.

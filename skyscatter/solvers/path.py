@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.kernels.flight import flight_rays, make_flight_scratch
+from skyscatter.kernels.path import BATCHES, make_scratch, path_rays
+from skyscatter.kernels.polar import make_polar
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
 from skyscatter.solvers.direct import outward_profile, slant_columns
-from skyscatter.solvers.kernels.flight import flight_rays, make_flight_scratch
-from skyscatter.solvers.kernels.path import BATCHES, make_scratch, path_rays
-from skyscatter.solvers.kernels.polar import make_polar
 from skyscatter.solvers.single import single_parts, single_polarisation
 
 if TYPE_CHECKING:

@@ -19,19 +19,16 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
-from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.far_lamps import warn_of_far_lamps
-from skyscatter.solvers.kernels.pointed import Pointed
-from skyscatter.solvers.kernels.surfaces.camera import MOST_LEGS, leave_points
-from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
-from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
-from skyscatter.solvers.kernels.surfaces.nearlight import light_points, make_near_scratch
-from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
-from skyscatter.solvers.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
-from skyscatter.solvers.kernels.surfaces.points import Points, make_points
-from skyscatter.solvers.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
-from skyscatter.solvers.kernels.surfaces.tables import (
+from skyscatter.kernels.pointed import Pointed
+from skyscatter.kernels.surfaces.camera import MOST_LEGS, leave_points
+from skyscatter.kernels.surfaces.gather import PATHS, POINTS
+from skyscatter.kernels.surfaces.gathering import WalkTable
+from skyscatter.kernels.surfaces.nearlight import light_points, make_near_scratch
+from skyscatter.kernels.surfaces.neighbours import make_cells
+from skyscatter.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
+from skyscatter.kernels.surfaces.points import Points, make_points
+from skyscatter.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
+from skyscatter.kernels.surfaces.tables import (
     LAMBERT,
     PARALLEL_LAMP,
     PLANE,
@@ -41,6 +38,9 @@ from skyscatter.solvers.kernels.surfaces.tables import (
     PeakTable,
     SurfaceTable,
 )
+from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.far_lamps import warn_of_far_lamps
 from skyscatter.solvers.memory import check_fits, photon_bytes
 from skyscatter.solvers.surface_path import guided
 

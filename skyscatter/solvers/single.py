@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.kernels.optics import GroundTable, SceneTable, ground_rows
+from skyscatter.kernels.polar import B1
+from skyscatter.kernels.single import make_scratch, single_rays
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
-from skyscatter.solvers.kernels.optics import GroundTable, SceneTable, ground_rows
-from skyscatter.solvers.kernels.polar import B1
-from skyscatter.solvers.kernels.single import make_scratch, single_rays
 
 #: Largest disagreement of the two quadrature rules on a piece of a ray.  The result is as a rule ten times better, and
 #: within 1e-4 in the worst case of the tests, where several pieces err the same way.

@@ -23,7 +23,7 @@ LEAST_OFFSET = 0.2
 
 def dimmed(scene: SpaceScene, points: Array, wl: Array) -> Array:
     """Transmittance from the observer to points (n, 3) [m]; shape (n, wavelength)."""
-    from skyscatter.solvers.kernels.space import fill_columns, make_space_work
+    from skyscatter.kernels.space import fill_columns, make_space_work
 
     table = compile_volume(scene, tuple(float(w) for w in wl))
     columns = np.zeros((len(points), len(table.sigma_t)))

@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.solvers.base import Answer, Options, Rays
-from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.far_lamps import warn_of_far_lamps, warn_of_small_lamps
-from skyscatter.solvers.kernels.path import BATCHES
-from skyscatter.solvers.kernels.pointed import Pointed
-from skyscatter.solvers.kernels.surfaces.flights import make_scratch
-from skyscatter.solvers.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
-from skyscatter.solvers.kernels.surfaces.lamps import LampGuide
-from skyscatter.solvers.kernels.surfaces.rays import sample_items
-from skyscatter.solvers.kernels.surfaces.tables import (
+from skyscatter.kernels.path import BATCHES
+from skyscatter.kernels.pointed import Pointed
+from skyscatter.kernels.surfaces.flights import make_scratch
+from skyscatter.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
+from skyscatter.kernels.surfaces.lamps import LampGuide
+from skyscatter.kernels.surfaces.rays import sample_items
+from skyscatter.kernels.surfaces.tables import (
     CONDUCTOR,
     DIELECTRIC,
     MIRROR,
@@ -34,7 +31,10 @@ from skyscatter.solvers.kernels.surfaces.tables import (
     SURROUNDINGS,
     SurfaceTable,
 )
-from skyscatter.solvers.kernels.surfaces.walks import surface_path_rays
+from skyscatter.kernels.surfaces.walks import surface_path_rays
+from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.far_lamps import warn_of_far_lamps, warn_of_small_lamps
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
 
 if TYPE_CHECKING:

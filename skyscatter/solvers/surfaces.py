@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.media.medium import Medium
-from skyscatter.solvers.compile import PHASE_CELLS, matrix_tables, medium_optics
-from skyscatter.solvers.kernels.surfaces.tables import (
+from skyscatter.kernels.surfaces.tables import (
     PARALLEL_LAMP,
     POINT_LAMP,
     STACK,
@@ -23,6 +21,8 @@ from skyscatter.solvers.kernels.surfaces.tables import (
     ShapeTable,
     SurfaceTable,
 )
+from skyscatter.media.medium import Medium
+from skyscatter.solvers.compile import PHASE_CELLS, matrix_tables, medium_optics
 from skyscatter.space import SpaceScene
 from skyscatter.surfaces.indices import refractive_index
 from skyscatter.surfaces.lobes import IsotropicLobe, LobeTable, lobe_table
@@ -229,7 +229,7 @@ def surface_lamp(shapes: ShapeTable, number: int, body: Body, wl: Array) -> Lamp
 
 def points_on(shapes: ShapeTable, items: Integers, areas: Array) -> tuple[Array, Array, Integers]:
     """Points (n, 3) spread over the items of a lamp by their areas, the normals there, and the items."""
-    from skyscatter.solvers.kernels.surfaces.rays import sample_items
+    from skyscatter.kernels.surfaces.rays import sample_items
 
     # Points of Hammersley's set: even over the surface, whatever the number.
     even = (np.arange(LAMP_POINTS) + 0.5) / LAMP_POINTS

@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.kernels.bundle import Field
+from skyscatter.kernels.course import Diffuse
+from skyscatter.kernels.lookup import ColumnTable
+from skyscatter.kernels.optics import SceneTable
+from skyscatter.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.estimate import levelness
-from skyscatter.solvers.kernels.bundle import Field
-from skyscatter.solvers.kernels.course import Diffuse
-from skyscatter.solvers.kernels.lookup import ColumnTable
-from skyscatter.solvers.kernels.optics import SceneTable
-from skyscatter.solvers.kernels.orders import look, make_sweep_scratch, refine, sweep_height
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
 
 Array = NDArray[np.float64]
@@ -423,7 +423,7 @@ def view(
     Returns
     -------
     scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength)
-        See `skyscatter.solvers.kernels.orders.look`.
+        See `skyscatter.kernels.orders.look`.
     """
     if problem.stokes > 1:
         directions = off_vertical(origins, directions)

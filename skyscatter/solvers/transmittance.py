@@ -26,14 +26,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from skyscatter.kernels.gridwalk import make_walker
+from skyscatter.kernels.path import make_walk
+from skyscatter.kernels.shapes import TURBULENCE
+from skyscatter.kernels.space import CELLS, CLOSED_FORM, PIECES, TRANSPARENT
+from skyscatter.kernels.tracking import QUADRATURE, RATIO, RESIDUAL, fill_tracked
+from skyscatter.kernels.volume import VolumeTable, make_volume_work
+from skyscatter.kernels.volume_walks import LEG_STRATA, LIT_POINTS
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.kernels.gridwalk import make_walker
-from skyscatter.solvers.kernels.path import make_walk
-from skyscatter.solvers.kernels.shapes import TURBULENCE
-from skyscatter.solvers.kernels.space import CELLS, CLOSED_FORM, PIECES, TRANSPARENT
-from skyscatter.solvers.kernels.tracking import QUADRATURE, RATIO, RESIDUAL, fill_tracked
-from skyscatter.solvers.kernels.volume import VolumeTable, make_volume_work
-from skyscatter.solvers.kernels.volume_walks import LEG_STRATA, LIT_POINTS
 
 #: Segments on which the ways are compared, times that each is tracked, and points from which they are chosen.
 SEGMENTS, REPEATS, CANDIDATES = 48, 32, 4096
@@ -78,7 +78,7 @@ def cheapest(table: VolumeTable) -> int:
 
 def _lit_points(table: VolumeTable) -> tuple[Array, Array]:
     """Points (n, 3) of the medium drawn by the direct light that they scatter, and the numbers of the lights."""
-    from skyscatter.solvers.kernels.space import fill_densities, make_space_work
+    from skyscatter.kernels.space import fill_densities, make_space_work
 
     rng = np.random.default_rng(20)
     low, size = table.space.bound_low, table.space.bound_step * table.space.cells

@@ -13,9 +13,9 @@ from skyscatter.solvers.diffusion import guess_correction, mean_cosines
 from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
+    from skyscatter.kernels.space import SpaceTable
+    from skyscatter.kernels.volume import MeanPhase, VolumeTable
     from skyscatter.lights import PointStar
-    from skyscatter.solvers.kernels.space import SpaceTable
-    from skyscatter.solvers.kernels.volume import MeanPhase, VolumeTable
     from skyscatter.space import SpaceScene
 
 Array = NDArray[np.float64]
@@ -33,8 +33,8 @@ SLOW = 0.4
 @lru_cache(maxsize=4)
 def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeTable:
     """Tables of a scene at wavelengths [nm]; kept between calls."""
+    from skyscatter.kernels.volume import VolumeTable
     from skyscatter.media.spacetables import medium_table
-    from skyscatter.solvers.kernels.volume import VolumeTable
 
     wl = np.array(wavelengths)
     space = medium_table(scene.medium.fields)
@@ -91,7 +91,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
 
 def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
     """How columns are found: not at all where a component dims no light."""
-    from skyscatter.solvers.kernels.space import TRANSPARENT
+    from skyscatter.kernels.space import TRANSPARENT
 
     component = np.repeat(np.arange(len(sigma_t)), np.diff(space.term_start))
     return np.where(np.any(sigma_t > 0, axis=1)[component], space.method, TRANSPARENT)
@@ -99,7 +99,7 @@ def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
 
 def _mean_phase(sigma_s: Array, phase: Array) -> MeanPhase:
     """Scattering and phase functions averaged over the wavelengths, these by the light scattered."""
-    from skyscatter.solvers.kernels.volume import MeanPhase
+    from skyscatter.kernels.volume import MeanPhase
 
     mean = sigma_s.mean(axis=1)
     share = np.where(mean[:, None] > 0, sigma_s, 1.0)
@@ -163,7 +163,7 @@ def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:
 
 def _guide(table: VolumeTable) -> Array:
     """Mean densities towards every light (columns to distant ones) on a grid over the medium."""
-    from skyscatter.solvers.kernels.volume import fill_guide, make_volume_work
+    from skyscatter.kernels.volume import fill_guide, make_volume_work
 
     # Where the medium repeats, over one period.
     low, size = table.space.bound_low, table.space.bound_step * table.space.cells

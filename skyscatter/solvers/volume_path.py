@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from skyscatter.errors import DomainError
+from skyscatter.kernels.tracking import QUADRATURE, RATIO, RESIDUAL
+from skyscatter.kernels.volume import VolumeTable
+from skyscatter.kernels.volume_flight import make_flight_scratch, volume_flight_rays
+from skyscatter.kernels.volume_walks import scratch_of, volume_path_rays
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.bounds import check_bounds, check_excess
 from skyscatter.solvers.depths import warn_of_depths
-from skyscatter.solvers.kernels.tracking import QUADRATURE, RATIO, RESIDUAL
-from skyscatter.solvers.kernels.volume import VolumeTable
-from skyscatter.solvers.kernels.volume_flight import make_flight_scratch, volume_flight_rays
-from skyscatter.solvers.kernels.volume_walks import scratch_of, volume_path_rays
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
 from skyscatter.solvers.transmittance import cheapest, has_cheap_columns
 from skyscatter.solvers.volume_single import prepare as prepare_single

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skyscatter.kernels.volume_single import make_single_scratch, volume_single_rays
 from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.kernels.volume_single import make_single_scratch, volume_single_rays
 from skyscatter.solvers.volume import compile_volume
 
 if TYPE_CHECKING:
-    from skyscatter.solvers.kernels.volume import VolumeTable
+    from skyscatter.kernels.volume import VolumeTable
     from skyscatter.space import SpaceScene
 
 DEFAULT_TOLERANCE = 5e-5

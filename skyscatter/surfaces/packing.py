@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.solvers.kernels.surfaces import tables
-from skyscatter.solvers.kernels.surfaces.tables import MaterialTable, ShapeTable
+from skyscatter.kernels.surfaces import tables
+from skyscatter.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
@@ -68,7 +68,7 @@ def _plant(boxes: Array) -> tuple[Integers, Array, Integers, Integers]:
     bounded = np.isfinite(boxes).all(axis=1)
     if bounded.sum() < TREE_FROM:
         return np.arange(len(boxes)), np.zeros((0, 6)), np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
-    from skyscatter.solvers.kernels.surfaces import tree
+    from skyscatter.kernels.surfaces import tree
 
     items = np.flatnonzero(bounded)
     order = np.arange(items.size)
@@ -175,7 +175,7 @@ def body_items(shapes: ShapeTable, body: int) -> Integers:
 
 def item_areas(shapes: ShapeTable) -> Array:
     """Area [m2] of every item, shape (item,); infinite for planes."""
-    from skyscatter.solvers.kernels.surfaces import rays
+    from skyscatter.kernels.surfaces import rays
 
     areas = np.zeros(shapes.kind.size + len(shapes.triangle))
     rays.item_areas(shapes, areas)
@@ -212,8 +212,8 @@ def starting_stack(
     DomainError
         If there are more than a ray can be inside of.
     """
-    from skyscatter.solvers.kernels.pointed import Pointed
-    from skyscatter.solvers.kernels.surfaces import rays
+    from skyscatter.kernels.pointed import Pointed
+    from skyscatter.kernels.surfaces import rays
 
     # No round numbers: a ray along edges and faces is met more often than chance would have it.
     towards = np.array([0.3717, 0.2911, 0.8815]) if direction is None else np.array(direction, float)

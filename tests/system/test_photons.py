@@ -11,16 +11,16 @@ from scipy.integrate import quad
 from significance import assert_mean_of_runs, runs_of_power
 
 import skyscatter
+from skyscatter.kernels.pointed import Pointed
+from skyscatter.kernels.surfaces.camera import leave_points
+from skyscatter.kernels.surfaces.gather import PATHS, POINTS
+from skyscatter.kernels.surfaces.neighbours import make_cells
+from skyscatter.kernels.surfaces.photons import make_photon_scratch, trace_photons
+from skyscatter.kernels.surfaces.points import make_points
+from skyscatter.kernels.surfaces.tables import PeakTable
 from skyscatter.media.everywhere import Everywhere
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
-from skyscatter.solvers.kernels.pointed import Pointed
-from skyscatter.solvers.kernels.surfaces.camera import leave_points
-from skyscatter.solvers.kernels.surfaces.gather import PATHS, POINTS
-from skyscatter.solvers.kernels.surfaces.neighbours import make_cells
-from skyscatter.solvers.kernels.surfaces.photons import make_photon_scratch, trace_photons
-from skyscatter.solvers.kernels.surfaces.points import make_points
-from skyscatter.solvers.kernels.surfaces.tables import PeakTable
 from skyscatter.solvers.photons import photon_fates
 from skyscatter.solvers.surface_path import guided
 from skyscatter.solvers.surfaces import compile_surfaces

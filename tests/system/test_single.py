@@ -367,8 +367,8 @@ def test_rays_do_not_depend_on_their_company() -> None:
 
 
 def test_plain_twin_of_the_kernel() -> None:
+    from skyscatter.kernels.single import make_scratch, single_rays
     from skyscatter.solvers.compile import compile_scene
-    from skyscatter.solvers.kernels.single import make_scratch, single_rays
 
     scene = point_sun(5, 10e3)
     table = compile_scene(scene, WL)

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial import cKDTree
 from surface_bases import pack, sampled, shoot, sphere_points, unit
 
-from skyscatter.solvers.kernels.pointed import Pointed
-from skyscatter.solvers.kernels.surfaces.clearance import SMALL, empty_balls, make_ball_scratch
-from skyscatter.solvers.kernels.surfaces.tables import ShapeTable
+from skyscatter.kernels.pointed import Pointed
+from skyscatter.kernels.surfaces.clearance import SMALL, empty_balls, make_ball_scratch
+from skyscatter.kernels.surfaces.tables import ShapeTable
 from skyscatter.surfaces.meshes import Mesh, Turned
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 

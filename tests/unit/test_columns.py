@@ -17,12 +17,12 @@ from scipy.integrate import quad
 from scipy.special import k1e
 
 from skyscatter import Component, Medium, Scene, Star, Sun, optical_depth, transmittance
+from skyscatter.kernels import columns as kernels
 from skyscatter.media.fields import Exponential, Tent, Uniform, UsStandard1976
 from skyscatter.media.tables import pack_fields
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import Isotropic
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
-from skyscatter.solvers.kernels import columns as kernels
 
 EARTH = 6371e3
 

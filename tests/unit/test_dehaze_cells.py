@@ -11,10 +11,10 @@ from skyscatter.dehaze.flagcount import FlagCount
 from skyscatter.dehaze.flags import Flag
 from skyscatter.dehaze.gather import ENOUGH, Gathered, at_dark_pixels, look
 from skyscatter.dehaze.hazemap import ROUNDED, curvature, neighbours, regularised
-from skyscatter.dehaze.kernels.correct import correct, spread
 from skyscatter.dehaze.lattice import LEAST_LARGE, MOST_LARGE, MOST_SMALL, Lattice, linear_weights
 from skyscatter.dehaze.rasters.windows import windows
 from skyscatter.errors import DomainError
+from skyscatter.kernels.raster.correct import correct, spread
 
 BANDS = bands_of("B02", "B03", "B04", "B08", "B11")
 

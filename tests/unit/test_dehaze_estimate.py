@@ -10,10 +10,10 @@ from skyscatter.dehaze.coefficients import Corrector, gain_and_offset
 from skyscatter.dehaze.dark import ANYTHING, COVERS, cover_spectra, log_likelihood
 from skyscatter.dehaze.estimate import PRIOR_MEDIAN, HazeEstimate, estimate, log_prior, moments, trial_depths
 from skyscatter.dehaze.forward import Atmosphere, reflectance_above
-from skyscatter.dehaze.kernels.correct import correct
 from skyscatter.dehaze.lattice import Lattice
 from skyscatter.dehaze.sensing import Gases
 from skyscatter.dehaze.table import Angles
+from skyscatter.kernels.raster.correct import correct
 
 BANDS = bands_of("B02", "B03", "B04", "B8A", "B11", "B12")
 SUN = 35.0

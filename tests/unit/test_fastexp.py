@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from skyscatter.solvers.kernels.fastexp import fast_exp
+from skyscatter.kernels.fastexp import fast_exp
 
 
 @njit

@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+from skyscatter.kernels.gridwalk import enter_cells, make_walker, next_cell
 from skyscatter.media.shapes import GaussianSphere
 from skyscatter.media.spacetables import pack_space
 from skyscatter.media.voxels import VoxelGrid
-from skyscatter.solvers.kernels.gridwalk import enter_cells, make_walker, next_cell
 
 LOW, CELLS = np.array([-2.0, 1.0, 0.5]), np.array([32, 20, 8])
 HIGH = LOW + CELLS * 0.25

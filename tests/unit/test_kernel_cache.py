@@ -15,15 +15,15 @@ from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 
 import skyscatter
-from skyscatter.solvers.kernels import columns, jit
+from skyscatter.kernels import columns, jit
 
 PACKAGE = Path(skyscatter.__file__).parent
 #: Every folder of kernels, with a constant that its own kernels read across files.
 CONSTANTS = {
-    "solvers/kernels": ("flight", "ROULETTE_BELOW = 0.1"),
-    "solvers/kernels/surfaces": ("flights", None),
-    "dehaze/kernels": ("simulate", "HEAVY = 0.2"),
-    "inversion/kernels": ("march", "ON_FACE = 1e-8"),
+    "kernels": ("flight", "ROULETTE_BELOW = 0.1"),
+    "kernels/surfaces": ("flights", None),
+    "kernels/raster": ("simulate", "HEAVY = 0.2"),
+    "kernels/adjoint": ("march", "ON_FACE = 1e-8"),
 }
 
 
@@ -47,8 +47,8 @@ def file_of(kernel: Dispatcher) -> Path:
 
 def test_kernels_are_found() -> None:
     solvers = {"columns.exact_columns", "single.single_rays", "path.path_rays", "fastexp.fast_exp"}
-    others = {"dehaze.kernels.correct.correct", "inversion.kernels.march.image_rays"}
-    assert {f"skyscatter.solvers.kernels.{name}" for name in solvers} <= DISPATCHERS.keys()
+    others = {"kernels.raster.correct.correct", "kernels.adjoint.march.image_rays"}
+    assert {f"skyscatter.kernels.{name}" for name in solvers} <= DISPATCHERS.keys()
     assert {f"skyscatter.{name}" for name in others} <= DISPATCHERS.keys()
 
 
@@ -91,18 +91,14 @@ def test_the_closure_holds_all_that_a_module_uses(module: str) -> None:
 
 
 def copy_of_the_kernels(root: Path) -> None:
-    """The folders of kernels alone, as a package in which nothing else is to be found."""
-    for folder in CONSTANTS:
-        if "/surfaces" in folder:
-            continue  # copied with the folder above
-        shutil.copytree(PACKAGE / folder, root / "skyscatter" / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    for package in ("", "solvers", "dehaze", "inversion"):
-        (root / "skyscatter" / package / "__init__.py").write_text("")
+    """The kernels alone, as a package in which nothing else is to be found."""
+    shutil.copytree(PACKAGE / "kernels", root / "skyscatter/kernels", ignore=shutil.ignore_patterns("__pycache__"))
+    (root / "skyscatter/__init__.py").write_text("")
 
 
 PROBE = """
 from {source} import {name}
-from skyscatter.solvers.kernels.jit import entry, kernel
+from skyscatter.kernels.jit import entry, kernel
 
 @kernel
 def held(x):
@@ -150,7 +146,7 @@ def test_no_edit_runs_old_code(tmp_path: Path) -> None:
 def test_an_edit_elsewhere_compiles_nothing_anew(tmp_path: Path) -> None:
     copy_of_the_kernels(tmp_path)
     stamp = jit.source_stamp.__wrapped__
-    kernels = tmp_path / "skyscatter/solvers/kernels"
+    kernels = tmp_path / "skyscatter/kernels"
     names = (kernels / "columns.py", kernels / "surfaces/walks.py")
     plain, rooms = (stamp(name, tmp_path) for name in names)
     file = kernels / "surfaces/bsdf.py"
@@ -175,7 +171,7 @@ def test_imports_in_every_form_are_followed(tmp_path: Path) -> None:
 
 def test_a_users_own_kernel_depends_on_ours(tmp_path: Path) -> None:
     own = tmp_path / "mine.py"
-    own.write_text("from skyscatter.solvers.kernels.columns import EXPONENTIAL\n")
+    own.write_text("from skyscatter.kernels.columns import EXPONENTIAL\n")
     assert {path.name for path in jit.closure(own)} >= {"mine.py", "columns.py", "jit.py"}
 
 

@@ -9,10 +9,10 @@ import sys
 import numpy as np
 import pytest
 
-from skyscatter.solvers.kernels.jit import allocating
-from skyscatter.solvers.kernels.pipeline import _Entry, _Part
+from skyscatter.kernels.jit import allocating
+from skyscatter.kernels.pipeline import _Entry, _Part
 
-OURS = "from skyscatter.solvers.kernels.jit import entry as top, kernel as middle, {innermost} as lowest\n"
+OURS = "from skyscatter.kernels.jit import entry as top, kernel as middle, {innermost} as lowest\n"
 NUMBAS = """from numba import njit
 lowest = middle = top = njit(error_model="numpy", _nrt=False, no_cfunc_wrapper=True)
 """

@@ -9,10 +9,10 @@ import pytest
 from bases import plain, table_columns, table_densities
 from numba import njit
 
+from skyscatter.kernels import lookup
+from skyscatter.kernels.columns import exact_columns
 from skyscatter.media.fields import Exponential, Gaussian, Tent, UsStandard1976
 from skyscatter.media.tables import pack_fields
-from skyscatter.solvers.kernels import lookup
-from skyscatter.solvers.kernels.columns import exact_columns
 
 EARTH = 6371e3
 FIELDS = (

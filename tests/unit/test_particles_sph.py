@@ -12,12 +12,12 @@ from scipy.integrate import quad
 from scipy.spatial import cKDTree
 
 from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.kernels.particles import chord_integral
+from skyscatter.kernels.space import fill_columns, fill_densities, make_space_work
 from skyscatter.media.particles import ParticleSet
 from skyscatter.media.shapes import GaussianSphere
 from skyscatter.media.spacetables import field_table, pack_space
 from skyscatter.media.voxels import VoxelGrid
-from skyscatter.solvers.kernels.particles import chord_integral
-from skyscatter.solvers.kernels.space import fill_columns, fill_densities, make_space_work
 
 RNG = np.random.default_rng(21)
 NUMBER = 700

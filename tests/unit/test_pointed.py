@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.solvers.kernels.jit import entry, kernel
-from skyscatter.solvers.kernels.pointed import Pointed, whole
+from skyscatter.kernels.jit import entry, kernel
+from skyscatter.kernels.pointed import Pointed, whole
 
 
 class Inner(NamedTuple):

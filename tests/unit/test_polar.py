@@ -11,10 +11,10 @@ from bases import plain
 from numpy.typing import NDArray
 
 from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.kernels.polar import begin, depolarise, make_polar, polarise
 from skyscatter.optics.mie import LogNormalMode, MieAerosol
 from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.kernels.polar import begin, depolarise, make_polar, polarise
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2, qmc
 
-from skyscatter.solvers.kernels import random
+from skyscatter.kernels import random
 
 
 def test_points_are_those_of_the_sobol_sequence():

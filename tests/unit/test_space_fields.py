@@ -647,8 +647,8 @@ def test_columns_of_segments_broadcast_and_vanish() -> None:
 
 
 def test_numbers_of_shapes_and_operations_are_those_of_the_kernels() -> None:
+    from skyscatter.kernels import shapes, space
     from skyscatter.media import operations, programs
-    from skyscatter.solvers.kernels import shapes, space
 
     assert operations.WARP_MODES == shapes.WARP_MODES
     names = [name for name in vars(programs) if name.isupper() and not name.startswith("_")]

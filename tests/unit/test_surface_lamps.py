@@ -10,11 +10,11 @@ import pytest
 from walk_scenes import WAVELENGTHS, directions, fog, medium
 
 from skyscatter import SurfaceScene
-from skyscatter.solvers.kernels.jit import entry
-from skyscatter.solvers.kernels.pointed import Pointed
-from skyscatter.solvers.kernels.surfaces.gathering import WalkTable
-from skyscatter.solvers.kernels.surfaces.lamps import aim, guess_at_point, meeting_density, pick
-from skyscatter.solvers.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, within_cone
+from skyscatter.kernels.jit import entry
+from skyscatter.kernels.pointed import Pointed
+from skyscatter.kernels.surfaces.gathering import WalkTable
+from skyscatter.kernels.surfaces.lamps import aim, guess_at_point, meeting_density, pick
+from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, within_cone
 from skyscatter.solvers.surface_path import guided
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings

@@ -9,11 +9,10 @@ import pytest
 from scipy import integrate, stats
 from surface_tables import Filling, Stuff, henyey_greenstein, media_table
 
-from skyscatter.media.shapes import GaussianSphere, Sphere
-from skyscatter.solvers.kernels.jit import entry
-from skyscatter.solvers.kernels.path import make_walk
-from skyscatter.solvers.kernels.random import start_stream, uniform
-from skyscatter.solvers.kernels.surfaces.media import (
+from skyscatter.kernels.jit import entry
+from skyscatter.kernels.path import make_walk
+from skyscatter.kernels.random import start_stream, uniform
+from skyscatter.kernels.surfaces.media import (
     current_medium,
     fly,
     make_media_work,
@@ -23,7 +22,8 @@ from skyscatter.solvers.kernels.surfaces.media import (
     scattering,
     transmit,
 )
-from skyscatter.solvers.kernels.surfaces.tables import STACK, MediaTable
+from skyscatter.kernels.surfaces.tables import STACK, MediaTable
+from skyscatter.media.shapes import GaussianSphere, Sphere
 
 HAZE = Stuff((0.3, 0.1), (0.0, 0.05), g=0.6)
 SMOKE = Stuff((0.0, 0.0), (0.2, 0.4))

@@ -12,17 +12,17 @@ import skyscatter
 from skyscatter import Body, Component, Perspective, SurfaceMedium, SurfaceModel, SurfaceScene, Telescope, Viewpoint
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.geometry.camera import Fisheye, Panorama
-from skyscatter.model import parse_model
-from skyscatter.optics.particles import Particles
-from skyscatter.optics.phase import HenyeyGreenstein
-from skyscatter.solvers.base import Answer, Options, Rays
-from skyscatter.solvers.kernels.surfaces.tables import (
+from skyscatter.kernels.surfaces.tables import (
     PARALLEL_LAMP,
     POINT_LAMP,
     STACK,
     SURFACE_LAMP,
     SURROUNDINGS,
 )
+from skyscatter.model import parse_model
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
+from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.subpixels import Subpixels, fine_directions
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings

@@ -22,8 +22,8 @@ from surface_bases import (
 )
 
 from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.kernels.surfaces.tables import STACK
 from skyscatter.media.shapes import axis_rotation
-from skyscatter.solvers.kernels.surfaces.tables import STACK
 from skyscatter.surfaces import packing
 from skyscatter.surfaces.materials import Interface, Lambert
 from skyscatter.surfaces.meshes import Mesh, Shape, Turned

@@ -8,15 +8,15 @@ from nebulae import component, dusty_sphere, flat
 
 import skyscatter
 from skyscatter.errors import DomainError
+from skyscatter.kernels.gridwalk import make_walker
+from skyscatter.kernels.path import make_walk
+from skyscatter.kernels.tracking import QUADRATURE, fill_tracked
+from skyscatter.kernels.volume import make_volume_work
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium
 from skyscatter.media.shapes import GaussianSphere, Sphere
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.optics.rayleigh import RayleighPowerLaw
-from skyscatter.solvers.kernels.gridwalk import make_walker
-from skyscatter.solvers.kernels.path import make_walk
-from skyscatter.solvers.kernels.tracking import QUADRATURE, fill_tracked
-from skyscatter.solvers.kernels.volume import make_volume_work
 from skyscatter.solvers.transmittance import cheapest, has_cheap_columns
 from skyscatter.solvers.volume import compile_volume
 from skyscatter.space import SpaceScene, View

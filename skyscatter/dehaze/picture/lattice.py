@@ -76,7 +76,7 @@ class Lattice:
         DomainError
             If the window cuts through cells.
         """
-        from skyscatter.dehaze.kernels.picture import BINS, cell_statistics
+        from skyscatter.kernels.raster.picture import BINS, cell_statistics
 
         bands, height, width = window.shape
         for name, start, length, end in (("row0", row0, height, self.height), ("col0", col0, width, self.width)):

@@ -130,7 +130,7 @@ class Veil:
         DomainError
             If the strength is not from 0 to 1, or the bands are not those of the veil.
         """
-        from skyscatter.dehaze.kernels.picture import take_off
+        from skyscatter.kernels.raster.picture import take_off
 
         if not 0.0 <= strength <= 1.0:
             raise DomainError("strength", strength, "from 0 (nothing is taken off) to 1 (the whole veil)")

@@ -1,0 +1,104 @@
+"""Bundles of rays that share one course through the atmosphere, and the field that they look at.
+
+A ray of a bundle is three numbers: with o its origin, d its direction and s the direction to the Sun,
+
+    q = o . s,   nu = d . s,   w = o . (s x d),
+
+from which the Sun's zenith cosine, the azimuth from the Sun and the plane of scattering follow at every point.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.kernels.jit import inlined, kernel
+
+#: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
+MOST_SUNS = 128
+
+
+class Field(NamedTuple):
+    """A field of moments to gather from; single precision, for it is the bulk of the work."""
+
+    moments: np.ndarray  #: (row, sun, moment, wavelength)
+    ground: np.ndarray  #: (sun, wavelength) radiance of the ground
+    degree: np.ndarray  #: (moment,) int64
+    order: np.ndarray  #: (moment,) int64
+    gives: np.ndarray  #: (moment, use, 4) int64; see `skyscatter.solvers.moments`
+    recurrence: np.ndarray  #: (2, order, degree, 3) coefficients of the angular functions, for d_m0 and d_m2
+
+
+class Bundle(NamedTuple):
+    """Scratch for a bundle of rays; a thread needs its own."""
+
+    q: np.ndarray  #: (ray,)
+    nu: np.ndarray  #: (ray,)
+    w: np.ndarray  #: (ray,)
+    sun: np.ndarray  #: (ray,) int64 first of the four Sun nodes around a point's
+    part: np.ndarray  #: (ray, 6) float32: weights of the four nodes, cosine and sine of the azimuth from the Sun
+    gathered: np.ndarray  #: (ray, stokes, wavelength) float32 light of all but the first order
+    scattered: np.ndarray  #: (ray, stokes, wavelength) sunlight scattered once
+    reflected: np.ndarray  #: (ray, wavelength) sunlight reflected once
+    spread: np.ndarray  #: (component, degree, wavelength) float32 what forward peaks lose by widening
+    here: np.ndarray  #: (wavelength,) float32 irradiance at a ray
+    step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
+    many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
+    sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
+    phase: np.ndarray  #: (component, wavelength)
+    functions: np.ndarray  #: (3, order, degree) angular functions at a point
+    active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
+    factor: np.ndarray  #: (moment, use, wavelength) float32
+    fourier: np.ndarray  #: (sun, order, stokes, wavelength) float32 source at a point
+
+
+def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int, peaks: int) -> Bundle:
+    """An empty bundle for a field."""
+    moments, wavelengths = field.moments.shape[2:]
+    orders, degrees = field.recurrence.shape[1:3]
+    return Bundle(
+        np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 6), np.float32),
+        np.zeros((rays, stokes, wavelengths), np.float32), np.zeros((rays, stokes, wavelengths)),
+        np.zeros((rays, wavelengths)), np.zeros((components, peaks, wavelengths), np.float32),
+        np.zeros(wavelengths, np.float32),
+        np.zeros((components, wavelengths), np.float32),
+        np.zeros((rays, components, wavelengths), np.float32),
+        np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
+        np.zeros((components, wavelengths)),
+        np.zeros((3, orders, degrees)), np.zeros(moments, np.int64),
+        np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
+        np.zeros((suns, orders, stokes, wavelengths), np.float32),
+    )  # fmt: skip
+
+
+@inlined
+def cubic(v, part):
+    """Weights of Lagrange's cubic through nodes 0, 1, 2, 3 at v."""
+    part[0] = np.float32((1.0 - v) * (2.0 - v) * (3.0 - v) / 6.0)
+    part[1] = np.float32(v * (2.0 - v) * (3.0 - v) / 2.0)
+    part[2] = np.float32(v * (v - 1.0) * (3.0 - v) / 2.0)
+    part[3] = np.float32(v * (v - 1.0) * (v - 2.0) / 6.0)
+
+
+@kernel
+def place_rays(diffuse, line, t, r, suns, rays, bundle):
+    """Sun nodes and azimuth from the Sun of every ray at distance t; returns the lowest and the highest node."""
+    mu, sine, shift = t / r, line.p / r, t - line.start
+    steps = diffuse.sun_index.size - 1
+    low, high = suns - 4, 0
+    for ray in range(rays):
+        x = min(max((bundle.q[ray] + shift * bundle.nu[ray]) / r, -1.0), 1.0)
+        y = (x + 1.0) * 0.5 * steps
+        k = min(int(y), steps - 1)
+        f = diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
+        j = min(max(int(f) - 1, 0), suns - 4)
+        bundle.sun[ray] = j
+        low, high = min(low, j), max(high, j)
+        cubic(f - j, bundle.part[ray])
+        norm = sine * math.sqrt((1.0 - x) * (1.0 + x))
+        norm = 1.0 / norm if norm > 1e-12 else 0.0
+        bundle.part[ray, 4] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
+        bundle.part[ray, 5] = np.float32(min(max(bundle.w[ray] / r * norm, -1.0), 1.0))
+    return low, high + 3

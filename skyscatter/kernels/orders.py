@@ -1,0 +1,271 @@
+"""Successive orders of scattering in spherical shells.
+
+Everything is done for a bundle of rays (`bundle.py`) that share one course (`course.py`), for all wavelengths
+together: sunlight scattered once (`sunlight.py`), and the gathering of later orders (`gather.py`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skyscatter.kernels.bundle import Bundle, Field, make_bundle
+from skyscatter.kernels.course import (
+    Course,
+    Diffuse,
+    lay_gauss,
+    lay_halves,
+    lay_points,
+    make_course,
+    weigh_cells,
+)
+from skyscatter.kernels.fastexp import fast_exp
+from skyscatter.kernels.gather import gather
+from skyscatter.kernels.jit import entry, kernel
+from skyscatter.kernels.lookup import columns_along, start_columns, trace_line
+from skyscatter.kernels.optics import disk_radiance, transmittance
+from skyscatter.kernels.sunlight import light_bundle, light_node, narrow_aureole, scatter_once, spread_peaks
+from skyscatter.kernels.work import Work, make_work
+
+Scratch = tuple[Work, Course, Bundle, np.ndarray]
+
+
+@kernel
+def _node_rays(r, mu, sun_mu, azimuth, bundle):
+    """The rays of a node height in one zenith direction: every Sun node, every azimuth; returns their number."""
+    sine = math.sqrt((1.0 - mu) * (1.0 + mu))
+    n = 0
+    for j in range(sun_mu.size):
+        sun_sine = math.sqrt(max((1.0 - sun_mu[j]) * (1.0 + sun_mu[j]), 0.0))
+        for a in range(azimuth.shape[0]):
+            bundle.q[n] = r * sun_mu[j]
+            bundle.nu[n] = min(max(sine * azimuth[a, 1, 0] * sun_sine + mu * sun_mu[j], -1.0), 1.0)
+            bundle.w[n] = r * sun_sine * sine * azimuth[a, 1, 1]
+            n += 1
+    return n
+
+
+@kernel
+def _project(field, suns, mu, weight, take, azimuth, bundle, fourier, moments, flux):
+    """Add the light of one zenith direction to the moments and fluxes of a node height.
+
+    `fourier` (order, stokes, wavelength) is scratch; `azimuth` (angle, order, 2) holds cos(m phi), sin(m phi).
+    """
+    angles, orders, stokes = azimuth.shape[0], fourier.shape[0], fourier.shape[1]
+    wavelengths = fourier.shape[2]
+    step = 2.0 * math.pi / angles * weight
+    for j in range(suns):
+        for m in range(orders):
+            for channel in range(stokes):
+                for i in range(wavelengths):
+                    fourier[m, channel, i] = 0.0
+                for a in range(angles):
+                    f = step * azimuth[a, m, 0 if channel < 2 else 1]
+                    ray = j * angles + a
+                    for i in range(wavelengths):
+                        fourier[m, channel, i] += f * bundle.gathered[ray, channel, i]
+        for k in range(field.order.size):
+            for channel in range(stokes):
+                f = take[k, channel]
+                if f != 0.0:
+                    for i in range(wavelengths):
+                        moments[j, k, i] += f * fourier[field.order[k], channel, i]
+        side = 1 if mu > 0.0 else 0
+        for i in range(wavelengths):
+            flux[side, j, i] += abs(mu) * fourier[0, 0, i]
+
+
+@entry
+def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, is_first,
+                 scratch, moments, flux):  # fmt: skip
+    """One order of scattering at one node height.
+
+    Parameters
+    ----------
+    columns : ColumnTable
+    diffuse : Diffuse
+    first : (use, component, angle, wavelength)
+        As for `scatter_once`, with the forward peaks cut off.
+    field : Field
+        The order before; not used if `is_first`.
+    altitude : float
+        Of the node [m].
+    directions : (direction, 2)
+        Zenith cosines and weights of the quadrature there.
+    take : (direction, moment, stokes)
+    sun_mu, fine_mu : (sun,), (fine sun,)
+        Zenith cosines of the Sun at the nodes, and those at which a field to gather from is known.
+    azimuth : (angle, order, 2)
+        cos(m phi) and sin(m phi) of the angles of the quadrature over half a turn.
+    is_first : bool
+        Whether to compute the first order from sunlight, instead of gathering.
+    scratch : tuple
+        Made by `make_sweep_scratch`.
+    moments : (sun, moment, wavelength), flux : (2, sun, wavelength), output
+        Fluxes are upward and downward [W m-2 nm-1].
+    """
+    work, course, bundle, fourier = scratch
+    for j in range(moments.shape[0]):
+        for i in range(moments.shape[2]):
+            for k in range(moments.shape[1]):
+                moments[j, k, i] = 0.0
+            flux[0, j, i], flux[1, j, i] = 0.0, 0.0
+    r = columns.radius + altitude
+    for k in range(directions.shape[0]):
+        mu = directions[k, 0]
+        if directions[k, 1] <= 0.0:  # no sky between the horizontal and the horizon, on the ground
+            continue
+        line = trace_line(columns, 0.0, 0.0, r, math.sqrt((1.0 - mu) * (1.0 + mu)), 0.0, mu)
+        n = lay_points(columns, diffuse, line, course, work)
+        weigh_cells(diffuse, line.hits_ground, n, course, work)
+        rays = _node_rays(r, mu, sun_mu, azimuth, bundle)
+        if is_first:
+            lay_halves(columns, diffuse, line, n, course, work)
+            light_node(columns, diffuse, fine_mu, line, n, rays, course, bundle, work)
+            for ray in range(rays):
+                scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
+                for channel in range(bundle.gathered.shape[1]):
+                    for i in range(course.glow.size):
+                        extra = bundle.reflected[ray, i] + course.glow[i] if channel == 0 else 0.0
+                        bundle.gathered[ray, channel, i] = np.float32(bundle.scattered[ray, channel, i] + extra)
+        else:
+            gather(diffuse, field, line, n, rays, course, bundle)
+        _project(field, sun_mu.size, mu, directions[k, 1], take[k], azimuth, bundle, fourier, moments, flux)
+
+
+@entry
+def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratch, moments):
+    """Interpolate a field from its nodes to the rows and Sun nodes from which it is gathered.
+
+    Cubic in both directions, of the logarithm of the mean radiance (moment 0), which falls by orders of magnitude in
+    twilight, and of the ratios of the other moments to it.
+
+    Parameters
+    ----------
+    packed : (node, sun, moment, wavelength)
+        The logarithm, and the ratios.
+    row_node, row_weight : (row, 4); sun_node, sun_weight : (fine sun, 4)
+        Four nodes and their weights.
+    low, high : int
+        Range of fine Sun nodes to fill.
+    scratch : (node, moment, wavelength)
+    moments : (row, fine sun, moment, wavelength) float32, output
+    """
+    nodes, count, wavelengths = packed.shape[0], packed.shape[2], packed.shape[3]
+    for j in range(low, high):
+        for node in range(nodes):
+            for k in range(count):
+                for i in range(wavelengths):
+                    scratch[node, k, i] = 0.0
+            for a in range(4):
+                f, b = sun_weight[j, a], sun_node[j, a]
+                for k in range(count):
+                    for i in range(wavelengths):
+                        scratch[node, k, i] += f * packed[node, b, k, i]
+            # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
+            b = sun_node[j]
+            for i in range(wavelengths):
+                p, q = packed[node, b[0], 0, i], packed[node, b[1], 0, i]
+                r, s = packed[node, b[2], 0, i], packed[node, b[3], 0, i]
+                scratch[node, 0, i] = min(max(scratch[node, 0, i], min(p, q, r, s)), max(p, q, r, s))
+        for row in range(moments.shape[0]):
+            n, f = row_node[row], row_weight[row]
+            for k in range(count):
+                for i in range(wavelengths):
+                    moments[row, j, k, i] = np.float32(
+                        f[0] * scratch[n[0], k, i] + f[1] * scratch[n[1], k, i]
+                        + f[2] * scratch[n[2], k, i] + f[3] * scratch[n[3], k, i]
+                    )  # fmt: skip
+            for i in range(wavelengths):
+                p, q, r, s = scratch[n[0], 0, i], scratch[n[1], 0, i], scratch[n[2], 0, i], scratch[n[3], 0, i]
+                mean = fast_exp(min(max(moments[row, j, 0, i], min(p, q, r, s)), max(p, q, r, s)))
+                moments[row, j, 0, i] = np.float32(mean)
+                for k in range(1, count):
+                    moments[row, j, k, i] *= np.float32(mean)
+
+
+@entry
+def look(columns, diffuse, optics, first, field, origins, directions, group, scratch,
+         scattered, reflected, multiple, direct):  # fmt: skip
+    """Radiance along rays from a solved field.
+
+    Parameters
+    ----------
+    columns : ColumnTable
+    diffuse : Diffuse
+    optics : OpticsTable
+    first : (use, component, angle, wavelength)
+        Phase function times scattering per unit density, and b1 times it; whole, with its forward peak.
+    field : Field
+        Sum of all orders.
+    origins, directions : (ray, 3)
+    group : (group + 1,) int64
+        Rays ``group[g]`` to ``group[g + 1]`` share one course; no more of them than the bundle holds.
+    scratch : tuple
+        Made by `make_sweep_scratch`.
+    scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength), output
+        Scattered once, scattered or reflected more often, reflected once by the ground, unscattered (the disk of the
+        Sun, emission, light from outside) [W m-2 sr-1 nm-1].
+    """
+    work, course, bundle, _ = scratch
+    s = optics.disk_axis
+    stokes, wavelengths = scattered.shape[1], scattered.shape[2]
+    for g in range(group.size - 1):
+        begin, rays = group[g], group[g + 1] - group[g]
+        o, d = origins[begin], directions[begin]
+        line = trace_line(columns, o[0], o[1], o[2], d[0], d[1], d[2])
+        n = 0
+        if line.leave > line.enter or line.hits_ground:
+            n = lay_points(columns, diffuse, line, course, work)
+            weigh_cells(diffuse, line.hits_ground, n, course, work)
+            lay_gauss(columns, diffuse, line, n, course, work)
+            for ray in range(rays):
+                o, d = origins[begin + ray], directions[begin + ray]
+                bundle.q[ray] = o[0] * s[0] + o[1] * s[1] + o[2] * s[2]
+                bundle.nu[ray] = min(max(d[0] * s[0] + d[1] * s[1] + d[2] * s[2], -1.0), 1.0)
+                bundle.w[ray] = (
+                    o[0] * (s[1] * d[2] - s[2] * d[1])
+                    + o[1] * (s[2] * d[0] - s[0] * d[2])
+                    + o[2] * (s[0] * d[1] - s[1] * d[0])
+                )
+            light_bundle(columns, diffuse, line, n, rays, course, bundle, work)
+            for ray in range(rays):
+                scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
+            if diffuse.peaks.shape[1] > 0 and not line.hits_ground:
+                spread_peaks(diffuse, n, course, bundle)
+                for ray in range(rays):
+                    narrow_aureole(diffuse, ray, bundle)
+            gather(diffuse, field, line, n, rays, course, bundle)
+        for ray in range(rays):
+            to = begin + ray
+            for i in range(wavelengths):
+                for channel in range(stokes):
+                    scattered[to, channel, i] = bundle.scattered[ray, channel, i] if n > 0 else 0.0
+                    multiple[to, channel, i] = bundle.gathered[ray, channel, i] if n > 0 else 0.0
+                reflected[to, i] = bundle.reflected[ray, i] if n > 0 else 0.0
+                direct[to, i] = course.glow[i] if n > 0 else diffuse.light[0, i]
+            d = directions[to]
+            if not line.hits_ground and disk_radiance(optics, d[0], d[1], d[2], work.sun):
+                for c in range(work.along.size):
+                    work.along[c] = 0.0
+                if line.leave > line.enter:
+                    start_columns(columns, line, work.from_start, work.across)
+                    columns_along(columns, line, line.leave, work.from_start, work.across, work.along)
+                transmittance(work.along, optics.sigma_t, work.through)
+                for i in range(wavelengths):
+                    direct[to, i] += work.sun[i] * work.through[i]
+
+
+def make_sweep_scratch(
+    diffuse: Diffuse, field: Field, stokes: int, rays: int
+) -> tuple[Work, Course, Bundle, np.ndarray]:
+    """Scratch of `sweep_height` and `look` for bundles of so many rays; a thread needs its own."""
+    blocks, components, degrees, wavelengths = diffuse.greek.shape
+    orders = field.recurrence.shape[1]
+    return (
+        make_work(components, wavelengths),
+        make_course(diffuse.shell.size, blocks, components, degrees, wavelengths),
+        make_bundle(rays, field.moments.shape[1], field, stokes, components, diffuse.peaks.shape[1]),
+        np.zeros((orders, stokes, wavelengths)),
+    )

@@ -1,0 +1,224 @@
+"""Lamps as walks look for them: which one, where on it, and how likely the same ray would have been another way.
+
+A lamp is chosen by its power and by a guess of how much of it arrives; a tenth of the choices asks for no guess, so
+that none can be wrong by more than that.  On a surface a point is drawn by area, on a sphere that is seen from outside
+within the cone that it fills: densities per solid angle p = d^2 / (A cos) and 1 / (2 pi (1 - cos a)).  Parallel lamps
+and points cannot be met by chance; the surroundings are met by every ray that escapes, and are not looked for.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.kernels.jit import inlined, kernel
+from skyscatter.kernels.path import turn
+from skyscatter.kernels.pointed import whole
+from skyscatter.kernels.surfaces.shapes import sample_item
+from skyscatter.kernels.surfaces.tables import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
+
+#: Share of the choices of a lamp that do not ask how much of its light arrives.
+BLIND_SHARE = 0.1
+
+
+class LampGuide(NamedTuple):
+    """Where the light is, roughly: it decides how often walks look where, and never what they find there."""
+
+    middle: np.ndarray  #: (lamp, 3) [m], or direction to a parallel lamp
+    size: np.ndarray  #: (lamp,) radius [m] of a sphere around it
+    power: np.ndarray  #: (lamp,) mean over the wavelengths
+    axis: np.ndarray  #: (lamp, 3) middle of the lobe of a point or of a flat surface
+    lowest: np.ndarray  #: (lamp,) cosine around the axis below which nothing shines; -1 where light goes everywhere
+    typical: np.ndarray  #: (lamp,) radiant intensity over power, evenly spread over where it shines [sr-1]
+    open: bool  #: whether light comes from the surroundings
+    background: np.ndarray  #: (wavelength,) their radiance
+    blind: np.ndarray  #: (lamp,) chance of every lamp that can be looked for; they sum to 1
+    scatters: np.ndarray  #: (medium,) bool
+    shines: np.ndarray  #: (medium,) bool
+    extinction: np.ndarray  #: (medium,) mean over the wavelengths of constant media, 0 of others [m-1]
+    near: float  #: share of the points on legs that are drawn by where the lamp is near
+    points: int  #: of the camera's first leg at which lamps are looked for
+    level: float  #: throughput below which roulette begins
+    gathered: np.ndarray  #: (medium, angle) integral of the mean phase function over the angle up to pi (k / n)^2
+
+
+@inlined
+def lobe_value(lamps, k, cosine):
+    """Radiant intensity over power of lamp k [sr-1] at the cosine of an angle from its axis."""
+    low, high = lamps.lobe_first[k], lamps.lobe_first[k + 1] - 1
+    c = lamps.lobe_cosine
+    value = 0.0
+    # A scalar product of unit vectors may exceed 1 by its last digit.
+    cosine = min(max(cosine, -1.0), 1.0)
+    if high > low and c[low] <= cosine <= c[high]:
+        while high - low > 1:
+            middle = (low + high) >> 1
+            if c[middle] <= cosine:
+                low = middle
+            else:
+                high = middle
+        w = (cosine - c[low]) / (c[high] - c[low])
+        value = lamps.lobe_value[low] + w * (lamps.lobe_value[high] - lamps.lobe_value[low])
+    return value
+
+
+@inlined
+def brightness(lamps, k, cosine):
+    """Radiance over power [m-2 sr-1] of a surface lamp that is seen under an angle from its normal."""
+    return lobe_value(lamps, k, cosine) / (lamps.area[k] * cosine) if cosine > 0.0 else 0.0
+
+
+@inlined
+def cone_of(p, x):
+    """Direction and distance to the middle of a sphere, and 1 - cos of the angle that it fills; 0 from inside."""
+    a, b, c = p[0] - x[0], p[1] - x[1], p[2] - x[2]
+    distance = math.sqrt(a * a + b * b + c * c)
+    opening = 0.0
+    if distance > p[3]:
+        sine = p[3] / distance
+        opening = sine * sine / (1.0 + math.sqrt((1.0 - sine) * (1.0 + sine)))
+        a, b, c = a / distance, b / distance, c / distance
+    return a, b, c, distance, opening
+
+
+@inlined
+def item_share(lamps, k, n):
+    """Chance of the n-th of all lamps' items within its lamp k."""
+    return lamps.item_cdf[n] - (lamps.item_cdf[n - 1] if n > lamps.item_first[k] else 0.0)
+
+
+@kernel
+def meeting_density(shapes, lamps, k, item, x, distance, cosine):
+    """Density per solid angle [sr-1] with which `aim` at lamp k would draw a direction in which `item` is met.
+
+    `cosine` is that of the angle between the item's outward normal and the way back.
+    """
+    if not cosine > 0.0:
+        return 0.0
+    if item < shapes.kind.size and shapes.kind[item] == SPHERE:
+        _, _, _, _, opening = cone_of(shapes.parameters[item], x)
+        if opening > 0.0:
+            share = 4.0 * math.pi * shapes.parameters[item, 3] ** 2 / lamps.area[k]
+            return share / (2.0 * math.pi * opening)
+    return distance * distance / (lamps.area[k] * cosine)
+
+
+@kernel
+def aim(shapes, lamps, k, x, u, v, d, point):
+    """Look from x for lamp k: its direction into `d` (3,); `point` (6,) is scratch.
+
+    Returns
+    -------
+    distance : [m]; endless to a parallel lamp
+    item : that is to be met there, -1 if there is none
+    density : per solid angle [sr-1]; 0 of a lamp without extent
+    light : its spectral power times this is the radiance [W m-2 sr-1 nm-1], or the irradiance [W m-2 nm-1] of a lamp
+        without extent; 0 if nothing shines this way
+    """
+    if lamps.kind[k] == PARALLEL_LAMP:
+        for n in range(3):
+            d[n] = lamps.position[k, n]
+        return math.inf, np.int64(-1), 0.0, 1.0
+    if lamps.kind[k] == POINT_LAMP:
+        distance = face(x, lamps.position[k], d)
+        a = lamps.axis[k]
+        light = lobe_value(lamps, k, -(d[0] * a[0] + d[1] * a[1] + d[2] * a[2])) if distance > 0.0 else 0.0
+        return distance, np.int64(-1), 0.0, light / max(distance * distance, 1e-300)
+    # An item by its area; what is left of the number is as good as new.
+    low, high = lamps.item_first[k], lamps.item_first[k + 1] - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if lamps.item_cdf[middle] <= u:
+            low = middle + 1
+        else:
+            high = middle
+    share = item_share(lamps, k, low)
+    u = min(max((u - (lamps.item_cdf[low] - share)) / share, 0.0), 1.0)
+    item = lamps.item[low]
+    if item < shapes.kind.size and shapes.kind[item] == SPHERE:
+        p = shapes.parameters[item]
+        a, b, c, far, opening = cone_of(p, x)
+        if opening > 0.0:
+            d[0], d[1], d[2] = a, b, c
+            turn(d, 1.0 - u * opening, 2.0 * math.pi * v)
+            along = far * (d[0] * a + d[1] * b + d[2] * c)
+            # The half chord, by the distance of the ray from the middle.
+            height = far * far * u * opening * (2.0 - u * opening)
+            half = math.sqrt(max(p[3] * p[3] - height, 0.0))
+            distance = along - half
+            return distance, item, share / (2.0 * math.pi * opening), brightness(lamps, k, half / p[3])
+    sample_item(whole(shapes), item, u, v, point)
+    distance = face(x, point, d)
+    cosine = -(d[0] * point[3] + d[1] * point[4] + d[2] * point[5])
+    if not (cosine > 0.0 and distance > 0.0):
+        return distance, item, 0.0, 0.0
+    return distance, item, distance * distance / (lamps.area[k] * cosine), brightness(lamps, k, cosine)
+
+
+@inlined
+def face(x, to, d):
+    """Unit vector from x to a point, into `d` (3,); returns their distance."""
+    a, b, c = to[0] - x[0], to[1] - x[1], to[2] - x[2]
+    distance = math.sqrt(a * a + b * b + c * c)
+    if distance > 0.0:
+        d[0], d[1], d[2] = a / distance, b / distance, c / distance
+    return distance
+
+
+@inlined
+def sided(guess, blind, total):
+    """Chance of a lamp by the guess and without."""
+    return (1.0 - BLIND_SHARE) * guess / total + BLIND_SHARE * blind if total > 0.0 else blind
+
+
+@inlined
+def share_out(guide, chance):
+    """Make chances of guesses."""
+    total = 0.0
+    for k in range(chance.size):
+        total += chance[k]
+    for k in range(chance.size):
+        chance[k] = sided(chance[k], guide.blind[k], total)
+
+
+@inlined
+def pick(chance, u):
+    """A lamp by its chance; -1 if there is none to look for."""
+    chosen = np.int64(-1)
+    for k in range(chance.size):
+        if chance[k] > 0.0:
+            chosen = np.int64(k)
+            if u < chance[k]:
+                break
+            u -= chance[k]
+    return chosen
+
+
+@kernel
+def guess_at_point(lamps, guide, x, n, both_sides, chance):
+    """Chances to look for each lamp from a point of a surface with normal n, into `chance` (lamp,)."""
+    for k in range(chance.size):
+        guess = 0.0
+        if lamps.kind[k] == PARALLEL_LAMP:
+            m = guide.middle[k]
+            cosine = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
+            guess = guide.power[k] * (abs(cosine) if both_sides else max(cosine, 0.0))
+        elif lamps.kind[k] != SURROUNDINGS:
+            m, a = guide.middle[k], guide.axis[k]
+            dx, dy, dz = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+            square = max(dx * dx + dy * dy + dz * dz, 1e-300)
+            norm = 1.0 / math.sqrt(square)
+            # As far as the lamp is extended, its middle does not tell on which side of a plane it is.
+            spread = min(guide.size[k] * norm, 1.0)
+            cosine = (n[0] * dx + n[1] * dy + n[2] * dz) * norm
+            cosine = min(max((abs(cosine) if both_sides else cosine) + spread, 0.0), 1.0)
+            from_axis = -(a[0] * dx + a[1] * dy + a[2] * dz) * norm
+            if lamps.kind[k] == POINT_LAMP:
+                intensity = lobe_value(lamps, k, from_axis)
+            else:
+                intensity = guide.typical[k] if from_axis + spread >= guide.lowest[k] else 0.0
+            guess = guide.power[k] * intensity * cosine / max(square, guide.size[k] * guide.size[k])
+        chance[k] = guess
+    share_out(guide, chance)

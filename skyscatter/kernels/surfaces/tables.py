@@ -1,0 +1,125 @@
+"""A scene of surfaces, media and lamps as the kernels see it: arrays only, the wavelength always last.
+
+What a ray can meet is an *item*: an analytic shape, or one triangle of a mesh.  Items belong to *bodies*; a body is
+made of one material, may be the boundary of one medium, and may be a lamp.  Normals point out of a body; the inside
+of a plane, a rectangle, a disk is the side from which the normal points away.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.kernels.space import SpaceTable
+
+#: Kinds of items.
+SPHERE, PLANE, RECTANGLE, BOX, DISK, TRIANGLE = 0, 1, 2, 3, 4, 5
+#: Kinds of materials.  An INTERFACE only separates media: light passes as if nothing were there.
+INTERFACE, LAMBERT, MIRROR, DIELECTRIC, CONDUCTOR = 0, 1, 2, 3, 4
+#: Kinds of lamps.
+POINT_LAMP, SURFACE_LAMP, PARALLEL_LAMP, SURROUNDINGS = 0, 1, 2, 3
+#: What a surface did to a walk, see `bsdf.sample_bsdf`: one of the first three, DELTA added where the direction was no
+#: matter of chance.
+ABSORBED, REFLECTED, TRANSMITTED, DELTA = 0, 1, 2, 4
+#: Media that a ray may be inside of at once.
+STACK = 8
+
+
+class ShapeTable(NamedTuple):
+    """Everything that rays can meet.  Items 0 ... shapes - 1 are shapes, the rest triangles."""
+
+    kind: np.ndarray  #: (shape,) int64
+    parameters: np.ndarray  #: (shape, 16) float64, layout by kind, see `kernels.surfaces.shapes`
+    shape_body: np.ndarray  #: (shape,) int64
+    triangle: np.ndarray  #: (triangle, 12) three corners (shared ones must agree to the last bit), unit normal
+    triangle_body: np.ndarray  #: (triangle,) int64
+    loose: np.ndarray  #: (n,) int64 items that are tested one by one: endless ones, and all where there are few
+    node_box: np.ndarray  #: (node, 6) float64 bounds of the nodes of the tree over all other items; none without such
+    node_link: np.ndarray  #: (node, 2) int64, layout see `kernels.surfaces.tree`
+    order: np.ndarray  #: (n,) int64 items in the order of the tree's leaves
+    material: np.ndarray  #: (body,) int64 row of `MaterialTable`
+    inside: np.ndarray  #: (body,) int64 medium that the body bounds, -1 where it bounds none
+    lamp: np.ndarray  #: (body,) int64 row of `LampTable`, -1 for bodies that do not shine
+    thin: np.ndarray  #: (body,) bool, whether it is an INTERFACE, through which shadow rays go on
+    passable: bool  #: whether some body is one
+
+
+class MaterialTable(NamedTuple):
+    """What surfaces do to light."""
+
+    kind: np.ndarray  #: (material,) int64
+    roughness: np.ndarray  #: (material,) GGX alpha; 0 where smooth
+    reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR
+    index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's index
+    absorption: np.ndarray  #: (material, wavelength) imaginary part k
+    lost: np.ndarray  #: (material, ratio, node) share that facets throw on others, see `facets.ratio_at`
+    lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
+
+
+class MediaTable(NamedTuple):
+    """The media between surfaces.  Medium 0 is outside of all bodies; each owns a stretch of the components.
+
+    A component whose density is the same everywhere has no term in `space`: `density` tells it.
+    """
+
+    first: np.ndarray  #: (medium + 1,) int64, first component of each medium
+    priority: np.ndarray  #: (medium,) int64; where bodies overlap the medium of highest priority is met
+    index: np.ndarray  # type: ignore[assignment]  #: (medium, wavelength) refractive index
+    dispersive: np.ndarray  #: (medium,) bool, whether the index depends on the wavelength
+    constant: np.ndarray  #: (medium,) bool, whether all of its components are equally dense everywhere
+    extinction: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others
+    scattering: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others
+    space: SpaceTable | None  #: densities of all components that are not constant; None where all are
+    density: np.ndarray  #: (component,) of constant components, 0 of others
+    sigma_s: np.ndarray  #: (component, wavelength) scattering per unit density [m-1]
+    sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density [m-1]
+    emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]
+    phase: np.ndarray  #: (component, angle, wavelength) [sr-1], at cos_theta = 1 - 2 (k / n)^2
+    phase_cdf: np.ndarray  #: (component, wavelength, angle) probability of an angle nearer to forward
+    rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1]
+
+
+class PeakTable(NamedTuple):
+    """Phase functions as the sum of a broad part and a peak, see `kernels.surfaces.peaks`."""
+
+    broad: np.ndarray  #: (component, angle, wavelength) [sr-1]
+    phase: np.ndarray  #: (component, angle, wavelength) the peak [sr-1]
+    phase_cdf: np.ndarray  #: (component, wavelength, angle) its distribution function
+    share: np.ndarray  #: (component, wavelength) its share of the scattered light
+    most: np.ndarray  #: (medium, wavelength) the largest share of it times albedo of the medium's components
+
+
+class LampTable(NamedTuple):
+    """Where light comes from.
+
+    A lamp's *lobe* is its radiant intensity over the cosine of the angle from its axis (from the surface's normal for
+    lamps that are surfaces), linear between nodes, with 2 pi times its integral equal to 1.  A lamp that is a surface
+    has the same lobe on every piece of it: radiance = power x lobe / (area x cosine).
+    """
+
+    kind: np.ndarray  #: (lamp,) int64
+    power: np.ndarray  #: (lamp, wavelength) [W nm-1]; irradiance [W m-2 nm-1] if parallel, radiance of the surroundings
+    position: np.ndarray  #: (lamp, 3) [m] of a point lamp; direction towards a parallel one
+    axis: np.ndarray  #: (lamp, 3) unit vector, middle of the lobe of a point lamp
+    lobe_first: np.ndarray  #: (lamp + 1,) int64
+    lobe_cosine: np.ndarray  #: (node,) rising within a lamp
+    lobe_value: np.ndarray  #: (node,) [sr-1]
+    lobe_cdf: np.ndarray  #: (node,) 0 ... 1 within a lamp
+    item_first: np.ndarray  #: (lamp + 1,) int64, the items of a lamp that is a surface
+    item: np.ndarray  #: (n,) int64
+    item_cdf: np.ndarray  #: (n,) 0 < ... = 1 within a lamp, by area
+    area: np.ndarray  #: (lamp,) [m2], 0 of lamps without a surface
+    share: np.ndarray  #: (lamp,) chance with which a photon starts from it: share of the power, wavelengths averaged
+    stack: np.ndarray  #: (lamp, STACK) int64 media around it, the last entered last; -1 where none
+    centre: np.ndarray  #: (3,) of a sphere around all that is finite: where parallel light and surroundings start from
+    radius: float  #: of that sphere [m]
+
+
+class SurfaceTable(NamedTuple):
+    """A scene with surfaces."""
+
+    shapes: ShapeTable
+    materials: MaterialTable
+    media: MediaTable
+    lamps: LampTable

@@ -1,0 +1,283 @@
+"""Legs of walks in three dimensions: strata, what each of them should hand on, and points drawn from them.
+
+See `kernels.volume_walks` for what they are for, and docs/theory.md, equations 32 and 36.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.kernels.jit import inlined, kernel
+from skyscatter.kernels.lookup import sort_few
+from skyscatter.kernels.optics import mix_components, transmittance
+from skyscatter.kernels.space import space_columns, space_densities
+from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, least_depth
+
+#: Optical depth at the most transparent wavelength at which a leg ends.
+DARK = 40.0
+#: Depth of its first stratum beyond which a dark leg is cut anew.
+COARSE = 1.0
+#: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
+STEEPEST = 40.0
+
+
+class VolumeLeg(NamedTuple):
+    """A leg with its strata."""
+
+    edge: np.ndarray  #: (stratum + 1,) distances [m]
+    column: np.ndarray  #: (stratum + 1, component) columns from the start of the leg [m]
+    vertex: np.ndarray  #: (stratum, wavelength) chance that the next vertex lies in a stratum, under each hero
+    light: np.ndarray  #: (stratum, wavelength) the same for the points at which light is fetched
+    vertex_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of all light
+    light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light
+    escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
+    total: np.ndarray  #: (2, wavelength)
+    draw: np.ndarray  #: (wavelength,) density [m-1] of a drawn point under each hero
+
+
+def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg:
+    """An empty leg."""
+    return VolumeLeg(
+        np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros((strata, wavelengths)),
+        np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros((strata + 1, wavelengths)),
+        np.zeros(wavelengths), np.zeros((2, wavelengths)), np.zeros(wavelengths),
+    )  # fmt: skip
+
+
+@kernel
+def main_light(v, x, d, start, end):
+    """The point light that should shine brightest on a line, and the distance at which the line is nearest to it."""
+    best, chosen, place, apart = 0.0, -1, 0.0, 0.0
+    for k in range(v.power.shape[0]):
+        if v.distant[k]:
+            continue
+        a, b, c = v.place[k, 0] - x[0], v.place[k, 1] - x[1], v.place[k, 2] - x[2]
+        near = min(max(a * d[0] + b * d[1] + c * d[2], start), end)
+        a, b, c = a - near * d[0], b - near * d[1], c - near * d[2]
+        q = math.sqrt(a * a + b * b + c * c)
+        # Irradiance integrated along a line goes as 1 / distance.
+        bright = v.share[k] / max(q, v.size[k], 1e-9 * (end - start))
+        if bright > best:
+            best, chosen, place, apart = bright, k, a * d[0] + b * d[1] + c * d[2] + near, q
+    return chosen, place, max(apart, 1e-6 * (end - start))
+
+
+@kernel
+def cut_leg(v, x, d, start, end, uniformly, edge):
+    """Edges of the strata of a leg: equal angles around the main light, and steps that are equal or grow."""
+    strata = edge.size - 1
+    chosen, near, apart = main_light(v, x, d, start, end)
+    n = 0
+    steps = strata
+    if chosen >= 0:
+        steps = strata // 2
+        low, high = math.atan((start - near) / apart), math.atan((end - near) / apart)
+        for k in range(1, strata - steps + 1):
+            t = near + apart * math.tan(low + (high - low) * k / (strata - steps + 1.0))
+            edge[n] = min(max(t, start), end)
+            n += 1
+    for k in range(1, steps):
+        share = k / (steps + 0.0)
+        edge[n] = start + (end - start) * (share if uniformly else share * share)
+        n += 1
+    edge[n], edge[n + 1] = start, end
+    sort_few(edge, n + 2)
+
+
+@kernel
+def visible_end(v, x, d, start, end, work):
+    """Where a leg ends: at the edge of the medium, or where even the most transparent wavelength is gone."""
+    step, t = (end - start) / 64.0, start
+    for c in range(work.along.size):
+        work.along[c] = 0.0
+    while True:
+        onward = min(t + step, end)
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], t, onward, work.space, work.along)
+        t = onward
+        if t >= end or least_depth(v, work.along) > DARK:
+            return t
+        step *= 2.0
+
+
+@kernel
+def fill_columns_of_leg(v, x, d, leg, work):
+    """Columns from the start of a leg to the edges of its strata."""
+    for c in range(work.along.size):
+        work.along[c] = 0.0
+    for k in range(leg.edge.size):
+        if k > 0:
+            before, t = leg.edge[k - 1], leg.edge[k]
+            space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
+        for c in range(work.along.size):
+            leg.column[k, c] = work.along[c]
+
+
+@kernel
+def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
+    """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
+    last = leg.edge.size - 1
+    wavelengths = leg.draw.size
+    cut_leg(v, x, d, start, end, camera, leg.edge)
+    fill_columns_of_leg(v, x, d, leg, work)
+    if least_depth(v, leg.column[1]) > COARSE and least_depth(v, leg.column[last]) > DARK:
+        # The leg goes on in the dark for long: its strata belong to where there is light.
+        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg.edge)
+        fill_columns_of_leg(v, x, d, leg, work)
+    for i in range(wavelengths):
+        leg.total[0, i], leg.total[1, i], leg.escape[i] = 0.0, 0.0, 0.0
+    for k in range(last + 1):
+        t = leg.edge[k]
+        transmittance(leg.column[k], v.sigma_t, work.through)
+        a, b, c = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
+        guess_light(v, a, b, c, work, leg.light_rim[k], leg.vertex_rim[k])
+        correct_guess(v, a, b, c, leg.vertex_rim[k])
+        for i in range(wavelengths):
+            leg.light_rim[k, i] *= work.through[i]
+            leg.vertex_rim[k, i] *= work.through[i]
+        if k > 0:
+            weigh_stratum(v, k - 1, leg)
+    if v.glows and not camera:
+        gather_escape(v, x, d, u, leg, work)
+    found = 0.0
+    for i in range(wavelengths):
+        found += leg.total[1, i]
+        low, high = 1.0 / max(leg.total[0, i], 1e-300), 1.0 / max(leg.total[1, i], 1e-300)
+        for k in range(last):
+            leg.light[k, i] *= low
+            leg.vertex[k, i] *= high
+    return found > 0.0
+
+
+@inlined
+def weigh_stratum(v, k, leg):
+    """Chances of stratum k: the scattering on it times the logarithmic mean of the values at its edges."""
+    for i in range(leg.draw.size):
+        scattering = 0.0
+        for c in range(leg.column.shape[1]):
+            scattering += (leg.column[k + 1, c] - leg.column[k, c]) * v.sigma_s[c, i]
+        # Carlson (1972), Am. Math. Mon. 79, 615: (2 geometric + arithmetic) / 3 is close to the logarithmic mean.
+        a, b = leg.light_rim[k, i], leg.light_rim[k + 1, i]
+        leg.light[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.total[0, i] += leg.light[k, i]
+        a, b = leg.vertex_rim[k, i], leg.vertex_rim[k + 1, i]
+        leg.vertex[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.total[1, i] += leg.vertex[k, i]
+
+
+@kernel
+def gather_escape(v, x, d, u, leg, work):
+    """Emission along a leg, one point at the fraction u of every stratum, and the background at its end."""
+    last = leg.edge.size - 1
+    for c in range(work.along.size):
+        work.along[c] = leg.column[last, c]
+    transmittance(work.along, v.sigma_t, work.through)
+    for i in range(leg.escape.size):
+        leg.escape[i] = v.background[i] * work.through[i]
+    if not v.emits:
+        return
+    for k in range(last):
+        width = leg.edge[k + 1] - leg.edge[k]
+        t = leg.edge[k] + u * width
+        for c in range(work.along.size):
+            work.along[c] = leg.column[k, c]
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
+        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+        transmittance(work.along, v.sigma_t, work.through)
+        mix_components(work.density, v.emission, work.towards)
+        for i in range(leg.escape.size):
+            leg.escape[i] += width * work.through[i] * work.towards[i]
+
+
+@inlined
+def steepness(low, high):
+    """Logarithm of the fall from one edge to the other, within limits."""
+    if low <= 0.0 or high <= 0.0:
+        return 0.0 if low <= high else STEEPEST
+    return min(max(math.log(low / high), -STEEPEST), STEEPEST)
+
+
+@kernel
+def draw_point(chance, rim, edge, hero, u, density):
+    """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
+
+    Returns the distance and the stratum; the stratum is -1 when the hero finds nothing.
+    """
+    last = chance.shape[0]
+    below, k, share = 0.0, -1, 0.0
+    for j in range(last):
+        c = chance[j, hero]
+        if c > 0.0:
+            k, share = j, min((u - below) / c, 1.0)
+            below += c
+            if u < below:
+                break
+    if k < 0:
+        return 0.0, k
+    a = steepness(rim[k, hero], rim[k + 1, hero])
+    width = edge[k + 1] - edge[k]
+    s = share if abs(a) < 1e-6 else -math.log1p(share * math.expm1(-a)) / a
+    s = min(max(s, 0.0), 1.0)
+    for i in range(density.size):
+        a = steepness(rim[k, i], rim[k + 1, i])
+        fall = 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
+        density[i] = chance[k, i] * fall / width
+    return edge[k] + s * width, k
+
+
+@inlined
+def columns_to(v, x, d, leg, k, t, work):
+    """Columns from the start of a leg to the distance t in stratum k, into ``work.along``."""
+    for c in range(work.along.size):
+        work.along[c] = leg.column[k, c]
+    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
+
+
+@kernel
+def invert_column(v, i, wanted, low, high, first, x, d, work):
+    """Distance between low and high at which the optical depth at wavelength number i is `wanted`.
+
+    Newton's steps within a bracket; `first` holds the columns at `low`.
+    """
+    begin, t, width = low, 0.5 * (low + high), high - low
+    for _ in range(60):
+        for c in range(work.along.size):
+            work.along[c] = first[c]
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], begin, t, work.space, work.along)
+        miss = depth_at(v, work.along, i) - wanted
+        if miss < 0.0:
+            low = t
+        else:
+            high = t
+        if abs(miss) < 1e-10 * (1.0 + wanted) or high - low < 1e-13 * width:
+            break
+        space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+        sigma = depth_at(v, work.density, i)
+        t = t - miss / sigma if sigma > 0.0 else 0.5 * (low + high)
+        if not low < t < high:
+            t = 0.5 * (low + high)
+    return t
+
+
+@kernel
+def fly_forced(v, hero, u, leg, work, walk):
+    """A free flight that ends on the leg, its density [m-1] under every hero, and its stratum, -1 if there is none."""
+    x, d = walk.position, walk.direction
+    last = leg.edge.size - 1
+    lost = -math.expm1(-depth_at(v, leg.column[last], hero))
+    if not lost > 0.0:
+        return 0.0, -1
+    wanted = -math.log1p(-u * lost)
+    k = 0
+    while k < last - 1 and depth_at(v, leg.column[k + 1], hero) < wanted:
+        k += 1
+    t = invert_column(v, hero, wanted, leg.edge[k], leg.edge[k + 1], leg.column[k], x, d, work)
+    columns_to(v, x, d, leg, k, t, work)
+    transmittance(work.along, v.sigma_t, work.through)
+    space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+    for i in range(leg.draw.size):
+        whole = -math.expm1(-depth_at(v, leg.column[last], i))
+        leg.draw[i] = depth_at(v, work.density, i) * work.through[i] / max(whole, 1e-300)
+    return t, k
