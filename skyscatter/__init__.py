@@ -29,13 +29,13 @@ _HOME = {
     "Dust": "skyscatter.optics.dust",
     "GasLines": "skyscatter.optics.lines",
     "Particles": "skyscatter.optics.particles",
-    "NebulaModel": "skyscatter.nebula",
+    "NebulaModel": "skyscatter.models.nebula",
     "ParallelLight": "skyscatter.lights",
     "PointStar": "skyscatter.lights",
     "SpaceScene": "skyscatter.space",
     "Body": "skyscatter.surfaces.scene",
     "SurfaceMedium": "skyscatter.surfaces.scene",
-    "SurfaceModel": "skyscatter.surfaces.model",
+    "SurfaceModel": "skyscatter.models.surfaces",
     "SurfaceScene": "skyscatter.surfaces.scene",
     "Viewpoint": "skyscatter.surfaces.scene",
     "StarField": "skyscatter.starfield",
@@ -47,10 +47,10 @@ _HOME = {
     "Scene": "skyscatter.scene",
     "Star": "skyscatter.scene",
     "Sun": "skyscatter.scene",
-    "Model": "skyscatter.model",
-    "Planet": "skyscatter.model",
-    "load_model": "skyscatter.model",
-    "model_names": "skyscatter.model",
+    "Model": "skyscatter.models.sky",
+    "Planet": "skyscatter.models.sky",
+    "load_model": "skyscatter.models.files",
+    "model_names": "skyscatter.models.files",
     "Fisheye": "skyscatter.geometry.camera",
     "Panorama": "skyscatter.geometry.camera",
     "Perspective": "skyscatter.geometry.camera",
@@ -100,11 +100,12 @@ if TYPE_CHECKING:
     from skyscatter.lights import PointStar as PointStar
     from skyscatter.media.medium import Component as Component
     from skyscatter.media.medium import Medium as Medium
-    from skyscatter.model import Model as Model
-    from skyscatter.model import Planet as Planet
-    from skyscatter.model import load_model as load_model
-    from skyscatter.model import model_names as model_names
-    from skyscatter.nebula import NebulaModel as NebulaModel
+    from skyscatter.models.files import load_model as load_model
+    from skyscatter.models.files import model_names as model_names
+    from skyscatter.models.nebula import NebulaModel as NebulaModel
+    from skyscatter.models.sky import Model as Model
+    from skyscatter.models.sky import Planet as Planet
+    from skyscatter.models.surfaces import SurfaceModel as SurfaceModel
     from skyscatter.optics.dust import Dust as Dust
     from skyscatter.optics.lines import GasLines as GasLines
     from skyscatter.optics.particles import Particles as Particles
@@ -121,7 +122,6 @@ if TYPE_CHECKING:
     from skyscatter.space import View as View
     from skyscatter.spectra.table import SpectralTable as SpectralTable
     from skyscatter.starfield import StarField as StarField
-    from skyscatter.surfaces.model import SurfaceModel as SurfaceModel
     from skyscatter.surfaces.scene import Body as Body
     from skyscatter.surfaces.scene import SurfaceMedium as SurfaceMedium
     from skyscatter.surfaces.scene import SurfaceScene as SurfaceScene

@@ -9,26 +9,12 @@ from pydantic import model_validator
 from skyscatter.errors import DomainError
 from skyscatter.media.arrays import ArrayField
 from skyscatter.record import Record
-from skyscatter.spectra.surfaces import surface_albedo
-from skyscatter.spectra.table import Albedo, Albedos, Spectral, evaluate
+from skyscatter.spectra.surfaces import check_albedo, spectrum_of
+from skyscatter.spectra.table import Albedo, Albedos
 from skyscatter.units import PositiveMetres, default
 
 #: Albedos that a map can tell apart; the kernels number them, and what lies outside, in a byte.
 MOST_CLASSES = 255
-
-
-def check_albedo(value: Spectral | str) -> None:
-    """Refuse what is no albedo: an unknown surface, or numbers outside 0 to 1."""
-    if isinstance(value, str):
-        surface_albedo(value, [550.0])
-        return
-
-
-def spectrum_of(value: Spectral | str, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
-    """An albedo per wavelength, shape (wavelength,)."""
-    if isinstance(value, str):
-        return surface_albedo(value, wavelengths_nm)
-    return evaluate(value, wavelengths_nm)
 
 
 class GroundMap(Record):

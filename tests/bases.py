@@ -28,7 +28,7 @@ from skyscatter.kernels.lookup import ColumnTable, build_column_table, densities
 from skyscatter.kernels.optics import phase_at, sample_cosine
 from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.medium import Component, Medium
-from skyscatter.media.tables import pack_fields
+from skyscatter.media.tables import pack_rows
 from skyscatter.optics.base import PhaseFunction
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import AnyPhase, matrix_excess
@@ -208,7 +208,7 @@ class DensityFieldBase:
         rng = np.random.default_rng(20)
         for field in self.examples:
             top = field.top_altitude
-            fields = pack_fields([field], EARTH)
+            fields = pack_rows([field.row()], EARTH)
             whole = float(field.vertical_column(0.0))
             for _ in range(25):
                 lowest = top * rng.random() ** 2
@@ -226,7 +226,7 @@ class DensityFieldBase:
     def test_tabulated_columns(self) -> None:
         """The lookup table against exact columns, half of them under flat angles."""
         for field in self.examples:
-            fields = pack_fields([field], EARTH)
+            fields = pack_rows([field.row()], EARTH)
             table = build_column_table(fields)
             rng = np.random.default_rng(4)
             h = np.concatenate([np.zeros(500), table.top * rng.random(6000) ** 2])
@@ -245,7 +245,7 @@ class DensityFieldBase:
 
     def test_tabulated_density(self) -> None:
         for field in self.examples:
-            table = build_column_table(pack_fields([field], EARTH))
+            table = build_column_table(pack_rows([field.row()], EARTH))
             h = table.top * np.random.default_rng(5).random(4000) ** 2
             out = np.empty((h.size, 1))
             table_densities(table, h, out)
@@ -256,7 +256,7 @@ class DensityFieldBase:
 
     def test_compiled_and_plain_twins_agree(self) -> None:
         for field in self.examples:
-            fields = pack_fields([field], EARTH)
+            fields = pack_rows([field.row()], EARTH)
             h = np.array([0.0, 0.1, 0.5, 0.9]) * field.top_altitude
             out = np.empty((h.size, 2))
             field_values(fields, 0, h, out)

@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
+from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, REFLECTED, TRANSMITTED
 from skyscatter.kernels.surfaces import bsdf, rays
-from skyscatter.kernels.surfaces.tables import ABSORBED, DELTA, REFLECTED, TRANSMITTED, ShapeTable
+from skyscatter.kernels.surfaces.tables import ShapeTable
 from skyscatter.surfaces.materials import Interface, Lambert
 from skyscatter.surfaces.packing import item_areas, pack_materials, pack_shapes
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from skyscatter.cli import parse, stopping
 from skyscatter.errors import DomainError, SkyscatterError
-from skyscatter.kinds import SORTS
+from skyscatter.models.kinds import SORTS
 from skyscatter.progress import MODES
 from skyscatter.units import metres
 

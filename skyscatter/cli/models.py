@@ -13,6 +13,7 @@ import typer
 from skyscatter.atomic import atomic_path
 from skyscatter.cli import common, parse
 from skyscatter.cli.examples import epilog
+from skyscatter.cli.wavelengths import CHECKED_WAVELENGTHS, SHOWN_WAVELENGTHS
 from skyscatter.errors import DomainError, ModelFileError, SkyscatterError
 from skyscatter.plotting import plot_model, vertical_optical_depth
 
@@ -24,9 +25,6 @@ app = typer.Typer(
 
 PLOT_HELP = "Draw profiles, optical depths, phase functions; of a nebula maps of its columns: .png .svg .pdf"
 SOURCE_WIDTH = 100
-SHOWN_WAVELENGTHS = np.array([450.0, 550.0, 650.0])
-#: The light that eyes see, which is what pictures are made of by default; beyond, tables may end and Mie theory costs.
-CHECKED_WAVELENGTHS = np.linspace(380.0, 780.0, 9)
 
 
 @app.callback(invoke_without_command=True)
@@ -103,7 +101,7 @@ def new(
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
 ) -> None:
     """Write a shipped model as a file to edit, with comments on its tables and kinds and on what it leaves out."""
-    from skyscatter.modelstart import model_to_edit
+    from skyscatter.models.start import model_to_edit
 
     text = model_to_edit(name)
     parse.check_output(file, (".toml",))
@@ -121,7 +119,7 @@ def schema(
     """Print the JSON schema of model files, with which an editor completes and checks them."""
     import json
 
-    from skyscatter.modelschema import model_schema
+    from skyscatter.models.schema import model_schema
 
     _write(json.dumps(model_schema(sort), indent=1) + "\n", output)
 
@@ -132,7 +130,7 @@ def reference(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Else on stdout.")] = None,
 ) -> None:
     """Print what a model file may say: every table, kind and field, with units, defaults, ranges and examples."""
-    from skyscatter.modelreference import reference
+    from skyscatter.models.reference import reference
 
     _write(reference(name), output)
 

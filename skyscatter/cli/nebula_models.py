@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.cli.wavelengths import SHOWN_WAVELENGTHS
 from skyscatter.errors import ModelFileError, SkyscatterError
 from skyscatter.units import PARSEC
 
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
     from skyscatter.lights import ParallelLight, PointStar
     from skyscatter.media.medium import Component
     from skyscatter.media.space import SpatialField
-    from skyscatter.nebula import NebulaModel
+    from skyscatter.models.nebula import NebulaModel
 
-SHOWN_WAVELENGTHS = np.array([450.0, 550.0, 650.0])
+#: Of lines, which are narrow, more is looked at.
 CHECKED_WAVELENGTHS = np.linspace(380.0, 780.0, 41)
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skyscatter.cli.models import CHECKED_WAVELENGTHS, SHOWN_WAVELENGTHS
+from skyscatter.cli.wavelengths import CHECKED_WAVELENGTHS, SHOWN_WAVELENGTHS
 from skyscatter.errors import ModelFileError, SkyscatterError
 
 if TYPE_CHECKING:
-    from skyscatter.surfaces.model import SurfaceModel
+    from skyscatter.models.surfaces import SurfaceModel
 
 
 def length(metres: float) -> str:

@@ -7,19 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from skyscatter.dehaze.options import DehazeOptions, SourceOptions, split_options
+from skyscatter.dehaze.options import DehazeOptions, SourceOptions, entrance, split_options
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.result import DehazeResult, Summary
 from skyscatter.errors import DomainError
 
 Progress = Callable[[float], object]
 
-#: Options that only one of the two entrances has.
-PHYSICAL = (
-    "aod", "aod_sigma", "aod_map",
-    "aerosol", "pressure_hpa", "ground_height_m", "ozone_du", "water_vapour_g_cm2", "pixel_size_m", "adjacency",
-)  # fmt: skip
-PLAIN = ("strength", "alpha", "transfer")
 #: An array of three or four columns and more planes than this has its bands last: no sensor here has so many.
 MOST_PLANES = 16
 
@@ -101,27 +95,6 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
         single = {"haze_map": ["haze"], "mask": ["flags"]}
         found = {name: source.wrap(values, single.get(name)) for name, values in found.items()}
     return DehazeResult(found["result"], found["sigma"], found["haze_map"], found["mask"], summary.to_json())
-
-
-def entrance(source: RasterSource, options: DehazeOptions) -> str:
-    """Which of the two entrances an image takes: ``"plain"`` or ``"physical"``.
-
-    Raises
-    ------
-    DomainError
-        If it is reflectance or radiance of a scene whose Sun is unknown, or an option of the other entrance is given.
-    """
-    plain = source.quantity == "display"
-    for name in PHYSICAL if plain else PLAIN:
-        if name in options.model_fields_set and getattr(options, name) != type(options).model_fields[name].default:
-            what = "a plain picture" if plain else f"an image of {source.quantity}"
-            raise DomainError(name, getattr(options, name), f"means nothing to {what}; leave it out")
-    if plain:
-        return "plain"
-    if source.geometry is None:
-        rule = f"{source.name} does not say where the Sun was; give sun_zenith_deg, or quantity='display' for a picture"
-        raise DomainError("sun_zenith_deg", None, rule)
-    return "physical"
 
 
 def _source(image: Any, reading: SourceOptions) -> RasterSource:

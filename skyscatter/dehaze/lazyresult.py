@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.dehaze.options import DehazeOptions, SourceOptions
+from skyscatter.dehaze.options import DehazeOptions, SourceOptions, entrance
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.result import DehazeResult
 
@@ -62,8 +62,6 @@ def dehaze_lazy(
 
 def found(source: RasterSource, options: DehazeOptions, progress: Progress) -> tuple[Correct, dict[str, Any]]:
     """What corrects the windows of an image, from one look at all of it, and the report."""
-    from skyscatter.dehaze.engine import entrance
-
     if entrance(source, options) == "physical":
         from skyscatter.dehaze.physical import prepare
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
@@ -13,6 +13,15 @@ from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, MAX_VIEW_ZENITH, SceneGeo
 from skyscatter.errors import DomainError
 from skyscatter.record import Record, nearest
 
+if TYPE_CHECKING:
+    from skyscatter.dehaze.rasters.base import RasterSource
+
+#: Options that only one of the two entrances has.
+PHYSICAL = (
+    "aod", "aod_sigma", "aod_map",
+    "aerosol", "pressure_hpa", "ground_height_m", "ozone_du", "water_vapour_g_cm2", "pixel_size_m", "adjacency",
+)  # fmt: skip
+PLAIN = ("strength", "alpha", "transfer")
 #: Above this the ground has left no trace in the light: exp(-5) of it arrives directly.
 MAX_AOD = 5.0
 #: A depth and its standard deviation.
@@ -232,3 +241,24 @@ def _made(kind: type[OptionsT], values: Mapping[str, Any]) -> OptionsT:
         if isinstance(said, DomainError):
             raise said from None
         raise DomainError(str(problem["loc"][0]), problem["input"], problem["msg"]) from None
+
+
+def entrance(source: RasterSource, options: DehazeOptions) -> str:
+    """Which of the two entrances an image takes: ``"plain"`` or ``"physical"``.
+
+    Raises
+    ------
+    DomainError
+        If it is reflectance or radiance of a scene whose Sun is unknown, or an option of the other entrance is given.
+    """
+    plain = source.quantity == "display"
+    for name in PHYSICAL if plain else PLAIN:
+        if name in options.model_fields_set and getattr(options, name) != type(options).model_fields[name].default:
+            what = "a plain picture" if plain else f"an image of {source.quantity}"
+            raise DomainError(name, getattr(options, name), f"means nothing to {what}; leave it out")
+    if plain:
+        return "plain"
+    if source.geometry is None:
+        rule = f"{source.name} does not say where the Sun was; give sun_zenith_deg, or quantity='display' for a picture"
+        raise DomainError("sun_zenith_deg", None, rule)
+    return "physical"

@@ -33,9 +33,10 @@ from numpy.typing import NDArray
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.image.colour import SPACES
+from skyscatter.image.dataset import UNITS
 from skyscatter.image.polarisation import FRAME, STOKES
 from skyscatter.image.skyframe import read_sky
-from skyscatter.image.spectral import UNITS, SpectralImage
+from skyscatter.image.spectral import SpectralImage
 
 _MAGIC = b"\x76\x2f\x31\x01"
 _LIGHT_NM = 2.99792458e17  # speed of light [nm s-1]

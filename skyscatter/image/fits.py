@@ -32,9 +32,10 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
+from skyscatter.image.dataset import UNITS
 from skyscatter.image.filterimage import through
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
-from skyscatter.image.spectral import UNITS, SpectralImage
+from skyscatter.image.spectral import SpectralImage
 from skyscatter.image.wcs import Card, axes_cards, read_celestial
 
 if TYPE_CHECKING:

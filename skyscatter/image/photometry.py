@@ -186,7 +186,7 @@ def photometric(image: SpectralImage | FilterImage, unit: str | Counts) -> xarra
     """
     import xarray
 
-    from skyscatter.image.netcdf import coordinates
+    from skyscatter.image.dataset import coordinates
 
     made = conversion(image, unit)
     dims = ("y", "x", "filter" if isinstance(image, FilterImage) else "wavelength")

@@ -19,6 +19,7 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import colour
 from skyscatter.image import polarisation as polar
 from skyscatter.image import tone as tones
+from skyscatter.image.dataset import to_dataset
 from skyscatter.image.skyframe import SkyFrame
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-UNITS = "W m-2 sr-1 nm-1"
 
 #: Options of pictures made from three filters.
 _PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
@@ -166,8 +166,6 @@ class SpectralImage:
     @cached_property
     def dataset(self) -> xarray.Dataset:
         """The same arrays, labelled, as an xarray Dataset with units and CF attributes."""
-        from skyscatter.image.netcdf import to_dataset
-
         return to_dataset(self)
 
     @property

@@ -22,37 +22,6 @@ Array = NDArray[np.float64]
 FIELD_STEP = 6e-6
 
 
-def henyey_greenstein_tables(g: ArrayLike) -> tuple[Array, Array]:
-    """Tables of Henyey and Greenstein's phase function, and their derivatives with respect to g.
-
-    Both at `solvers.compile.phase_cosines`.  The tables are scaled so that they integrate to 1 when interpolated,
-    and the derivative is that of the scaled tables.
-
-    Parameters
-    ----------
-    g : array_like, shape (component, wavelength)
-
-    Returns
-    -------
-    values, slopes : ndarray, shape (component, angle, wavelength)
-        [sr-1]
-    """
-    from skyscatter.solvers.compile import phase_cosines
-
-    g = np.atleast_2d(np.asarray(g, float))[:, None, :]
-    if np.any(~(np.abs(g) < 1)):
-        raise DomainError("g", float(np.max(np.abs(g))), "an asymmetry between -1 and 1")
-    mu = phase_cosines()[None, :, None]
-    below = 1 + g * g - 2 * g * mu
-    values = (1 - g * g) / (4 * np.pi) * below**-1.5
-    slopes = -2 * g / (4 * np.pi) * below**-1.5 - 3 * (g - mu) / below * values
-    # Weights of the trapezoidal rule between nodes that fall from 1 to -1.
-    steps = -np.diff(mu[0, :, 0])
-    weight = np.pi * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
-    total, change = (np.einsum("a,caw->cw", weight, a)[:, None, :] for a in (values, slopes))
-    return values / total, slopes / total - values * change / total**2
-
-
 def through_map(slope: ArrayLike, linear: Any) -> Array:
     """Derivatives with respect to weights whose linear map is the density.
 

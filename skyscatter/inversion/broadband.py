@@ -1,8 +1,8 @@
 """From spectra without gas bands to what a broadband instrument reads.
 
 The model's spectrum holds air, aerosol and ozone.  Water vapour and the mixed gases (O2, CO2, CH4, ...) are put on
-top, as factors: for each interval of the band model of `skyscatter.dehaze.gases` (data/gas_bands.csv) the transmittance
-along the Sun's beam.  Diffuse light, which has gone another way through the vapour, gets the same factor; under a clear
+top, as factors: for each interval of the band model of `optics.gasbands` (data/gas_bands.csv) the transmittance along
+the Sun's beam.  Diffuse light, which has gone another way through the vapour, gets the same factor; under a clear
 sky that is a tenth of the light, mostly at wavelengths without strong bands.
 """
 
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.datafiles import read_table
-from skyscatter.dehaze.gases import LARGEST_ZENITH, STANDARD_PRESSURE, gas_bands, mixed_air_mass, water_air_mass
 from skyscatter.errors import DomainError
 from skyscatter.inversion.distributions import Distribution, LogNormal
+from skyscatter.optics.gasbands import LARGEST_ZENITH, STANDARD_PRESSURE, gas_bands, mixed_air_mass, water_air_mass
 from skyscatter.scene import Star
 
 Array = NDArray[np.float64]

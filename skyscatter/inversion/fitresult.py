@@ -270,7 +270,7 @@ class FitResult:
 
 
 def _fields(content: dict[str, Any], path: Any) -> dict[str, Any]:
-    from skyscatter.model import parse_model
+    from skyscatter.models.files import parse_model
 
     arrays = {name: np.array(content[name], float) for name in _ARRAYS}
     plain = ("chi2", "iterations", "converged", "method", "solver", "diagnostics", "settings")

@@ -19,7 +19,7 @@ from skyscatter.inversion.forward import Forward
 from skyscatter.inversion.observations import Observation, Run, common_sun
 from skyscatter.inversion.parameters import Parameter, Subject, parse_free, resolve
 from skyscatter.inversion.readers import read_observation
-from skyscatter.model import load_model
+from skyscatter.models.files import load_model
 from skyscatter.solvers.memory import check_fits
 
 Array = NDArray[np.float64]

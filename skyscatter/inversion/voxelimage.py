@@ -221,7 +221,7 @@ class VoxelModel:
         optics : bool
             Fill the other attributes of `Slope`, which are nought otherwise.
         phase_slope : (component, angle, wavelength), optional
-            Derivative of the phase tables with respect to a parameter, as of `adjoint.henyey_greenstein_tables`.
+            Derivative of the phase tables with respect to a parameter, as of `voxelscene.henyey_greenstein_tables`.
         """
         from skyscatter.kernels.adjoint.march import Slopes, adjoint_rays
 

@@ -17,6 +17,37 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+def henyey_greenstein_tables(g: ArrayLike) -> tuple[Array, Array]:
+    """Tables of Henyey and Greenstein's phase function, and their derivatives with respect to g.
+
+    Both at `solvers.compile.phase_cosines`.  The tables are scaled so that they integrate to 1 when interpolated,
+    and the derivative is that of the scaled tables.
+
+    Parameters
+    ----------
+    g : array_like, shape (component, wavelength)
+
+    Returns
+    -------
+    values, slopes : ndarray, shape (component, angle, wavelength)
+        [sr-1]
+    """
+    from skyscatter.solvers.compile import phase_cosines
+
+    g = np.atleast_2d(np.asarray(g, float))[:, None, :]
+    if np.any(~(np.abs(g) < 1)):
+        raise DomainError("g", float(np.max(np.abs(g))), "an asymmetry between -1 and 1")
+    mu = phase_cosines()[None, :, None]
+    below = 1 + g * g - 2 * g * mu
+    values = (1 - g * g) / (4 * np.pi) * below**-1.5
+    slopes = -2 * g / (4 * np.pi) * below**-1.5 - 3 * (g - mu) / below * values
+    # Weights of the trapezoidal rule between nodes that fall from 1 to -1.
+    steps = -np.diff(mu[0, :, 0])
+    weight = np.pi * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
+    total, change = (np.einsum("a,caw->cw", weight, a)[:, None, :] for a in (values, slopes))
+    return values / total, slopes / total - values * change / total**2
+
+
 @dataclass(frozen=True)
 class VoxelFrame:
     """Where the cells of a grid are.
@@ -95,8 +126,6 @@ class VoxelOptics(NamedTuple):
         cls, sigma_s: ArrayLike, sigma_t: ArrayLike, emission: ArrayLike = 0.0, g: ArrayLike | None = None
     ) -> VoxelOptics:
         """Optics by numbers, which broadcast to (component, wavelength); `g` of Henyey-Greenstein's law."""
-        from skyscatter.inversion.adjoint import henyey_greenstein_tables
-
         numbers = [sigma_s, sigma_t, emission, 0.0 if g is None else g]
         s, t, j, a = (np.array(v) for v in np.broadcast_arrays(*(np.atleast_2d(np.asarray(n, float)) for n in numbers)))
         for name, values in (("sigma_s", s), ("sigma_t", t), ("emission", j)):

@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR
 from skyscatter.kernels.jit import entry, kernel
-
-EXPONENTIAL, LINEAR, LOGARITHMIC, GAUSSIAN, CHAPMAN = 0, 1, 2, 3, 4
 
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(16)
 #: Rule for the Chapman function's integral over z in [0, 1] (see `chapman_outward`).

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from skyscatter.kernels.jit import inlined, kernel
-from skyscatter.kernels.shapes import (
+from skyscatter.kernels.codes.space import (
     AROUND,
     BONNOR_EBERT,
     BOX,
@@ -24,8 +23,9 @@ from skyscatter.kernels.shapes import (
     SHELL,
     SPHERE,
     TURBULENCE,
-    filament_distance,
 )
+from skyscatter.kernels.jit import inlined, kernel
+from skyscatter.kernels.shapes import filament_distance
 
 #: Ratio of the distances of successive cuts from a peak.
 GRADE = 4.0

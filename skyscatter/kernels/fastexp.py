@@ -9,8 +9,10 @@ below -700 give 1e-304, which is nought for every purpose here.
 from __future__ import annotations
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from skyscatter.kernels.jit import merged
 
 LOG2_E = 1.4426950408889634
 #: ln 2 in two parts, the first with trailing zero bits, so that n * LN2_HIGH is exact.
@@ -33,7 +35,7 @@ def _scale_by_power_of_two(typingctx, value, rounded):
     return types.float64(types.float64, types.float64), codegen
 
 
-@njit(inline="always")
+@merged
 def fast_exp(x):
     """exp(x) for x <= 700, branch-free."""
     x = max(x, -700.0)

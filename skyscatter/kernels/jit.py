@@ -150,7 +150,7 @@ def reduction(function: Callable[..., Any]) -> Any:
 
 
 def merged(function: Callable[..., Any]) -> Any:
-    """Like `kernel`, for a function that is called from one place: its body is compiled there, and only there."""
+    """Like `kernel`, for what is called from one place or is a line: its body is compiled there, and only there."""
     return _compile(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")
 
 

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.kernels.columns import CHAPMAN, GAUSSIAN, FieldTable, density, vertical_column
+from skyscatter.kernels.codes.shells import CHAPMAN, GAUSSIAN
+from skyscatter.kernels.columns import FieldTable, density, vertical_column
 from skyscatter.kernels.jit import entry, inlined, kernel
 
 #: Gauss-Legendre rule of 4 points on [0, 1].

@@ -24,10 +24,11 @@ import math
 
 import numpy as np
 
+from skyscatter.kernels.codes.space import ROOM
 from skyscatter.kernels.jit import entry, inlined, kernel, summing
 
 #: Numbers of a node, places in a leaf, numbers of a leaf.
-NODE, ROOM = 6, 16
+NODE = 6
 LEAF = 5 * ROOM + 4
 
 

@@ -9,18 +9,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
-from skyscatter.kernels.columns import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR, find_interval
-from skyscatter.kernels.jit import entry, inlined, kernel, reduction
-
-#: Opcodes of the shapes; 50 to 69 are grids and particles, 100 and above operations.
-SPHERE, GAUSSIAN_SPHERE, POWER_LAW, BONNOR_EBERT, SHELL, GAUSSIAN_SHELL = 0, 1, 2, 3, 4, 5
-DISK, CONE, BOX, FILAMENT, TURBULENCE, FRONT, AROUND = 6, 7, 8, 9, 10, 11, 12
-#: Profiles around a filament.
-GAUSSIAN_PROFILE, PLUMMER_PROFILE = 0, 1
-#: Modes of one component of a warp's displacement.
-WARP_MODES = 8
+from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR
+from skyscatter.kernels.codes.space import GAUSSIAN_PROFILE, WARP_MODES
+from skyscatter.kernels.columns import find_interval
+from skyscatter.kernels.jit import entry, inlined, kernel, merged, reduction
 
 
 @inlined
@@ -133,7 +125,7 @@ def around_planet(p, at, m):
     return n0 * math.exp(w * math.log(n1 / n0))
 
 
-@njit(inline="always")
+@merged
 def cosine_of_turns(x):
     """cos(2 pi x), branch-free; error below 2e-9.
 

@@ -17,6 +17,37 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.space import (
+    AROUND,
+    BONNOR_EBERT,
+    BOX,
+    CELLS,
+    CLOSED_FORM,
+    CONE,
+    DISK,
+    FILAMENT,
+    FRAMES,
+    FRONT,
+    GATE,
+    GAUSSIAN_SHELL,
+    GAUSSIAN_SPHERE,
+    LAST_SHAPE,
+    PARTICLES,
+    PIECES,
+    POWER,
+    POWER_LAW,
+    PRODUCT,
+    SCALE,
+    SHELL,
+    SPHERE,
+    STACK,
+    SUM,
+    TRANSPARENT,
+    TURBULENCE,
+    UNWARP,
+    VOXELS,
+    WARP,
+)
 from skyscatter.kernels.edges import shape_edges
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.particles import particle_column, particle_density
@@ -28,19 +59,6 @@ from skyscatter.kernels.shapecolumns import (
     sphere_column,
 )
 from skyscatter.kernels.shapes import (
-    AROUND,
-    BONNOR_EBERT,
-    BOX,
-    CONE,
-    DISK,
-    FILAMENT,
-    FRONT,
-    GAUSSIAN_SHELL,
-    GAUSSIAN_SPHERE,
-    POWER_LAW,
-    SHELL,
-    SPHERE,
-    TURBULENCE,
     around_planet,
     bonnor_ebert,
     cone,
@@ -56,16 +74,6 @@ from skyscatter.kernels.shapes import (
 )
 from skyscatter.kernels.voxels import voxel_column, voxel_density
 
-#: Leaves with data of their own.
-VOXELS, PARTICLES = 50, 51
-#: Leaves up to here are the analytic shapes of `kernels.shapes`.
-LAST_SHAPE = 49
-#: Operations: a b -> a b; a + b; factor a; a carved by b; a^p; a warp of the coordinates begins, ends; past the
-#: next product if a is nought.
-PRODUCT, SUM, SCALE, CARVE, POWER, WARP, UNWARP, GATE = 100, 101, 102, 103, 104, 105, 106, 107
-#: How a term's column is found: PIECES are constant between the edges of their shapes; nobody asks for the column of
-#: what is TRANSPARENT, such as gas that only shines.
-CLOSED_FORM, CELLS, QUADRATURE, PIECES, TRANSPARENT = 0, 1, 2, 3, 4
 #: Kronrod's extension of the 7-point Gauss rule on [-1, 1]: nodes, weights, and the Gauss weights inside it.
 _X = (0.991455371120812639206854697526329, 0.949107912342758524526189684047851, 0.864864423359769072789712788640926,
       0.741531185599394439863864773280788, 0.586087235467691130294144691693013, 0.405845151377397166906606412076961,
@@ -123,8 +131,8 @@ class SpaceWork(NamedTuple):
     panels: np.ndarray  #: (n, 4) start, length, integral and error of panels of the quadrature
 
 
-#: Values that a program may keep, warps that may contain one another, edges of a term along a line.
-STACK, FRAMES, CUTS = 64, 8, 512
+#: Edges of a term along a line.
+CUTS = 512
 
 
 def make_space_work() -> SpaceWork:

@@ -7,7 +7,7 @@ a row in the kernels' `FieldTable`.  A new field is one class here and one branc
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,23 +15,10 @@ from pydantic import Field, model_validator
 
 from skyscatter import units
 from skyscatter.errors import DomainError
+from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR, LOGARITHMIC, FieldRow
 from skyscatter.record import Record
 from skyscatter.tablefile import TableRecord, Wanted
 from skyscatter.units import Altitudes, Densities, Metres, NonNegativeMetres, OptionalNumber, PositiveMetres, default
-
-# The kinds of `kernels.columns`, repeated as plain numbers so that describing a field does not load the compiler.
-EXPONENTIAL, LINEAR, LOGARITHMIC, GAUSSIAN, CHAPMAN = 0, 1, 2, 3, 4
-
-
-class FieldRow(NamedTuple):
-    """One field as the kernels see it."""
-
-    kind: int
-    parameters: tuple[float, ...]
-    top: float
-    altitudes: tuple[float, ...]
-    densities: tuple[float, ...]
-    breaks: tuple[float, ...]
 
 
 class DensityField(Record):
@@ -60,9 +47,9 @@ class DensityField(Record):
 
     def _evaluate(self, altitude: ArrayLike, function: str) -> NDArray[np.float64]:
         from skyscatter.kernels import columns
-        from skyscatter.media.tables import pack_fields
+        from skyscatter.media.tables import pack_rows
 
-        table = pack_fields([self], radius=1e7)
+        table = pack_rows([self.row()], radius=1e7)
         h = np.asarray(altitude, float)
         values = [getattr(columns, function)(table, 0, x) for x in h.ravel()]
         return np.array(values, float).reshape(h.shape)

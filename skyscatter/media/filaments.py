@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.programs import FILAMENT
+from skyscatter.kernels.codes.space import FILAMENT
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape
 from skyscatter.media.space import Array
 from skyscatter.units import OptionalNumber, Places, PositiveMetres, PositiveNumber, default

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.programs import FRONT
+from skyscatter.kernels.codes.space import FRONT
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, radii
 from skyscatter.media.space import Array
 from skyscatter.units import Degrees, NonNegativeMetres, Rows, default

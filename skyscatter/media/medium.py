@@ -12,6 +12,7 @@ from skyscatter.media.fields import AnyField, DensityField
 from skyscatter.media.operations import AnySpatialField
 from skyscatter.media.space import SpatialField
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
+from skyscatter.optics.artist import ArtistMedium
 from skyscatter.optics.dust import Dust
 from skyscatter.optics.lines import GasLines
 from skyscatter.optics.mie import MieAerosol
@@ -19,7 +20,6 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
 from skyscatter.record import Record
 from skyscatter.spectra.table import Emission
-from skyscatter.surfaces.artist import ArtistMedium
 from skyscatter.units import NonNegative, OptionalNumber, PositiveMetres, default
 
 AnyOptics = Annotated[

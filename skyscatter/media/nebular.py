@@ -162,13 +162,11 @@ class IonisedGas(SpatialField):
 
     def terms(self) -> tuple[FieldTerm, ...]:
         """The field as data for the kernels: a term for each front, less what the earlier ones hold."""
-        from skyscatter.media.operations import Product
-
         zones: list[SpatialField] = [_without(outer, inner) for outer, *inner in self._zones()]
         if self.inverse:
             return _without(self._body(), zones).terms()
         parts = [_without(zone, zones[:i]) for i, zone in enumerate(zones)]
-        return tuple(term for part in parts for term in Product(fields=(part, self._body())).terms())
+        return tuple(term for part in parts for term in (part * self._body()).terms())
 
     def extremes(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Bounds of the density within boxes; see `SpatialField`."""

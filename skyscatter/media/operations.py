@@ -13,23 +13,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
+from skyscatter.kernels.codes.space import FRAMES, STACK, WARP, WARP_MODES
 from skyscatter.media.filaments import Filament
 from skyscatter.media.fronts import Front
 from skyscatter.media.nebular import IonisedGas, Sampled
 from skyscatter.media.particles import ParticleSet
 from skyscatter.media.planets import AroundPlanet
-from skyscatter.media.programs import (
-    FRAMES,
-    STACK,
-    WARP,
-    carve_term,
-    depths,
-    map_boxes,
-    map_term,
-    multiply_terms,
-    raise_terms,
-    warp_term,
-)
+from skyscatter.media.programs import carve_term, depths, map_boxes, map_term, multiply_terms, raise_terms, warp_term
 from skyscatter.media.shapes import (
     BonnorEbert,
     GaussianShell,
@@ -41,14 +31,11 @@ from skyscatter.media.shapes import (
     Sphere,
     axis_rotation,
 )
-from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
+from skyscatter.media.space import OPERATIONS, Array, FieldTerm, Instruction, SpatialField
 from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
 from skyscatter.media.turbulence import Turbulence, random_directions
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.units import Degrees, OptionalNumber, Place, PositiveMetres, PositiveNumber, Triple, default
-
-#: Modes of each component of a warp; also in `kernels.shapes`.
-WARP_MODES = 8
 
 
 def _bounded(terms: tuple[FieldTerm, ...], kind: str) -> tuple[FieldTerm, ...]:
@@ -438,3 +425,8 @@ AnySpatialField = Annotated[
 
 for _record in (Moved, Rotated, Scaled, Product, Sum, Carved, Power, Warped, IonisedGas, Sampled):
     _record.model_rebuild(_types_namespace={"AnySpatialField": AnySpatialField})
+
+OPERATIONS.update(
+    sum=sum_of, multiple=multiple_of, product=product_of, power=Power, moved=Moved, rotated=Rotated, scaled=Scaled,
+    carved=Carved, warped=Warped,
+)  # fmt: skip

@@ -11,16 +11,12 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.kernels.codes.space import CELLS, PARTICLES, ROOM
 from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_arrays
 from skyscatter.media.space import Array, FieldTerm, Instruction
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.units import PositiveMetres, default
 
-# The kinds of `kernels.space`, repeated as plain numbers so that describing a field does not load the compiler.
-PARTICLES = 51
-CELLS = 1
-#: Particles for which a leaf of the tree has room: `kernels.particles` ROOM.
-_ROOM = 16
 #: What a particle has.
 NAMES: tuple[str, ...] = ("positions", "masses", "smoothing_lengths")
 #: Cells along the longest side of the grid that `resolution = "auto"` makes, at most.
@@ -172,7 +168,7 @@ class ParticleSet(ArrayRecord):
 
         positions, masses, lengths = self.particles
         number = len(positions)
-        levels = max(math.ceil(math.log2(number / _ROOM)), 0)
+        levels = max(math.ceil(math.log2(number / ROOM)), 0)
         leaves = 1 << levels
         reach = 2 * lengths[:, None]
         low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
@@ -189,7 +185,7 @@ class ParticleSet(ArrayRecord):
         centre = (np.add.reduceat(points, leaf[:-1]) / np.diff(leaf)[:, None]).astype(np.float32)
         weight = (mass / mass.max()) / (math.pi * h**3)
         peak = float(weight.max())
-        bodies = np.zeros((leaves, 5, _ROOM), np.float32)
+        bodies = np.zeros((leaves, 5, ROOM), np.float32)
         rows = np.column_stack([points - centre[owner], 1 / h, weight / peak])
         bodies[owner, :, np.arange(number) - leaf[owner]] = rows
         blocks = np.column_stack([bodies.reshape(leaves, -1), centre, np.zeros(leaves, np.float32)])

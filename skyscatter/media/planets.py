@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from skyscatter.media.fields import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR, AnyField, FieldRow
-from skyscatter.media.programs import AROUND
+from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR
+from skyscatter.kernels.codes.space import AROUND
+from skyscatter.media.fields import AnyField, FieldRow
 from skyscatter.media.shapes import Leaf, Shape, radii
 from skyscatter.media.space import Array
 from skyscatter.units import PositiveMetres

@@ -7,15 +7,26 @@ from functools import reduce
 
 import numpy as np
 
+from skyscatter.kernels.codes.space import (
+    BOX,
+    CARVE,
+    CLOSED_FORM,
+    CONE,
+    GATE,
+    GAUSSIAN_SPHERE,
+    PIECES,
+    POWER,
+    POWER_LAW,
+    PRODUCT,
+    QUADRATURE,
+    SCALE,
+    SHELL,
+    SPHERE,
+    SUM,
+    UNWARP,
+    WARP,
+)
 from skyscatter.media.space import Array, FieldTerm, Instruction
-
-# Numbers of `kernels.shapes` and `kernels.space`, repeated so that describing a field does not load the compiler.
-SPHERE, GAUSSIAN_SPHERE, POWER_LAW, BONNOR_EBERT, SHELL, GAUSSIAN_SHELL = 0, 1, 2, 3, 4, 5
-DISK, CONE, BOX, FILAMENT, TURBULENCE, FRONT, AROUND = 6, 7, 8, 9, 10, 11, 12
-PRODUCT, SUM, SCALE, CARVE, POWER, WARP, UNWARP, GATE = 100, 101, 102, 103, 104, 105, 106, 107
-CLOSED_FORM, CELLS, QUADRATURE, PIECES = 0, 1, 2, 3
-#: Values that a running program may keep, and warps within one another: sizes of the kernels' scratch arrays.
-STACK, FRAMES = 64, 8
 
 _CLOSED = (SPHERE, GAUSSIAN_SPHERE, POWER_LAW, SHELL, BOX)
 

@@ -10,17 +10,8 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.programs import (
-    BONNOR_EBERT,
-    GAUSSIAN_SHELL,
-    GAUSSIAN_SPHERE,
-    POWER_LAW,
-    SHELL,
-    SPHERE,
-    map_box,
-    map_boxes,
-    method_of,
-)
+from skyscatter.kernels.codes.space import BONNOR_EBERT, GAUSSIAN_SHELL, GAUSSIAN_SPHERE, POWER_LAW, SHELL, SPHERE
+from skyscatter.media.programs import map_box, map_boxes, method_of
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
 from skyscatter.units import Degrees, Metres, OptionalNumber, Place, PositiveMetres, PositiveNumber, Triple, default
 

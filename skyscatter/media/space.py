@@ -7,6 +7,7 @@ here and one branch in `kernels.space`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.record import Record
 
 Array = NDArray[np.float64]
+
+#: What ``a + b`` and its like make, by name: `media.operations`, which stands on this module, puts them here.
+OPERATIONS: dict[str, Callable[..., SpatialField]] = {}
 
 
 class Instruction(NamedTuple):
@@ -97,18 +101,14 @@ class SpatialField(Record):
         """Sum of two fields."""
         if not isinstance(other, SpatialField):
             return NotImplemented
-        from skyscatter.media.operations import sum_of
-
-        return sum_of(self, other)
+        return OPERATIONS["sum"](self, other)
 
     def __mul__(self, other: Any) -> SpatialField:
         """Product with a field or a number."""
-        from skyscatter.media.operations import multiple_of, product_of
-
         if isinstance(other, SpatialField):
-            return product_of(self, other)
+            return OPERATIONS["product"](self, other)
         if isinstance(other, (int, float)):
-            return multiple_of(self, float(other))
+            return OPERATIONS["multiple"](self, float(other))
         return NotImplemented
 
     def __rmul__(self, other: Any) -> SpatialField:
@@ -117,37 +117,25 @@ class SpatialField(Record):
 
     def __pow__(self, exponent: float) -> SpatialField:
         """Power of the density."""
-        from skyscatter.media.operations import Power
-
-        return Power(field=self, exponent=exponent)
+        return OPERATIONS["power"](field=self, exponent=exponent)
 
     def moved(self, by: Any) -> SpatialField:
         """The field moved by a vector [m]."""
-        from skyscatter.media.operations import Moved
-
-        return Moved(field=self, by=by)
+        return OPERATIONS["moved"](field=self, by=by)
 
     def rotated(self, axis: Any = (0, 0, 1), turn_deg: float = 0.0, about: Any = (0, 0, 0)) -> SpatialField:
         """The field turned about z, then with its z axis towards `axis`, about a point [m]."""
-        from skyscatter.media.operations import Rotated
-
-        return Rotated(field=self, axis=axis, turn_deg=turn_deg, about=about)
+        return OPERATIONS["rotated"](field=self, axis=axis, turn_deg=turn_deg, about=about)
 
     def scaled(self, factors: Any, about: Any = (0, 0, 0)) -> SpatialField:
         """The field stretched by a factor, or by one along each axis, about a point [m]."""
-        from skyscatter.media.operations import Scaled
-
         three = (factors,) * 3 if isinstance(factors, (int, float)) else factors
-        return Scaled(field=self, factors=three, about=about)
+        return OPERATIONS["scaled"](field=self, factors=three, about=about)
 
     def carved_by(self, other: SpatialField, level: float | None = None) -> SpatialField:
         """The field where the other is below a level, or times what the other lacks to 1."""
-        from skyscatter.media.operations import Carved
-
-        return Carved(field=self, by=other, level=level)
+        return OPERATIONS["carved"](field=self, by=other, level=level)
 
     def warped(self, amplitude: Any, scale: Any, seed: int = 0) -> SpatialField:
         """The field seen through smoothly displaced coordinates."""
-        from skyscatter.media.operations import Warped
-
-        return Warped(field=self, amplitude=amplitude, scale=scale, seed=seed)
+        return OPERATIONS["warped"](field=self, amplitude=amplitude, scale=scale, seed=seed)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.media.space import Array, SpatialField
-
 if TYPE_CHECKING:
     from skyscatter.kernels.space import SpaceTable
+    from skyscatter.media.space import SpatialField
+
+Array = NDArray[np.float64]
 
 #: Cells of the grid of bounds along the longest side of the medium.
 BOUND_CELLS = 32

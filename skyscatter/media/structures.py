@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.programs import BOX, CONE, DISK
+from skyscatter.kernels.codes.space import BOX, CONE, DISK
 from skyscatter.media.shapes import GAUSSIAN_CUT, Leaf, Shape, Shell, radii
 from skyscatter.media.space import Array, FieldTerm
 from skyscatter.units import HalfAngle, NonNegativeMetres, OptionalNumber, PositiveMetres, Share, Sizes, default

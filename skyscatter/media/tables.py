@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skyscatter.kernels.codes.shells import LINEAR, FieldRow
 from skyscatter.kernels.columns import FieldTable
-from skyscatter.media.fields import LINEAR, DensityField, FieldRow
 
 
-def pack_fields(density_fields: Sequence[DensityField], radius: float) -> FieldTable:
-    """Pack fields over a planet of `radius` [m] into a `FieldTable`."""
-    rows = [field.row() for field in density_fields]
+def pack_rows(rows: Sequence[FieldRow], radius: float) -> FieldTable:
+    """Pack fields, each as its `row`, over a planet of `radius` [m] into a `FieldTable`."""
     counts = np.array([len(row.altitudes) for row in rows], np.int64)
     parameters = np.zeros((len(rows), 4))
     for i, row in enumerate(rows):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.programs import TURBULENCE
+from skyscatter.kernels.codes.space import TURBULENCE
 from skyscatter.media.shapes import Leaf, Shape
 from skyscatter.media.space import Array
 from skyscatter.units import OptionalTriple, PositiveMetres, PositiveNumber, Sizes, default

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
+from skyscatter.kernels.codes.space import CELLS, VOXELS
 from skyscatter.media.arrays import ArrayField, ArrayRecord, FrozenArray, read_cube
 from skyscatter.media.space import Array, FieldTerm, Instruction, SpatialField
 from skyscatter.units import Metres, OptionalTriple, Place, PositiveNumber, default
 
-# The kinds of `kernels.space`, repeated as plain numbers so that describing a field does not load the compiler.
-VOXELS = 50
-CELLS = 1
 #: A field that repeats is given so many periods to either side.
 REPEATS = 10_000
 #: Bounds within boxes look at about so many numbers along an axis at most.

@@ -12,7 +12,7 @@ from skyscatter.kernels.columns import FieldTable
 from skyscatter.kernels.lookup import ColumnTable, build_column_table
 from skyscatter.kernels.optics import GroundTable, OpticsTable, SceneTable
 from skyscatter.media.medium import Medium
-from skyscatter.media.tables import pack_fields
+from skyscatter.media.tables import pack_rows
 from skyscatter.optics.phase import normalise
 from skyscatter.scene import Scene
 from skyscatter.spectra.table import evaluate
@@ -28,7 +28,7 @@ DISK_RINGS = 513
 @lru_cache(maxsize=8)
 def field_tables(medium: Medium) -> tuple[FieldTable, ColumnTable]:
     """Fields and columns of a medium; independent of wavelength and Sun, and so shared by all scenes of a medium."""
-    fields = pack_fields(medium.shells, medium.radius)
+    fields = pack_rows([shell.row() for shell in medium.shells], medium.radius)
     return fields, build_column_table(fields)
 
 

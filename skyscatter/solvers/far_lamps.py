@@ -14,16 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.kernels.surfaces.tables import (
-    BOX,
-    CONDUCTOR,
-    DIELECTRIC,
-    MIRROR,
-    POINT_LAMP,
-    SPHERE,
-    SURFACE_LAMP,
-    MediaTable,
-)
+from skyscatter.kernels.codes.surfaces import BOX, CONDUCTOR, DIELECTRIC, MIRROR, POINT_LAMP, SPHERE, SURFACE_LAMP
+from skyscatter.kernels.surfaces.tables import MediaTable
 from skyscatter.solvers.compile import phase_cosines
 
 if TYPE_CHECKING:

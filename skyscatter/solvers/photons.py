@@ -19,6 +19,7 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.kernels.codes.surfaces import LAMBERT, PARALLEL_LAMP, PLANE, SURROUNDINGS
 from skyscatter.kernels.pointed import Pointed
 from skyscatter.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.kernels.surfaces.gather import PATHS, POINTS
@@ -28,16 +29,7 @@ from skyscatter.kernels.surfaces.neighbours import make_cells
 from skyscatter.kernels.surfaces.photons import PhotonScratch, make_photon_scratch, trace_photons
 from skyscatter.kernels.surfaces.points import Points, make_points
 from skyscatter.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
-from skyscatter.kernels.surfaces.tables import (
-    LAMBERT,
-    PARALLEL_LAMP,
-    PLANE,
-    SURROUNDINGS,
-    MaterialTable,
-    MediaTable,
-    PeakTable,
-    SurfaceTable,
-)
+from skyscatter.kernels.surfaces.tables import MaterialTable, MediaTable, PeakTable, SurfaceTable
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.far_lamps import warn_of_far_lamps

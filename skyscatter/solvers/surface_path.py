@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.kernels.path import BATCHES
-from skyscatter.kernels.pointed import Pointed
-from skyscatter.kernels.surfaces.flights import make_scratch
-from skyscatter.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
-from skyscatter.kernels.surfaces.lamps import LampGuide
-from skyscatter.kernels.surfaces.rays import sample_items
-from skyscatter.kernels.surfaces.tables import (
+from skyscatter.kernels.codes.surfaces import (
     CONDUCTOR,
     DIELECTRIC,
     MIRROR,
@@ -29,8 +23,14 @@ from skyscatter.kernels.surfaces.tables import (
     STACK,
     SURFACE_LAMP,
     SURROUNDINGS,
-    SurfaceTable,
 )
+from skyscatter.kernels.path import BATCHES
+from skyscatter.kernels.pointed import Pointed
+from skyscatter.kernels.surfaces.flights import make_scratch
+from skyscatter.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
+from skyscatter.kernels.surfaces.lamps import LampGuide
+from skyscatter.kernels.surfaces.rays import sample_items
+from skyscatter.kernels.surfaces.tables import SurfaceTable
 from skyscatter.kernels.surfaces.walks import surface_path_rays
 from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.compile import phase_cosines

@@ -10,17 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.kernels.surfaces.tables import (
-    PARALLEL_LAMP,
-    POINT_LAMP,
-    STACK,
-    SURFACE_LAMP,
-    SURROUNDINGS,
-    LampTable,
-    MediaTable,
-    ShapeTable,
-    SurfaceTable,
-)
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
+from skyscatter.kernels.surfaces.tables import LampTable, MediaTable, ShapeTable, SurfaceTable
 from skyscatter.media.medium import Medium
 from skyscatter.solvers.compile import PHASE_CELLS, matrix_tables, medium_optics
 from skyscatter.space import SpaceScene

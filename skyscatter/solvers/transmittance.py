@@ -26,10 +26,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from skyscatter.kernels.codes.space import CELLS, CLOSED_FORM, PIECES, TRANSPARENT, TURBULENCE
 from skyscatter.kernels.gridwalk import make_walker
 from skyscatter.kernels.path import make_walk
-from skyscatter.kernels.shapes import TURBULENCE
-from skyscatter.kernels.space import CELLS, CLOSED_FORM, PIECES, TRANSPARENT
 from skyscatter.kernels.tracking import QUADRATURE, RATIO, RESIDUAL, fill_tracked
 from skyscatter.kernels.volume import VolumeTable, make_volume_work
 from skyscatter.kernels.volume_walks import LEG_STRATA, LIT_POINTS

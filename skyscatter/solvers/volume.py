@@ -91,7 +91,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
 
 def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
     """How columns are found: not at all where a component dims no light."""
-    from skyscatter.kernels.space import TRANSPARENT
+    from skyscatter.kernels.codes.space import TRANSPARENT
 
     component = np.repeat(np.arange(len(sigma_t)), np.diff(space.term_start))
     return np.where(np.any(sigma_t > 0, axis=1)[component], space.method, TRANSPARENT)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.datafiles import read_table
 from skyscatter.errors import DomainError
+from skyscatter.spectra.table import Spectral, evaluate
 
 _TABLE = "surfaces.csv"
 
@@ -40,3 +41,17 @@ def surface_albedo(name: str, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
     table = read_table(_TABLE)
     wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
     return np.interp(wl, table["wavelength_nm"], table[name])
+
+
+def check_albedo(value: Spectral | str) -> None:
+    """Refuse what is no albedo: an unknown surface, or numbers outside 0 to 1."""
+    if isinstance(value, str):
+        surface_albedo(value, [550.0])
+        return
+
+
+def spectrum_of(value: Spectral | str, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+    """An albedo per wavelength, shape (wavelength,)."""
+    if isinstance(value, str):
+        return surface_albedo(value, wavelengths_nm)
+    return evaluate(value, wavelengths_nm)

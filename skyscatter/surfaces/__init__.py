@@ -43,6 +43,7 @@ _HOME = {
 __all__ = list(_HOME)
 
 if TYPE_CHECKING:
+    from skyscatter.models.surfaces import SurfaceModel as SurfaceModel
     from skyscatter.surfaces.indices import refractive_index as refractive_index
     from skyscatter.surfaces.lamps import AreaLamp as AreaLamp
     from skyscatter.surfaces.lamps import Led as Led
@@ -63,7 +64,6 @@ if TYPE_CHECKING:
     from skyscatter.surfaces.materials import Mirror as Mirror
     from skyscatter.surfaces.meshes import Mesh as Mesh
     from skyscatter.surfaces.meshes import Turned as Turned
-    from skyscatter.surfaces.model import SurfaceModel as SurfaceModel
     from skyscatter.surfaces.power import lamp_names as lamp_names
     from skyscatter.surfaces.power import lamp_spectrum as lamp_spectrum
     from skyscatter.surfaces.scene import Body as Body

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.ground import check_albedo, spectrum_of
 from skyscatter.record import Record
+from skyscatter.spectra.surfaces import check_albedo, spectrum_of
 from skyscatter.spectra.table import (
     Albedo,
     OptionalSpectral,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.kernels.surfaces import tables
+from skyscatter.kernels.codes import surfaces as codes
 from skyscatter.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table
@@ -31,17 +31,17 @@ _TINY = 1e-200
 def _row(shape: Any) -> tuple[int, list[Any]]:
     """Kind and parameters of an analytic shape, as `kernels.surfaces.shapes` lays them out."""
     if isinstance(shape, Sphere):
-        return tables.SPHERE, [shape.position, [shape.radius]]
+        return codes.SPHERE, [shape.position, [shape.radius]]
     if isinstance(shape, Plane):
-        return tables.PLANE, [shape.position, shape.unit_normal]
+        return codes.PLANE, [shape.position, shape.unit_normal]
     if isinstance(shape, Rectangle):
         corner, a, b = shape.edges
         normal = np.cross(a, b)
-        return tables.RECTANGLE, [corner, a, b, normal / np.linalg.norm(normal), [1 / (a @ a), 1 / (b @ b)]]
+        return codes.RECTANGLE, [corner, a, b, normal / np.linalg.norm(normal), [1 / (a @ a), 1 / (b @ b)]]
     if isinstance(shape, Box):
-        return tables.BOX, [shape.position, 0.5 * np.array(shape.size), shape.axes.ravel()]
+        return codes.BOX, [shape.position, 0.5 * np.array(shape.size), shape.axes.ravel()]
     if isinstance(shape, Disk):
-        return tables.DISK, [shape.position, shape.unit_normal, [shape.radius, shape.inner_radius], shape.across]
+        return codes.DISK, [shape.position, shape.unit_normal, [shape.radius, shape.inner_radius], shape.across]
     raise TypeError(f"no shape: {type(shape).__name__}")
 
 
@@ -150,15 +150,15 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     lost, lost_mean = np.zeros((count, RATIOS, ANGLES)), np.zeros((count, RATIOS))
     for k, material in enumerate(materials):
         if isinstance(material, Interface):
-            kind[k] = tables.INTERFACE
+            kind[k] = codes.INTERFACE
         elif isinstance(material, Lambert):
-            kind[k], reflectance[k] = tables.LAMBERT, material.reflectance(wl)
+            kind[k], reflectance[k] = codes.LAMBERT, material.reflectance(wl)
         elif isinstance(material, Mirror):
-            kind[k], reflectance[k] = tables.MIRROR, evaluate(material.reflectance, wl)
+            kind[k], reflectance[k] = codes.MIRROR, evaluate(material.reflectance, wl)
         elif isinstance(material, Dielectric):
-            kind[k], roughness[k] = tables.DIELECTRIC, material.roughness
+            kind[k], roughness[k] = codes.DIELECTRIC, material.roughness
         elif isinstance(material, Conductor):
-            kind[k], roughness[k] = tables.CONDUCTOR, material.roughness
+            kind[k], roughness[k] = codes.CONDUCTOR, material.roughness
             index[k], absorption[k] = material.index(wl)
         else:
             raise TypeError(f"no material: {type(material).__name__}")
@@ -217,9 +217,9 @@ def starting_stack(
 
     # No round numbers: a ray along edges and faces is met more often than chance would have it.
     towards = np.array([0.3717, 0.2911, 0.8815]) if direction is None else np.array(direction, float)
-    stack, place = np.full(tables.STACK, -1, np.int64), np.array(position, float)
+    stack, place = np.full(codes.STACK, -1, np.int64), np.array(position, float)
     count = rays.fill_stack(Pointed(shapes), place, towards / np.linalg.norm(towards), skip, stack, np.zeros(4))
     if count < 0:
-        allowed = f"at most {tables.STACK} bodies with media inside may lie one in another"
+        allowed = f"at most {codes.STACK} bodies with media inside may lie one in another"
         raise DomainError("position", tuple(place.tolist()), allowed)
     return stack

@@ -14,7 +14,7 @@ import skyscatter
 from skyscatter.cli.nebula_models import central_optical_depth
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.media.ionised import alpha_b
-from skyscatter.nebula import NebulaModel
+from skyscatter.models.nebula import NebulaModel
 from skyscatter.optics.dust import MAGNITUDE
 from skyscatter.units import PARSEC
 

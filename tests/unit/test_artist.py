@@ -8,9 +8,9 @@ from bases import complaint
 from numpy.typing import NDArray
 
 from skyscatter import Component
+from skyscatter.optics.artist import ArtistMedium, diffuse_albedo, single_scattering_albedo
 from skyscatter.optics.phase import HenyeyGreenstein, Isotropic
 from skyscatter.spectra.table import SpectralTable
-from skyscatter.surfaces.artist import ArtistMedium, diffuse_albedo, single_scattering_albedo
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from scipy.special import k1e
 from skyscatter import Component, Medium, Scene, Star, Sun, optical_depth, transmittance
 from skyscatter.kernels import columns as kernels
 from skyscatter.media.fields import Exponential, Tent, Uniform, UsStandard1976
-from skyscatter.media.tables import pack_fields
+from skyscatter.media.tables import pack_rows
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import Isotropic
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
@@ -34,7 +34,7 @@ def _chapman(x: float, mu: float) -> float:
 
 def exponential_pair(planet: float, scale: float, p: float, t0: float, t1: float) -> tuple[float, float]:
     """Column of an exponential shell by kernel and by plain quadrature; t from the lowest point, p from the centre."""
-    fields = pack_fields([Exponential(scale_height=scale)], planet)
+    fields = pack_rows([Exponential(scale_height=scale).row()], planet)
     r = math.hypot(p, t0)
     out = np.empty((1, 1))
     kernels.exact_columns(fields, np.array([r]), np.array([t0 / r]), np.array([t1 - t0]), out)
@@ -129,7 +129,8 @@ def test_chapman_plain_twin() -> None:
 
 
 def test_a_segment_is_the_sum_of_its_parts_and_the_same_both_ways() -> None:
-    fields = pack_fields([Exponential(scale_height=8e3), Tent(base=10e3, peak=25e3, top=40e3), UsStandard1976()], EARTH)
+    fields = (Exponential(scale_height=8e3), Tent(base=10e3, peak=25e3, top=40e3), UsStandard1976())
+    fields = pack_rows([field.row() for field in fields], EARTH)
     p, t = EARTH + 3e3, np.array([-9e5, -2e5, 1e4, 7e5])
 
     def column(a: float, b: float) -> np.ndarray:

@@ -10,9 +10,10 @@ import pytest
 
 from skyscatter.datafiles import read_table
 from skyscatter.dehaze.bands import Band, load_sensor
-from skyscatter.dehaze.gases import gas_transmittance, mixed_air_mass, ozone_air_mass, water_air_mass
+from skyscatter.dehaze.gases import gas_transmittance
 from skyscatter.errors import DomainError
 from skyscatter.optics.absorption import DOBSON_UNIT, cross_section
+from skyscatter.optics.gasbands import mixed_air_mass, ozone_air_mass, water_air_mass
 
 US62 = {"water_vapour": 1.424, "ozone_du": 344.0}  # US Standard 1962 in 6S (manual of 6S, table of its atmospheres)
 

@@ -312,9 +312,9 @@ def test_a_fit_that_has_not_converged_has_an_exit_status(
 
 def test_a_grey_ground_in_the_place_of_a_spectral_one() -> None:
     """ground.albedo keeps the colours of the model's ground, ground.grey_albedo replaces them."""
-    from skyscatter.ground import spectrum_of
     from skyscatter.inversion.parameters import with_values
     from skyscatter.inversion.report import spectral_ground
+    from skyscatter.spectra.surfaces import spectrum_of
 
     model = skyscatter.load_model("earth-hazy")  # vegetation
     wl = [450.0, 550.0, 800.0]

@@ -12,7 +12,7 @@ from numba import njit
 from skyscatter.kernels import lookup
 from skyscatter.kernels.columns import exact_columns
 from skyscatter.media.fields import Exponential, Gaussian, Tent, UsStandard1976
-from skyscatter.media.tables import pack_fields
+from skyscatter.media.tables import pack_rows
 
 EARTH = 6371e3
 FIELDS = (
@@ -25,7 +25,7 @@ FIELDS = (
 
 @pytest.fixture(scope="module")
 def tables() -> tuple:
-    fields = pack_fields(FIELDS, EARTH)
+    fields = pack_rows([field.row() for field in FIELDS], EARTH)
     return fields, lookup.build_column_table(fields)
 
 

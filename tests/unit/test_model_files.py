@@ -11,7 +11,7 @@ import pytest
 from skyscatter import Model, Scene, load_model, model_names, optical_depth
 from skyscatter.cli.main import main
 from skyscatter.errors import ModelFileError
-from skyscatter.model import parse_model
+from skyscatter.models.files import parse_model
 
 SHIPPED = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan")
 

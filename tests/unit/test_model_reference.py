@@ -15,12 +15,13 @@ from pydantic import TypeAdapter, ValidationError
 from skyscatter import load_model, model_names
 from skyscatter.cli.main import main
 from skyscatter.datafiles import models_dir
-from skyscatter.kinds import SORTS, groups, sorts, tables
-from skyscatter.model import parse_model, sort_of
-from skyscatter.modelexamples import EXAMPLES, TABLES
-from skyscatter.modelreference import KEYS, reference, rows
-from skyscatter.modelschema import model_schema
-from skyscatter.modelstart import model_to_edit
+from skyscatter.models.catalogue import groups, sorts, tables
+from skyscatter.models.examples import EXAMPLES, TABLES
+from skyscatter.models.files import parse_model, sort_of
+from skyscatter.models.kinds import SORTS
+from skyscatter.models.reference import KEYS, reference, rows
+from skyscatter.models.schema import model_schema
+from skyscatter.models.start import model_to_edit
 from skyscatter.record import Record
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -644,14 +644,3 @@ def test_columns_of_segments_broadcast_and_vanish() -> None:
     assert field.column([0, 0, -1], [[0, 0, 1], [0, 0, 2]]).shape == (2,)
     assert field.column([0, 0, 0], [0, 0, 0]) == 0
     assert field.column([9, 9, 9], [9, 9, 10]) == 0
-
-
-def test_numbers_of_shapes_and_operations_are_those_of_the_kernels() -> None:
-    from skyscatter.kernels import shapes, space
-    from skyscatter.media import operations, programs
-
-    assert operations.WARP_MODES == shapes.WARP_MODES
-    names = [name for name in vars(programs) if name.isupper() and not name.startswith("_")]
-    assert len(names) == 27
-    for name in names:
-        assert getattr(programs, name) == getattr(space, name), name

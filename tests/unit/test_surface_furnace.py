@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from surface_bases import shoot, sphere_points
 
+from skyscatter.kernels.codes.surfaces import DELTA, TRANSMITTED
 from skyscatter.kernels.surfaces import bsdf
-from skyscatter.kernels.surfaces.tables import DELTA, TRANSMITTED
 from skyscatter.surfaces.materials import Dielectric, Mirror
 from skyscatter.surfaces.packing import pack_materials, pack_shapes, starting_stack
 from skyscatter.surfaces.shapes import Box, Sphere

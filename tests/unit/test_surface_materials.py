@@ -10,7 +10,7 @@ from facet_walks import glass_walks
 from surface_bases import MATERIAL_TESTS, WAVELENGTHS, Bsdf, BsdfContract, direction
 
 from skyscatter.errors import DomainError
-from skyscatter.kernels.surfaces.tables import TRANSMITTED
+from skyscatter.kernels.codes.surfaces import TRANSMITTED
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table, single_share
 from skyscatter.surfaces.indices import METALS, metal_index, refractive_index
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Material, Mirror

@@ -9,6 +9,7 @@ import pytest
 from scipy import integrate, stats
 from surface_tables import Filling, Stuff, henyey_greenstein, media_table
 
+from skyscatter.kernels.codes.surfaces import STACK
 from skyscatter.kernels.jit import entry
 from skyscatter.kernels.path import make_walk
 from skyscatter.kernels.random import start_stream, uniform
@@ -22,7 +23,7 @@ from skyscatter.kernels.surfaces.media import (
     scattering,
     transmit,
 )
-from skyscatter.kernels.surfaces.tables import STACK, MediaTable
+from skyscatter.kernels.surfaces.tables import MediaTable
 from skyscatter.media.shapes import GaussianSphere, Sphere
 
 HAZE = Stuff((0.3, 0.1), (0.0, 0.05), g=0.6)

@@ -12,14 +12,8 @@ import skyscatter
 from skyscatter import Body, Component, Perspective, SurfaceMedium, SurfaceModel, SurfaceScene, Telescope, Viewpoint
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.geometry.camera import Fisheye, Panorama
-from skyscatter.kernels.surfaces.tables import (
-    PARALLEL_LAMP,
-    POINT_LAMP,
-    STACK,
-    SURFACE_LAMP,
-    SURROUNDINGS,
-)
-from skyscatter.model import parse_model
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
+from skyscatter.models.files import parse_model
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.solvers.base import Answer, Options, Rays

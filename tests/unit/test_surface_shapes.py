@@ -22,7 +22,7 @@ from surface_bases import (
 )
 
 from skyscatter.errors import DomainError, MissingDataError
-from skyscatter.kernels.surfaces.tables import STACK
+from skyscatter.kernels.codes.surfaces import STACK
 from skyscatter.media.shapes import axis_rotation
 from skyscatter.surfaces import packing
 from skyscatter.surfaces.materials import Interface, Lambert

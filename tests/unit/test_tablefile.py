@@ -14,7 +14,7 @@ from skyscatter import SpectralTable, load_model
 from skyscatter.cli.main import main
 from skyscatter.errors import TableFileError
 from skyscatter.media.fields import Tabulated
-from skyscatter.model import parse_model
+from skyscatter.models.files import parse_model
 from skyscatter.optics.mie import LogNormalMode, MieAerosol, SizeTable
 from skyscatter.optics.phase import HenyeyGreenstein, TabulatedPhase
 from skyscatter.surfaces.lamps import PointLamp

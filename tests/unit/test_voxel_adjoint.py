@@ -10,13 +10,18 @@ from nebulae import GREY, dust, flat, lines_through
 
 from skyscatter.errors import DomainError
 from skyscatter.inversion.adjoint import (
-    henyey_greenstein_tables,
     spreading_map,
     through_map,
     through_parameters,
 )
 from skyscatter.inversion.voxelimage import VoxelModel
-from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, scene_densities
+from skyscatter.inversion.voxelscene import (
+    VoxelFrame,
+    VoxelLights,
+    VoxelOptics,
+    henyey_greenstein_tables,
+    scene_densities,
+)
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.voxels import VoxelGrid

@@ -10,12 +10,17 @@ from nebulae import GREY, WAVELENGTH, component, lines_through
 from scipy.integrate import dblquad
 
 from skyscatter.errors import DomainError
-from skyscatter.inversion.adjoint import henyey_greenstein_tables
 from skyscatter.inversion.multiple import with_density
 from skyscatter.inversion.tomography import reconstruct
 from skyscatter.inversion.views import ImageView
 from skyscatter.inversion.voxelimage import VoxelModel
-from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square
+from skyscatter.inversion.voxelscene import (
+    VoxelFrame,
+    VoxelLights,
+    VoxelOptics,
+    henyey_greenstein_tables,
+    mean_inverse_square,
+)
 from skyscatter.inversion.voxelwalks import multiple_scattering
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium

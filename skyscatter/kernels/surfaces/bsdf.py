@@ -15,17 +15,7 @@ from __future__ import annotations
 
 import math
 
-from skyscatter.kernels.jit import entry, inlined, kernel, merged
-from skyscatter.kernels.surfaces.facets import (
-    after_more,
-    between_facets,
-    draw_lost,
-    lost_share,
-    passed_share,
-)
-from skyscatter.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
-from skyscatter.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe, smith_lambda
-from skyscatter.kernels.surfaces.tables import (
+from skyscatter.kernels.codes.surfaces import (
     ABSORBED,
     CONDUCTOR,
     DELTA,
@@ -36,6 +26,16 @@ from skyscatter.kernels.surfaces.tables import (
     REFLECTED,
     TRANSMITTED,
 )
+from skyscatter.kernels.jit import entry, inlined, kernel, merged
+from skyscatter.kernels.surfaces.facets import (
+    after_more,
+    between_facets,
+    draw_lost,
+    lost_share,
+    passed_share,
+)
+from skyscatter.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
+from skyscatter.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe, smith_lambda
 
 
 @inlined

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.random import start_stream, uniform
@@ -36,7 +37,6 @@ from skyscatter.kernels.surfaces.rays import fill_stack
 from skyscatter.kernels.surfaces.rims import share_in_sight, share_on_surface
 from skyscatter.kernels.surfaces.shadows import copy_stack, passes
 from skyscatter.kernels.surfaces.shapes import NO_MORE, item_body
-from skyscatter.kernels.surfaces.tables import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
 
 #: Legs of a walk at most: as many boundaries and mirrors as can be looked through.
 MOST_LEGS = 64

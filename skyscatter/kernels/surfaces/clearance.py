@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import BOX, DISK, RECTANGLE, SPHERE
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.kernels.surfaces.shapes import item_body
-from skyscatter.kernels.surfaces.tables import BOX, DISK, RECTANGLE, SPHERE
 
 #: Part of its radius from which on a ball is moved rather than made smaller still.
 SMALL = 0.5

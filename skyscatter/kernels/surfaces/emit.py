@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SURFACE_LAMP
 from skyscatter.kernels.jit import kernel, merged
 from skyscatter.kernels.path import turn
 from skyscatter.kernels.surfaces.shapes import sample_item
-from skyscatter.kernels.surfaces.tables import PARALLEL_LAMP, POINT_LAMP, SURFACE_LAMP
 
 
 @kernel

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import INTERFACE, LAMBERT, MIRROR, STACK
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import kernel, merged
 from skyscatter.kernels.path import Walk, make_walk
@@ -31,7 +32,6 @@ from skyscatter.kernels.surfaces.media import (
     spectral_depth,
     transmit,
 )
-from skyscatter.kernels.surfaces.tables import INTERFACE, LAMBERT, MIRROR, STACK
 
 #: Numbers in ``Scratch.at``: interactions so far; what the last was; what the vertex before was; the item that ends the
 #: leg, -1 where it does not end; the item on which the ray starts; the leg's medium; whether the walk has been divided
@@ -199,4 +199,3 @@ def gather_emission(media, m, x, d, far, s):
             out[i] += s.media.density[c] * media.emission[c, i]
     for i in range(out.size):
         out[i] *= s.halfway[i] * (end - start)
-

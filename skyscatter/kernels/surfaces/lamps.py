@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.path import turn
 from skyscatter.kernels.pointed import whole
 from skyscatter.kernels.surfaces.shapes import sample_item
-from skyscatter.kernels.surfaces.tables import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
 
 #: Share of the choices of a lamp that do not ask how much of its light arrives.
 BLIND_SHARE = 0.1

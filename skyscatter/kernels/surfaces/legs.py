@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, SURROUNDINGS
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.surfaces.lamps import share_out
-from skyscatter.kernels.surfaces.tables import PARALLEL_LAMP, SURROUNDINGS
 
 #: Optical depth of a leg beyond which no lamp draws a point; free flights still do.
 DEEPEST = 8.0

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import ABSORBED, PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.random import start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import bsdf_pdf, bsdf_value, sample_bsdf
@@ -40,14 +41,6 @@ from skyscatter.kernels.surfaces.polarised import add_rest, begin_plain, send_pl
 from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
-from skyscatter.kernels.surfaces.tables import (
-    ABSORBED,
-    PARALLEL_LAMP,
-    POINT_LAMP,
-    STACK,
-    SURFACE_LAMP,
-    SURROUNDINGS,
-)
 
 #: Largest share of the rays that are not aimed at a lamp.
 MET = 0.5

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, STACK, SURROUNDINGS, TRANSMITTED
 from skyscatter.kernels.gridwalk import Walker, make_walker
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.path import Walk, make_walk, rebalance
@@ -43,13 +44,6 @@ from skyscatter.kernels.surfaces.polarised import (
 from skyscatter.kernels.surfaces.rays import nearest
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import NO_MORE, item_body
-from skyscatter.kernels.surfaces.tables import (
-    ABSORBED,
-    DELTA,
-    STACK,
-    SURROUNDINGS,
-    TRANSMITTED,
-)
 
 #: Encounters with surfaces and media after which a photon is given up, and counted as such.
 MOST_EVENTS = 100_000

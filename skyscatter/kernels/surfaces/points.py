@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.kernels.surfaces.tables import STACK
+from skyscatter.kernels.codes.surfaces import STACK
 
 #: What may have happened to a photon before it is gathered, one bit each: nothing at all since it left a lamp that rays
 #: to lamps find too; only reflections and refractions without any spread; more; none of that to light from all around.

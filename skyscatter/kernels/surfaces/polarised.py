@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import CONDUCTOR, DELTA, MIRROR, REFLECTED
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.path import rebalance, turn
 from skyscatter.kernels.polar import A1, A2, A3, A4, B1, B2, plane
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import frame_of
-from skyscatter.kernels.surfaces.tables import CONDUCTOR, DELTA, MIRROR, REFLECTED
 
 
 class PhotonPolar(NamedTuple):

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import PLANE, STACK
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.surfaces.shapes import (
     NO_MORE,
@@ -20,7 +21,6 @@ from skyscatter.kernels.surfaces.shapes import (
     shear_of,
     triangle_distance,
 )
-from skyscatter.kernels.surfaces.tables import PLANE, STACK
 from skyscatter.kernels.surfaces.tree import inverse, next_leaf
 
 #: What `shear_of` gives stands here where there is no triangle.

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 
+from skyscatter.kernels.codes.surfaces import BOX, DISK, RECTANGLE
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.surfaces.bsdf import frame_of
 from skyscatter.kernels.surfaces.clearance import clearance, free_way
-from skyscatter.kernels.surfaces.tables import BOX, DISK, RECTANGLE
 
 #: Points of the midpoint rule over the angle: the share is right to 2e-3.
 POINTS = 24

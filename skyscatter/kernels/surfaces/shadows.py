@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import DIELECTRIC, INTERFACE
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.surfaces.flights import MOST, ORDER, weigh_vertex
 from skyscatter.kernels.surfaces.media import current_medium, pull, push, transmit
 from skyscatter.kernels.surfaces.rays import blocked, closest_hit, next_hit
 from skyscatter.kernels.surfaces.shapes import item_body
-from skyscatter.kernels.surfaces.tables import DIELECTRIC, INTERFACE
 
 
 @inlined

@@ -21,8 +21,8 @@ import math
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import BOX, DISK, PLANE, RECTANGLE, SPHERE
 from skyscatter.kernels.jit import inlined, kernel, merged
-from skyscatter.kernels.surfaces.tables import BOX, DISK, PLANE, RECTANGLE, SPHERE
 
 #: A number that no item has: with it as `last`, nothing at the distance `near` itself counts.
 NO_MORE = np.int64(1) << np.int64(62)

@@ -13,18 +13,6 @@ import numpy as np
 
 from skyscatter.kernels.space import SpaceTable
 
-#: Kinds of items.
-SPHERE, PLANE, RECTANGLE, BOX, DISK, TRIANGLE = 0, 1, 2, 3, 4, 5
-#: Kinds of materials.  An INTERFACE only separates media: light passes as if nothing were there.
-INTERFACE, LAMBERT, MIRROR, DIELECTRIC, CONDUCTOR = 0, 1, 2, 3, 4
-#: Kinds of lamps.
-POINT_LAMP, SURFACE_LAMP, PARALLEL_LAMP, SURROUNDINGS = 0, 1, 2, 3
-#: What a surface did to a walk, see `bsdf.sample_bsdf`: one of the first three, DELTA added where the direction was no
-#: matter of chance.
-ABSORBED, REFLECTED, TRANSMITTED, DELTA = 0, 1, 2, 4
-#: Media that a ray may be inside of at once.
-STACK = 8
-
 
 class ShapeTable(NamedTuple):
     """Everything that rays can meet.  Items 0 ... shapes - 1 are shapes, the rest triangles."""

@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 
+from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, TRANSMITTED
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.path import BATCHES, statistics
 from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
@@ -60,7 +61,6 @@ from skyscatter.kernels.surfaces.media import current_medium, draw_scattered, sc
 from skyscatter.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
-from skyscatter.kernels.surfaces.tables import ABSORBED, DELTA, DIELECTRIC, TRANSMITTED
 
 #: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
 LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, ClassVar
 
 from pydantic import model_validator
 
-from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
 from skyscatter.geometry.camera import Camera, Perspective
-from skyscatter.record import Record
+from skyscatter.models.base import ModelFile
 from skyscatter.surfaces.lamps import AnyLamp
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
 
 
-class SurfaceModel(Record):
+class SurfaceModel(ModelFile):
     """What a model file of surfaces says.
 
     Parameters
@@ -39,11 +37,8 @@ class SurfaceModel(Record):
         What shines beside bodies that do.
     """
 
-    command: ClassVar[str] = "render"  #: of the command line, which renders it
+    command: ClassVar[str] = "render"
 
-    name: str
-    description: str = ""
-    sources: tuple[str, ...] = ()
     viewpoint: Viewpoint
     camera: Camera = Perspective(width=320, height=240, fov_deg=60.0)
     media: tuple[SurfaceMedium, ...] = (SurfaceMedium(name="outside"),)
@@ -63,14 +58,3 @@ class SurfaceModel(Record):
         seen = {name: value for name, value in given.items() if value is not None}
         viewpoint = Viewpoint(**{**self.viewpoint.model_dump(), **seen})
         return SurfaceScene(media=self.media, bodies=self.bodies, lamps=self.lamps, viewpoint=viewpoint)
-
-    def to_toml(self) -> str:
-        """The model as TOML text, which `load_model` reads back to an equal model."""
-        from skyscatter.model import to_toml
-
-        return to_toml(self)
-
-    def save(self, path: str | Path) -> None:
-        """Write the model file; an existing one is replaced only when the new one is complete."""
-        with atomic_path(path) as temporary:
-            temporary.write_text(self.to_toml(), encoding="utf-8")

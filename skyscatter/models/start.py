@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 from skyscatter.datafiles import models_dir
 from skyscatter.errors import ModelFileError
-from skyscatter.kinds import groups, records_in
-from skyscatter.model import load_model, model_names
-from skyscatter.modelreference import Row, rows, summary
+from skyscatter.models.catalogue import groups, records_in
+from skyscatter.models.files import load_model, model_names
+from skyscatter.models.reference import Row, rows, summary
 from skyscatter.record import Record, similar
 
 _WIDTH = 110

@@ -8,7 +8,8 @@ from typing import Any
 from pydantic.json_schema import models_json_schema
 
 from skyscatter.errors import DomainError
-from skyscatter.kinds import SORTS, densities, sorts
+from skyscatter.models.catalogue import sorts
+from skyscatter.models.kinds import SORTS, densities
 from skyscatter.record import Record
 
 #: The schema that editors know best; what pydantic writes is turned into it.

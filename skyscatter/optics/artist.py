@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.ground import check_albedo, spectrum_of
 from skyscatter.optics.base import Coefficients, OpticalModel, PhaseFunction
+from skyscatter.spectra.surfaces import check_albedo, spectrum_of
 from skyscatter.spectra.table import Albedo, SpectralLength, evaluate
 from skyscatter.units import Number, default
 

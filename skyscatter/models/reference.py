@@ -15,9 +15,10 @@ from pydantic_core import PydanticUndefined
 
 from skyscatter import units
 from skyscatter.errors import DomainError, shown
-from skyscatter.kinds import SORTS, densities, groups, sorts, tables
 from skyscatter.media.arrays import FrozenArray
-from skyscatter.modelexamples import EXAMPLES, TABLES
+from skyscatter.models.catalogue import groups, sorts, tables
+from skyscatter.models.examples import EXAMPLES, TABLES
+from skyscatter.models.kinds import SORTS, densities
 from skyscatter.record import Record, nearest
 from skyscatter.spectra.table import SpectralMeasure
 from skyscatter.units import Measure

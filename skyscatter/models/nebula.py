@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import ClassVar
 
 from pydantic import model_validator
 
-from skyscatter.atomic import atomic_path
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Component, Medium
-from skyscatter.record import Record
+from skyscatter.models.base import ModelFile
 from skyscatter.space import SpaceScene, View
 from skyscatter.spectra.table import Background
 from skyscatter.starfield import StarField
 from skyscatter.units import default
 
 
-class NebulaModel(Record):
+class NebulaModel(ModelFile):
     """What a nebula's model file says; `scene` turns it as it is to be seen.
 
     Parameters
@@ -42,11 +40,8 @@ class NebulaModel(Record):
         Stars behind everything, seen through the dust.
     """
 
-    command: ClassVar[str] = "nebula"  #: of the command line, which renders it
+    command: ClassVar[str] = "nebula"
 
-    name: str
-    description: str = ""
-    sources: tuple[str, ...] = ()
     view: View
     components: tuple[Component, ...]
     stars: tuple[PointStar, ...] = ()
@@ -86,14 +81,3 @@ class NebulaModel(Record):
             star_field=self.star_field,
             view=view,
         )
-
-    def to_toml(self) -> str:
-        """The model as TOML text, which `load_model` reads back to an equal model."""
-        from skyscatter.model import to_toml
-
-        return to_toml(self)
-
-    def save(self, path: str | Path) -> None:
-        """Write the model file; an existing one is replaced only when the new one is complete."""
-        with atomic_path(path) as temporary:
-            temporary.write_text(self.to_toml(), encoding="utf-8")
