@@ -296,7 +296,8 @@ def _find_fronts(
         if settled.all():
             break
         low, high = np.where(excess < 0, r, low), np.where(excess < 0, high, r)
-        newton = r - excess / np.maximum((_density(rays, ray, r) * r) ** 2, 1e-300)
+        with np.errstate(over="ignore"):  # where next to nothing is, Newton's step is beyond all numbers
+            newton = r - excess / np.maximum((_density(rays, ray, r) * r) ** 2, 1e-300)
         # Newton's step where it stays inside the bracket, else halve it: never worse than bisection.
         step = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
         r = np.where(settled, r, step)
