@@ -112,7 +112,7 @@ def mitsuba_room(mi: Any, room: FogRoom, wavelengths: Any, integrator: str, more
 
     def spectrum(values: Any) -> Any:
         values = [float(v) for v in np.broadcast_to(values, np.shape(wavelengths))]
-        if spectral and min(values) == max(values):  # a table of noughts is refused
+        if spectral and min(values) == max(values):  # a table of zeros is refused
             return {"type": "uniform", "value": values[0]}
         if spectral:
             return {

@@ -160,7 +160,7 @@ class ParallelLight(Record):
     name : str
         How it is called.
     direction : three floats, optional
-        Towards the light, of any length but nought, in the frame of the model.
+        Towards the light, of any length but zero, in the frame of the model.
     azimuth_deg, elevation_deg : float, optional
         The same as angles [degree]: azimuth in the x-y plane from +y towards +x, elevation above it towards +z.
     irradiance : float or SpectralTable, optional
@@ -185,7 +185,7 @@ class ParallelLight(Record):
         if any(angles) != all(angles) or any(angles) == (self.direction is not None):
             raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
         if self.direction is not None and not any(self.direction):
-            raise DomainError("direction", self.direction, "must not be nought")
+            raise DomainError("direction", self.direction, "must not be zero")
         body = (self.temperature is not None, self.dilution is not None)
         if any(body) != all(body) or any(body) == (self.irradiance is not None):
             raise DomainError("irradiance", self.irradiance, "give either irradiance, or temperature and dilution")

@@ -35,7 +35,7 @@ def say(words: str, anew: bool = True) -> None:
     ----------
     words : str
     anew : bool
-        Its share and its time count from nought.
+        Its share and its time count from zero.
     """
     _log.info(words)
     for progress in tuple(_shown):
@@ -117,7 +117,7 @@ class Progress:
         self.done = min(max(self.done, float(done)), self.total)
 
     def phase(self, words: str, anew: bool = True) -> None:
-        """Something else is done from now on; its share and time count from nought, or go on."""
+        """Something else is done from now on; its share and time count from zero, or go on."""
         self.words = words
         if anew:
             self.done, self._started, self._said = 0.0, time.monotonic(), False

@@ -123,7 +123,7 @@ class StarField(Record):
         u = rng.random((4, count))
         normal = rng.standard_normal(count)
         x, y = side * (i + u[0]), side * (j + u[1])
-        # 1 - u is never nought: no star is infinitely bright.
+        # 1 - u is never zero: no star is infinitely bright.
         magnitude = self.limiting_magnitude + np.log10(1 - u[2]) / self.slope
         temperature = self.median_temperature * 10 ** (self.temperature_spread * np.clip(normal, -3, 3))
         # The plane is wider than the sky that it shows, by 1 / cos^3 of the angle from the centre.

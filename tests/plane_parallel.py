@@ -114,7 +114,7 @@ def legendre_phase(moments: ArrayLike, cells: int = 4000) -> TabulatedPhase:
     cosine = (1 - 2 * (np.arange(cells + 1) / cells) ** 2)[::-1]
     cosine[0], cosine[-1] = -1.0, 1.0
     values = np.polynomial.legendre.legval(cosine, (2 * np.arange(chi.size) + 1) * chi) / (4 * np.pi)
-    # A cut series may dip below nought by its last digits.
+    # A cut series may dip below zero by its last digits.
     rows = tuple((float(v),) for v in np.maximum(values, 0.0))
     return TabulatedPhase(cos_theta=tuple(cosine), wavelengths=(WAVELENGTH,), values=rows)
 
@@ -174,7 +174,7 @@ class IsotropicLayers:
         return float(2 * np.pi * (scattered + self.background * expn(3, tau)))
 
     def radiance(self, tau: float, mu: ArrayLike) -> Array:
-        """Diffuse radiance of light that travels at cosines mu (upwards positive, not nought) at optical depth tau."""
+        """Diffuse radiance of light that travels at cosines mu (upwards positive, not zero) at optical depth tau."""
         cosine = np.atleast_1d(np.asarray(mu, float))
         side = np.where(cosine[:, None] > 0, self.edge - tau, tau - self.edge)
         fading = np.exp(-np.maximum(side, 0.0) / np.abs(cosine[:, None]))

@@ -117,7 +117,7 @@ def judged(scene: SixsScene, **options: Any) -> Judged:
 
 
 def covered(found: Iterable[Judged]) -> Array:
-    """Share of pixels (band,) whose truth is within one standard deviation; no cloud and nothing set to nought."""
+    """Share of pixels (band,) whose truth is within one standard deviation; no cloud and nothing set to zero."""
     inside = []
     for one in found:
         clear = (one.mask & np.uint8(Flag.CLOUD | Flag.CLIPPED)) == 0

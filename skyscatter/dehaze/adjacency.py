@@ -87,7 +87,7 @@ class SpreadFunction:
         mean = np.maximum(np.diff(self.share, axis=0), 0.0) / area[:, None]
         middle = 0.5 * edges[1:]
         middle[1:] = np.sqrt(np.diff(edges[1:] ** 2) / (2 * np.diff(np.log(edges[1:]))))
-        # Bins that no walk has met lie far beyond all others; a density of 1e-30 per m2 counts as nought.
+        # Bins that no walk has met lie far beyond all others; a density of 1e-30 per m2 counts as zero.
         logarithm = np.log(np.maximum(mean, 1e-30))
         x = np.log(np.maximum(np.asarray(distance, float), 1e-3 * FIRST_EDGE))
         columns = [np.interp(x, np.log(middle), logarithm[:, k]) for k in range(self.wavelengths.size)]

@@ -80,7 +80,7 @@ class HazeEstimate:
 
 
 def trial_depths(greatest: float) -> Array:
-    """Optical depths to try, from nearly nought up, evenly spaced in log(1 + aod / 0.1)."""
+    """Optical depths to try, from nearly zero up, evenly spaced in log(1 + aod / 0.1)."""
     depths: Array = 0.1 * np.expm1(np.linspace(0.0, np.log1p(greatest / 0.1), TRIALS))
     return depths
 

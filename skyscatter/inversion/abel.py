@@ -41,7 +41,7 @@ class AbelResult(Brief):
     covariance : ndarray, shape (point, point)
     lower, upper : ndarray, shape (point,)
         A band that is to cover the truth at 68.3 % of the radii: `density` -+ `band_factor` `standard_deviation`, cut
-        off at nought.
+        off at zero.
     band_factor : float
         Found by fitting data made from the estimate; below 1 where the density is smoother than the prior allows for.
     fitted_projection, residual : ndarray, shape (point,)
@@ -182,7 +182,7 @@ def abel_invert(
     if samples < 16:
         raise DomainError("samples", samples, "sixteen at least")
     if not data.any():
-        raise DomainError("projection", "all 0", "nothing to invert: give data that are not nought everywhere")
+        raise DomainError("projection", "all 0", "nothing to invert: give data that are not zero everywhere")
     problem = _problem(y.tobytes(), noise.tobytes(), end, background)
     report = progress or (lambda share: None)
     posterior = problem.posterior(data, known)
@@ -299,7 +299,7 @@ def _clipped_moments(mean: Array, sd: Array) -> tuple[Array, Array]:
     share, height = ndtr(z), np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
     first = sd * (z * share + height)
     second = sd**2 * ((z**2 + 1) * share + z * height)
-    # Far below nought both vanish; a thousandth of the spread keeps their ratio in bounds.
+    # Far below zero both vanish; a thousandth of the spread keeps their ratio in bounds.
     return first, np.sqrt(np.maximum(second - first**2, 1e-6 * sd**2))
 
 

@@ -87,7 +87,7 @@ def through_parameters(
         Where the derivatives are wanted; the density is differentiated by central differences.
     **scales : float
         How far a parameter moves before the density changes much, where its own value does not tell (1 for one that is
-        nought).
+        zero).
     """
     weights, found = np.asarray(slope, float), {}
     for name, value in parameters.items():

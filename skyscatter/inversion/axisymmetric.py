@@ -27,7 +27,7 @@ _ORDERS = (0.5, 1.5, 2.5, np.inf)
 _ACROSS, _ALONG = 7, 7  #: lengths that are weighed
 _RATIOS = np.linspace(-2.0, 12.0, 43)  #: log10 of the greatest signal to noise, squared
 _SUBPIXELS = 4  #: of a row, over which a pixel is averaged
-_TOLD = 1e-3  #: signal to noise, squared, below which a combination is left at nought, with its variance
+_TOLD = 1e-3  #: signal to noise, squared, below which a combination is left at zero, with its variance
 _MOST_MODES = 2000  #: that the linear algebra takes in seconds
 _MOST_NODES = 96  #: across
 
@@ -117,7 +117,7 @@ def invert_axisymmetric(
 ) -> AxisymmetricResult:
     """Density of an optically thin object that is symmetric about an axis in the plane of the image.
 
-    Negative densities of the posterior's samples are set to nought.
+    Negative densities of the posterior's samples are set to zero.
 
     Parameters
     ----------

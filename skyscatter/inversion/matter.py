@@ -231,7 +231,7 @@ def gas_from_line_image(
         parts = per_electron * electrons(j) * volume
         return np.asarray(parts @ seen), np.asarray(parts @ ~seen)
 
-    # A root of noise is no noise about nought: where nothing stands out, the mass lies between none and what is found,
+    # A root of noise is no noise about zero: where nothing stands out, the mass lies between none and what is found,
     # and half of that is taken, and half is doubt.  Where it does, pictures made from the estimate, with its noise, and
     # inverted in their turn say by how much it is overestimated.
     lit, faint = (float(m) for m in gas(found.density))

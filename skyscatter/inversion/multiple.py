@@ -96,7 +96,7 @@ def multiple_light(
 
     from skyscatter.solvers.run import radiance
 
-    # Beyond the medium there is no light, and a ratio of nought to nought.
+    # Beyond the medium there is no light, and a ratio of zero to zero.
     root = np.sqrt(np.maximum(guide, 1e-9 * np.max(guide, initial=1e-300)))
     runs: list[Array] = []
     for k in range(RUNS):

@@ -1,7 +1,7 @@
 """Samples of a Gaussian made non-negative: each replaced by the nearest one, as the Gaussian itself measures distance.
 
 This is what a fit to perturbed data under the constraint f >= 0 gives (Bardsley & Hansen 2020, SIAM J. Sci. Comput. 42,
-A1269), so that zeros stay zeros; a posterior that is cut off at nought would push the density away from it.
+A1269), so that zeros stay zeros; a posterior that is cut off at zero would push the density away from it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_TOLERANCE = 1e-6  #: of a standard deviation, by which a value may stay below nought before it is set to it
+_TOLERANCE = 1e-6  #: of a standard deviation, by which a value may stay below zero before it is set to it
 _PATIENCE = 3  #: tries without fewer violations before constraints are taken one by one
 _JITTER = 1e-9  #: relative variance that keeps neighbours, almost the same number, apart
 
@@ -43,7 +43,7 @@ def project_nonnegative(sample: Array, covariance: Array) -> Array:
 
 
 def _multipliers(sample: Array, covariance: Array, jitter: Array, chosen: Indices) -> tuple[Array, Array]:
-    """Multipliers of the chosen constraints that make f nought there, and the columns of the covariance they need."""
+    """Multipliers of the chosen constraints that make f zero there, and the columns of the covariance they need."""
     columns = covariance[:, chosen]
     part = columns[chosen]
     part[np.diag_indices(len(chosen))] += jitter[chosen]
@@ -88,7 +88,7 @@ def _one_by_one(sample: Array, covariance: Array, jitter: Array, slack: Array) -
                 w[chosen] = wanted
                 f = sample + columns @ wanted
                 break
-            # As far towards these as none of them would have to pull down, and those that come to nought are let go.
+            # As far towards these as none of them would have to pull down, and those that come to zero are let go.
             old = w[chosen]
             step = np.min(old[falling] / np.maximum(old[falling] - wanted[falling], 1e-300))
             moved = old + step * (wanted - old)

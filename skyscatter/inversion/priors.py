@@ -109,7 +109,7 @@ def _neighbours(parts: list[Array], shape: tuple[int, ...]) -> Array:
 
 @dataclass(frozen=True)
 class TotalVariation(Prior):
-    """In pieces of one value: the integral of the gradient's length (Rudin et al. 1992), rounded off at nought.
+    """In pieces of one value: the integral of the gradient's length (Rudin et al. 1992), rounded off at zero.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class TotalVariation(Prior):
             raise DomainError("rounding", self.rounding, "must be positive")
 
     def _lengths(self, x: Array, frame: VoxelFrame) -> tuple[list[Array], Array, float]:
-        """Weighted forward differences (nought at the last cells), their rounded length, and the cells' weight."""
+        """Weighted forward differences (zero at the last cells), their rounded length, and the cells' weight."""
         size = float(np.prod(frame.cell * frame.shape)) ** (1 / 3)
         shortest = float(frame.cell.min())
         total = np.full(x.shape, self.rounding**2)

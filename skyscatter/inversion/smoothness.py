@@ -42,7 +42,7 @@ def matern(distance: Array, order: float) -> Array:
 
 
 def covariance(nodes: Array, length: float, order: float, even: bool) -> Array:
-    """Covariance (node, node) of g; with `even`, of a function that is mirrored at nought."""
+    """Covariance (node, node) of g; with `even`, of a function that is mirrored at zero."""
     c = matern(np.abs(nodes[:, None] - nodes[None, :]) / length, order)
     if even:
         c = c + matern((nodes[:, None] + nodes[None, :]) / length, order)
@@ -113,9 +113,9 @@ class Smooth:
     nuisances : ndarray, shape (point, nuisance)
         N.
     shifts : ndarray, shape (node, nuisance)
-        What each nuisance adds to f: ones for a constant, nought for a background.
+        What each nuisance adds to f: ones for a constant, zero for a background.
     even : bool
-        Whether f is mirrored at nought.
+        Whether f is mirrored at zero.
     orders : sequence of float
     lengths : ndarray, optional
     more_points : int

@@ -20,7 +20,7 @@ MOST_NODES = 200  #: more are not needed: what is finer than R / 200 no projecti
 
 
 def _primitives(radius: Array, impact: Array) -> Array:
-    """Primitives of 2 r^(k + 1) / sqrt(r^2 - y^2), k = 0 to 3, nought at r = y; shape (4, ...).
+    """Primitives of 2 r^(k + 1) / sqrt(r^2 - y^2), k = 0 to 3, zero at r = y; shape (4, ...).
 
     With l = sqrt(r^2 - y^2) and q = r l + y^2 ln((r + l) / y): 2 l, q, 2 l^3 / 3 + 2 y^2 l, r^3 l / 2 + 3 y^2 q / 4.
     """
@@ -67,7 +67,7 @@ def projection_matrix(nodes: Array, impact: Array) -> Array:
     Parameters
     ----------
     nodes : ndarray, shape (node,)
-        Radii; the density is nought beyond the last one.
+        Radii; the density is zero beyond the last one.
     impact : ndarray, shape (point,)
         Distances of the lines of sight from the centre, in the same unit.
 
@@ -93,7 +93,7 @@ def _projection_matrix(nodes_bytes: bytes, impact_bytes: bytes) -> Array:
 
 
 def spline_values(nodes: Array, radius: Array) -> Array:
-    """Values of the same splines at other radii, shape (point, node); nought beyond the last node."""
+    """Values of the same splines at other radii, shape (point, node); zero beyond the last node."""
     from scipy.interpolate import CubicSpline
 
     inside = radius <= nodes[-1] * (1 + 1e-12)

@@ -250,7 +250,7 @@ def _stacked_sky(scenes: Sequence[Any], medium: Medium, channels: Channels) -> S
 def _stacked_space(scenes: Sequence[Any], medium: Medium, channels: Channels) -> SpaceScene:
     first = scenes[0]
     stars = tuple(
-        # The surface, which only says how near a star light stops to grow, is that of the first copy.
+        # The surface, which only says how near to a star light stops growing, is that of the first copy.
         _StackedPointStar.model_construct(**(_own_fields(group[0]) | {"channels": channels, "stars": group}))
         for group in zip(*(s.stars for s in scenes), strict=True)
     )

@@ -5,7 +5,7 @@ inverse Hessian H^-1 = (J^T W J + weight R'')^-1 as its covariance.  The solutio
 with e standard normal and n of covariance R'', is a sample of it (Papandreou & Yuille 2010): perturb data and
 prior, then optimise.  Each costs one solution by conjugate gradients of tangent and adjoint passes.
 
-Densities that touch nought are treated as if they could go below: their deviations are upper bounds.
+Densities that touch zero are treated as if they could go below: their deviations are upper bounds.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def degrees_of_freedom(problem: Problem, x: Array, weight: float, stretch: Array
     """How many data the estimate follows: the trace of J H^-1 J^T W (Wahba 1983, J. R. Stat. Soc. B 45, 133).
 
     From one vector of random signs z, as z^T W^1/2 J H^-1 J^T W^1/2 z (Hutchinson 1990, Commun. Stat. Simul. 19, 433):
-    its relative error is below sqrt(2 / trace).  Densities that touch nought follow no data.
+    its relative error is below sqrt(2 / trace).  Densities that touch zero follow no data.
     """
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], problem.weight.shape)
     root, frame, loose = np.sqrt(problem.weight), problem.model.frame, (x > 0).astype(float)

@@ -171,7 +171,7 @@ class Stack:
     Attributes
     ----------
     data, weight : ndarray, shape (pixel, wavelength)
-        Weight is one over the variance; nought where there are no data.
+        Weight is one over the variance; zero where there are no data.
     origins, directions : ndarray, shape (pixel * ray, 3)
     """
 

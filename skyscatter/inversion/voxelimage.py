@@ -4,7 +4,7 @@ Single scattering, emission and absorption in components given on one grid of ce
 
     L = int [sum_c rho_c (j_c + sigma_s,c sum_s I_s / d_s^2 p_c(cos) exp(-tau_s))] exp(-tau) dt + B exp(-tau_end),
 
-all wavelengths together (docs/theory.md).  Density is trilinear between the middles of cells and falls to nought half a
+all wavelengths together (docs/theory.md).  Density is trilinear between the middles of cells and falls to zero half a
 cell outside, as `fields.VoxelGrid` has it, or is constant within cells (`interpolation`).  Maps of columns, optical
 depths and transmittances are special cases of the optics: `VoxelOptics.columns`, `.depths`, `.transmittances`.
 """
@@ -37,7 +37,7 @@ BLOCKS = 8
 FEW = 3000
 #: Memory that the sums of all parts may take together [byte]; fewer parts where it would be more.
 SUMS_MEMORY = 1 << 30
-#: Distance within which the light of a star without a surface stops to grow [side of a cell].
+#: Distance within which the light of a star without a surface stops growing [side of a cell].
 CLOSEST = 1e-6
 
 
@@ -219,7 +219,7 @@ class VoxelModel:
             The derivative of the loss with respect to the image; with `data`, one over the variance of the data.
         data : array_like, shape (ray, wavelength), optional
         optics : bool
-            Fill the other attributes of `Slope`, which are nought otherwise.
+            Fill the other attributes of `Slope`, which are zero otherwise.
         phase_slope : (component, angle, wavelength), optional
             Derivative of the phase tables with respect to a parameter, as of `voxelscene.henyey_greenstein_tables`.
         """
@@ -317,7 +317,7 @@ class VoxelModel:
         return _added(parts)[0] if parts else np.zeros(size)
 
     def _inner(self, nodes: Array) -> Array:
-        """From slopes at the padded nodes to those of the cells (c, x, y, z): those around are always nought."""
+        """From slopes at the padded nodes to those of the cells (c, x, y, z): those around are always zero."""
         cube = nodes.reshape(*(n + 2 for n in self.frame.shape), -1)
         return np.ascontiguousarray(np.moveaxis(cube[1:-1, 1:-1, 1:-1], -1, 0))
 

@@ -81,7 +81,7 @@ class VoxelFrame:
 
     @classmethod
     def of(cls, grid: VoxelGrid) -> VoxelFrame:
-        """That of a density field, which must be trilinear and fall to nought at its edges."""
+        """That of a density field, which must be trilinear and fall to zero at its edges."""
         if grid.interpolation != "linear" or grid.edge != "falling" or any(grid.periodic):
             raise DomainError("density", "VoxelGrid", 'needs interpolation="linear", edge="falling", no periods')
         low, high = grid.corners

@@ -3,7 +3,7 @@
 ``math.exp`` inside a loop stays a scalar library call.  Here exp(x) = 2^n 2^f with n the nearest integer to x/ln 2 and
 |f| <= 1/2: 2^f is a polynomial, and n is added to the exponent bits of the result.  Everything is arithmetic without a
 branch, so that LLVM turns the loop over wavelengths into SIMD code.  Relative error below 3e-10 (tested); arguments
-below -700 give 1e-304, which is nought for every purpose here.
+below -700 give 1e-304, which is zero for every purpose here.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The walk of Amanatides & Woo (1987), Eurographics '87, 3: along each axis one kn
 meets a face, the smallest of the three is where it leaves its cell.  Three things differ from the textbook:
 
 - distances to faces are computed from the number of the face, not by adding steps up, so errors do not grow;
-- at an edge or corner all axes step at once: no cell of length nought, and no branch that a processor must guess;
+- at an edge or corner all axes step at once: no cell of length zero, and no branch that a processor must guess;
 - a grid may repeat: a cell's number wraps around while the face's goes on.
 
 A cell holds both its faces.  A line that runs in the face between two cells is said to be in the upper one, at the

@@ -13,7 +13,7 @@ as long as that is a first child.
 A leaf `PARTICLES` has, after its affine map, the parameter `largest weight`, and the integers `place of the data,
 number of particles, levels of the tree`.  Its data are the boxes, 6 numbers a node (low, high), then the leaves.  A
 leaf has room for 16 particles: 16 numbers each for x, y, z relative to the leaf's middle, 1 / h, and the weight
-m / (pi h^3) over the largest, then that middle (3, and one unused); weights of empty places are nought.  Relative
+m / (pi h^3) over the largest, then that middle (3, and one unused); weights of empty places are zero.  Relative
 places keep single precision enough for particles of any size, and numbers side by side are added up in vector
 registers.
 """
@@ -57,7 +57,7 @@ def leaf_sum(data, n, a, b, c, u, v, w):
     for m in range(np.uint64(ROOM)):
         e, f, g = abs(a - data[x + m]) + u, abs(b - data[y + m]) + v, abs(c - data[z + m]) + w
         e, f, g = (e if e > zero else zero), (f if f > zero else zero), (g if g > zero else zero)
-        # Without branches; beyond the sphere both parts are nought.
+        # Without branches; beyond the sphere both parts are zero.
         q = math.sqrt(e * e + f * f + g * g) * data[lengths + m]
         outer, inner = two - q, one - q
         outer = outer if outer > zero else zero

@@ -93,7 +93,7 @@ class Leg(NamedTuple):
     through: np.ndarray  #: (wavelength,) transmittance of the whole leg
     lost: np.ndarray  #: (wavelength,) what is scattered or absorbed on it, 1 - through without loss of digits
     ground: np.ndarray  #: (wavelength,) chance that a free flight goes on to the ground
-    albedo: np.ndarray  #: (wavelength,) of the ground where the leg meets it; nought if it does not
+    albedo: np.ndarray  #: (wavelength,) of the ground where the leg meets it; zero if it does not
 
 
 class Walk(NamedTuple):

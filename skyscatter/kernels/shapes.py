@@ -1,7 +1,7 @@
 """Densities of analytic shapes at a point of their own frame.
 
 Every function takes the point (a, b, c) in the frame in which the shape is simplest (its length is the unit, its axis
-is c), the table's `parameters`, and the place `at` where the shape's own numbers begin.  Every shape is nought outside
+is c), the table's `parameters`, and the place `at` where the shape's own numbers begin.  Every shape is zero outside
 a support of its own: no box has to be known to evaluate it.
 """
 
@@ -98,7 +98,7 @@ def filament_distance(p, at, a, b, c):
 
 @kernel
 def around_planet(p, at, m):
-    """Density over the altitude h = radius (sqrt(m) - 1), nought below the ground.
+    """Density over the altitude h = radius (sqrt(m) - 1), zero below the ground.
 
     p[at]: radius, kind of the profile as in `kernels.columns`, its two numbers, top, number of nodes, number of breaks,
     altitudes of the nodes, densities there, breaks; last the longest panel.
@@ -184,7 +184,7 @@ def front_radius(p, at, a, b, c, r):
 
 @kernel
 def front(p, at, a, b, c):
-    """erfc((r - R) / sqrt(2) width) / 2 with R the radius of the surface; nought outside its cone.
+    """erfc((r - R) / sqrt(2) width) / 2 with R the radius of the surface; zero outside its cone.
 
     p[at]: width, p[at + 1]: cut in widths; then as `front_radius` has it.
     """

@@ -106,7 +106,7 @@ class SpaceTable(NamedTuple):
     code_start: np.ndarray  #: (term + 1,) int64, first instruction of each term
     method: np.ndarray  #: (term,) int64: CLOSED_FORM, CELLS or QUADRATURE
     factor: np.ndarray  #: (term,) weight of the term within its component
-    box: np.ndarray  #: (term, 2, 3) lowest and highest corner of where the term is not nought [m]
+    box: np.ndarray  #: (term, 2, 3) lowest and highest corner of where the term is not zero [m]
     scale: np.ndarray  #: (term,) longest panel of the quadrature [m]
     code: np.ndarray  #: (instruction, 3) int64: operation, offset in `parameters`, offset in `index`
     parameters: np.ndarray  #: float64: affine maps and shapes

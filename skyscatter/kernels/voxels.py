@@ -135,7 +135,7 @@ def voxel_column(p, i, data, at, j, ox, oy, oz, dx, dy, dz, ta, tb):
             total += length * data[np.uint64(x0 + y0 + z0)]
         t = leave
         # At the end of the grid a number wraps around even where the grid does not repeat: rounding may leave a piece
-        # of length nought there.
+        # of length zero there.
         if tu <= leave:
             cu += iu
             cu = 0 if cu >= nu else (nu - 1 if cu < 0 else cu)

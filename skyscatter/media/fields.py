@@ -30,7 +30,7 @@ class DensityField(Record):
 
     @property
     def top_altitude(self) -> float:
-        """Altitude above which the density is nought [m]."""
+        """Altitude above which the density is zero [m]."""
         return self.row().top
 
     def density(self, altitude: ArrayLike) -> NDArray[np.float64]:
@@ -211,7 +211,7 @@ class Tabulated(TableRecord, DensityField):
         if np.any(np.diff(self.altitudes) <= 0) or self.altitudes[0] < 0:
             raise DomainError("altitudes", self.altitudes, "must start at or above 0 and increase")
         if min(self.densities) < 0 or max(self.densities) <= 0:
-            raise DomainError("densities", min(self.densities), "a density is never negative, nor nought everywhere")
+            raise DomainError("densities", min(self.densities), "a density is never negative, nor zero everywhere")
         if self.interpolation == "logarithmic" and min(self.densities) <= 0:
             raise DomainError("densities", min(self.densities), 'must be positive, or set interpolation = "linear"')
         return self

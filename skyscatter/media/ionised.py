@@ -164,7 +164,7 @@ def front_radii(
     position : array_like, shape (3,)
         The star [m].
     directions : array_like, shape (ray, 3)
-        Directions of any length but nought.
+        Directions of any length but zero.
     hydrogen_density : float
         Hydrogen nuclei per volume where the density is 1 [m-3].
     ionising_photons : float
@@ -190,7 +190,7 @@ def front_radii(
     directions = np.atleast_2d(np.asarray(directions, float))
     length = np.linalg.norm(directions, axis=1)
     if directions.shape[1] != 3 or not np.all(length > 0):
-        raise DomainError("directions", directions.shape, "of shape (ray, 3), none of them nought")
+        raise DomainError("directions", directions.shape, "of shape (ray, 3), none of them zero")
     rays = _Rays(density, np.asarray(position, float), directions / length[:, None])
     # Budget of the integral of (relative density)^2 r^2 dr [m3]: what the photons of one direction can ionise.
     budget = ionising_photons / (4 * np.pi * alpha_b(temperature) * hydrogen_density**2)

@@ -52,7 +52,7 @@ class Component(Record):
     weight : float
         Factor on all its coefficients; 0 switches it off, 2 doubles it.
     emission : float or SpectralTable
-        Light that one unit of density gives off by itself [W m-3 sr-1 nm-1]; nought for air.
+        Light that one unit of density gives off by itself [W m-3 sr-1 nm-1]; zero for air.
     """
 
     name: str

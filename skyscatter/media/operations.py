@@ -153,7 +153,7 @@ class Scaled(_Mapped):
 class Product(SpatialField):
     """Product of fields; the reference column goes through the centre of the first.
 
-    Put the field that is quickest to compute first: where it is nought, the others are not asked.
+    Put the field that is quickest to compute first: where it is zero, the others are not asked.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class Product(SpatialField):
         if not self.fields:
             raise DomainError("fields", 0, "a product needs at least one field")
         if not self._terms():
-            raise DomainError("fields", len(self.fields), "do not overlap: their product is nought everywhere")
+            raise DomainError("fields", len(self.fields), "do not overlap: their product is zero everywhere")
         _bounded(self._terms(), self.kind)
         return self
 
@@ -256,7 +256,7 @@ class Carved(SpatialField):
     by : field
         b.
     level : float, optional
-        The density is a where b is below the level, and nought elsewhere; when not given it is a max(1 - b, 0).
+        The density is a where b is below the level, and zero elsewhere; when not given it is a max(1 - b, 0).
     """
 
     kind: Literal["carve"] = "carve"

@@ -34,7 +34,7 @@ class Particles(NamedTuple):
 class ParticleSet(ArrayRecord):
     """Sum of the cubic splines of particles (Monaghan & Lattanzio 1985, A&A 149, 135).
 
-    Density = factor * sum of m W(r, h), where W falls to nought at r = 2 h and its integral is 1.
+    Density = factor * sum of m W(r, h), where W falls to zero at r = 2 h and its integral is 1.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class ParticleSet(ArrayRecord):
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest corner (3,) [m] of where the density is not nought."""
+        """Lowest and highest corner (3,) [m] of where the density is not zero."""
         if self.cells:
             return self.grid.bounds
         positions, _, lengths = self.particles
@@ -273,7 +273,7 @@ def _check_particles(given: dict[str, NDArray[Any]]) -> None:
         if not np.isfinite(values).all():
             raise DomainError(name, "not a number or infinite", "every particle needs finite numbers")
     if "masses" in given and not (given["masses"].min() >= 0 and given["masses"].max() > 0):
-        raise DomainError("masses", float(given["masses"].min()), "never negative, nor nought for all particles")
+        raise DomainError("masses", float(given["masses"].min()), "never negative, nor zero for all particles")
     if "smoothing_lengths" in given and not given["smoothing_lengths"].min() > 0:
         raise DomainError("smoothing_lengths", float(given["smoothing_lengths"].min()), "must be positive lengths")
 

@@ -20,7 +20,7 @@ GAUSSIAN_CUT = 6.07
 
 
 def require_positive(field: SpatialField, *names: str) -> None:
-    """Refuse a field with one of these numbers given, and not above nought."""
+    """Refuse a field with one of these numbers given, and not above zero."""
     for name in names:
         value = getattr(field, name)
         if value is not None and not value > 0:

@@ -37,7 +37,7 @@ class FieldTerm(NamedTuple):
     program: tuple[Instruction, ...]
     method: int  #: how its column is found: `kernels.space` CLOSED_FORM, CELLS or QUADRATURE
     factor: float
-    box: Array  #: (2, 3) lowest and highest corner of where it is not nought [m]
+    box: Array  #: (2, 3) lowest and highest corner of where it is not zero [m]
     scale: float  #: longest panel of the quadrature [m]
 
 
@@ -70,7 +70,7 @@ class SpatialField(Record):
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest corner (3,) [m] of where the density is not nought."""
+        """Lowest and highest corner (3,) [m] of where the density is not zero."""
         boxes = np.array([term.box for term in self.terms()])
         return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
 

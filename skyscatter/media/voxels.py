@@ -48,7 +48,7 @@ class VoxelGrid(ArrayRecord):
     interpolation : {"linear", "nearest"}
         Trilinear between the middles of cells, or constant within each.
     edge : {"falling", "sharp"}
-        What trilinear interpolation does beyond the middles of the outermost cells: fall to nought at half a cell
+        What trilinear interpolation does beyond the middles of the outermost cells: fall to zero at half a cell
         outside the grid, or stay constant up to the grid's face.  Sharp is for a piece cut out of something larger.
     periodic : (bool, bool, bool)
         Along which axes the grid repeats, for a plane-parallel layer; 10 000 times to either side.

@@ -25,7 +25,7 @@ VISUAL_WAVELENGTH = 550.0  #: where A_V counts [nm]
 MAGNITUDE = 2.5 / np.log(10.0)  #: magnitudes of extinction in one optical depth, 1.0857
 
 #: Range of the shape parameter of Draine's phase function: up to the dipole's; beyond 1 a lobe straight back, stronger
-#: than any small grain's, would appear.  Down to where it stays clear of nought at right angles to the light.
+#: than any small grain's, would appear.  Down to where it stays clear of zero at right angles to the light.
 _ALPHA_LOW, _ALPHA_HIGH = -0.5, 1.0
 
 

@@ -84,7 +84,7 @@ def photon_energy(line: str) -> float:
 
 
 class LineRatios(Record):
-    """Energies of the stronger forbidden lines relative to H-beta = 1, before any dust; each nought by default.
+    """Energies of the stronger forbidden lines relative to H-beta = 1, before any dust; each zero by default.
 
     In a bright H II region [O III] 500.7 has some 3, [N II] 658.3 0.6, both lines of [S II] a few 0.01; in a planetary
     nebula [O III] has some 10; in faint H II regions and at ionisation fronts [S II] rivals H-beta.  The weaker lines

@@ -128,7 +128,7 @@ class LogNormalMode(Record):
 
 
 class SizeTable(TableRecord):
-    """A size distribution as a table, dN/dln r at radii, linear in ln r between them and nought outside.
+    """A size distribution as a table, dN/dln r at radii, linear in ln r between them and zero outside.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class SizeTable(TableRecord):
         if np.any(np.diff(self.radii) <= 0):
             raise DomainError("radii", self.radii, "must increase")
         if not max(self.numbers) > 0:
-            raise DomainError("numbers", max(self.numbers), "must not be nought everywhere")
+            raise DomainError("numbers", max(self.numbers), "must not be zero everywhere")
         return self
 
     @property

@@ -5,7 +5,7 @@ Every closed form here is a member of one family, Draine (2003), ApJ 598, 1017,
     p(mu) = (1 - g^2) / (4 pi N) * (1 + alpha mu^2) / (1 + g^2 - 2 g mu)^(3/2),   N = 1 + alpha (1 + 2 g^2) / 3,
 
 with mu the cosine of the scattering angle (forward = +1).  Henyey-Greenstein is alpha = 0, Cornette-Shanks is
-alpha = 1, (depolarised) Rayleigh is g = 0, isotropic is both nought.  So there is one value, one mean cosine and one
+alpha = 1, (depolarised) Rayleigh is g = 0, isotropic is both zero.  So there is one value, one mean cosine and one
 sampler; the named classes only say which parameters they mean.
 """
 
@@ -109,7 +109,7 @@ class Isotropic(_DraineFamily):
         return zero, zero
 
     def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
-        """Scattering matrix (see `PhaseFunction.matrix`): all polarisation is lost, a1 alone differs from nought."""
+        """Scattering matrix (see `PhaseFunction.matrix`): all polarisation is lost, a1 alone differs from zero."""
         a1 = self.value(cos_theta, wavelengths_nm)
         elements = np.zeros((6, *a1.shape))
         elements[0] = a1

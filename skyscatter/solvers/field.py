@@ -537,7 +537,7 @@ class RadianceField:
     def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
         """`radiance` of a few rays, in one thread and without checks."""
         scattered, multiple, ground, direct = view(self.fine.problem, self.fine.loaded, table, origins, directions)
-        # Where there is next to no light, deep in the night, the sum of its moments swings about nought.
+        # Where there is next to no light, deep in the night, the sum of its moments swings about zero.
         multiple[:, 0] = np.maximum(multiple[:, 0], 0.0)
         stokes = scattered + multiple
         radiance = stokes[:, 0] + ground + direct

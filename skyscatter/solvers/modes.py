@@ -41,7 +41,7 @@ def slowest_mode(omega: float, moments: Array) -> tuple[float, Array]:
     mu, weight = np.polynomial.legendre.leggauss(DIRECTIONS)
     degree = np.arange(moments.size)
     plain = np.polynomial.legendre.legvander(mu, moments.size - 1)
-    # Without any absorption the exponent is nought and twice so; a trace of it tells the two modes apart.
+    # Without any absorption the exponent is zero and twice so; a trace of it tells the two modes apart.
     source = 0.5 * min(omega, 0.9998) * (2 * degree + 1) * moments
     matrix = (np.eye(mu.size) - (plain * source) @ plain.T * weight) / mu[:, None]
     values, vectors = np.linalg.eig(matrix)

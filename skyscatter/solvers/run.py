@@ -300,7 +300,7 @@ def radiance(
         `skyscatter.geometry.meridian.meridian_frame`): Q > 0 is upright, U > 0 leans to the left, V > 0 turns
         anticlockwise for the observer (IAU 1974).  Without it multiple scattering is that of scalar light, which
         misses the radiance of a clear sky by up to a few per cent.  In scenes of surfaces and nebulae (``photons``) the
-        meridian plane holds the z axis of the scene, surfaces of Lambert depolarise, mirrors, smooth glass and smooth
+        meridian plane holds the z axis of the scene, Lambertian surfaces depolarise, mirrors, smooth glass and smooth
         metals follow Fresnel's amplitudes, and rough glass and metal are refused.
     photons : int, optional
         Photons in every pass (``photons``).

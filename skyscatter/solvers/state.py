@@ -31,7 +31,7 @@ class RenderState:
 
     recipe: dict[str, Any]
     done: NDArray[np.bool_]  #: (ray,)
-    radiance: Array  #: (ray, wavelength), nought where not done
+    radiance: Array  #: (ray, wavelength), zero where not done
     standard_error: Array
     samples: NDArray[np.int64]
     layers: dict[str, Array] = field(default_factory=dict)

@@ -174,7 +174,7 @@ def guided(table: SurfaceTable) -> WalkTable:
 
 
 def _lowest_cosine(cosine: Array, value: Array) -> float:
-    """Cosine below which a lobe is nought, a hair lower; -1 for lobes wider than flat."""
+    """Cosine below which a lobe is zero, a hair lower; -1 for lobes wider than flat."""
     lit = np.flatnonzero(value > 0)
     if lit.size == 0:
         return -1.0

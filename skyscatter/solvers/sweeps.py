@@ -43,7 +43,7 @@ PEAK_SHARE = 1.5
 #: What cut peaks may take, in units of the tolerance, from sunlight that comes in nearly level.  Delta-M lets it go on
 #: as if it had not been scattered; but where its way through a layer is long, a few degrees lead out of the layer.
 LEVEL_PEAK_SHARE = 10.0
-#: Coefficients below this count as nought.
+#: Coefficients below this count as zero.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
 LEAST_PEAK = 1e-4
@@ -146,7 +146,7 @@ def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float
 def level_share(table: SceneTable, sun_zenith: float) -> Array:
     """Share of sunlight that every component scatters on its way if it comes in level; (component, wavelength).
 
-    Nought while the Sun stands high.
+    Zero while the Sun stands high.
     """
     how_level, sigma_s = float(levelness(sun_zenith)), table.optics.sigma_s
     if how_level == 0.0:

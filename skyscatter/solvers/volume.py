@@ -41,7 +41,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
     space = space._replace(method=_methods(space, sigma_t))
     distance = scene.view.distance
-    # A star without a surface, given by its spectrum alone, stops to grow where nothing could be seen of it.
+    # A star without a surface, given by its spectrum alone, stops growing where nothing could be seen of it.
     least = 1e-9 * float(np.linalg.norm(space.bound_step * space.cells))
     lights = [
         (

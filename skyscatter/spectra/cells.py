@@ -47,7 +47,7 @@ def cell_edges(wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
 
 
 def cell_means(nodes: Array, values: Array, wavelengths_nm: ArrayLike) -> Array:
-    """Means over the cells of a grid of what is linear between nodes and nought outside; energy is kept.
+    """Means over the cells of a grid of what is linear between nodes and zero outside; energy is kept.
 
     Parameters
     ----------

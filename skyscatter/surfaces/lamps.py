@@ -213,7 +213,7 @@ class ParallelLamp(Shining):
         if any(angles) != all(angles) or any(angles) == (self.direction is not None):
             raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
         if self.direction is not None and not any(self.direction):
-            raise DomainError("direction", self.direction, "must not be nought")
+            raise DomainError("direction", self.direction, "must not be zero")
         return self
 
     @property

@@ -1,7 +1,7 @@
 """Lobes: how the light of a lamp is spread over directions.
 
 A lobe is a radiant intensity per unit of power [sr-1] over the cosine of the angle from the lamp's axis.  Whatever its
-formula, it is used as a table that is linear between nodes and nought outside of them, and normalised as such: 2 pi
+formula, it is used as a table that is linear between nodes and zero outside of them, and normalised as such: 2 pi
 times the integral of the table is 1 to rounding, so that no power is lost or made.
 """
 
@@ -108,7 +108,7 @@ class CosinePowerLobe(Lobe):
 
 
 class ConeLobe(Lobe):
-    """The same within a cone, falling to nought over a soft edge around it, linearly in the cosine: a spot.
+    """The same within a cone, falling to zero over a soft edge around it, linearly in the cosine: a spot.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class ConeLobe(Lobe):
 
 
 class TabulatedLobe(TableRecord, Lobe):
-    """A measured lobe, linear in the cosine between its angles and nought outside of them.
+    """A measured lobe, linear in the cosine between its angles and zero outside of them.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class TabulatedLobe(TableRecord, Lobe):
         if np.any(np.diff(self.angles_deg) <= 0) or self.angles_deg[0] < 0 or self.angles_deg[-1] > 180:
             raise DomainError("angles_deg", self.angles_deg, "must rise from 0 or above to at most 180 degrees")
         if min(self.intensities) < 0 or max(self.intensities) <= 0:
-            raise DomainError("intensities", min(self.intensities), "never negative, nor nought everywhere")
+            raise DomainError("intensities", min(self.intensities), "never negative, nor zero everywhere")
         return self
 
     def table(self) -> LobeTable:

@@ -52,7 +52,7 @@ def lamp_spectrum(name: str) -> SpectralTable:
 
 
 def spectrum_shape(spectrum: SpectralTable, wavelengths_nm: ArrayLike) -> Array:
-    """A spectrum divided by its integral [nm-1], nought beyond its ends; means over the cells of the grid.
+    """A spectrum divided by its integral [nm-1], zero beyond its ends; means over the cells of the grid.
 
     Spectra of lamps have lines, of which points on a coarse grid would miss some and overrate others; means keep the
     power.  A single wavelength gives the table's value there.
@@ -100,7 +100,7 @@ class Shining(Record):
             raise DomainError(getattr(self, "name", None) or "lamp", ", ".join(given), rule)
         low, high = bounds(getattr(self, given[0]))
         if low < 0 or not high > 0:
-            raise DomainError(given[0], low if low < 0 else high, "a lamp gives light: never negative, and not nought")
+            raise DomainError(given[0], low if low < 0 else high, "a lamp gives light: never negative, and not zero")
         total = given[0] in (self._radiant, self._luminous)
         if total != (self.spectrum is not None):
             rule = f"goes with {self._radiant} or {self._luminous}, which need one; not with other amounts"
@@ -112,7 +112,7 @@ class Shining(Record):
     def _check_spectrum(self, given: str) -> None:
         table = self.spectrum_table
         if min(table.values) < 0 or not max(table.values) > 0 or len(table.values) < 2:
-            raise DomainError("spectrum", min(table.values), "at least 2 values, never negative, not nought everywhere")
+            raise DomainError("spectrum", min(table.values), "at least 2 values, never negative, not zero everywhere")
         if given == self._luminous and not luminous_efficacy(table) > 0:
             raise DomainError(given, getattr(self, given), "this spectrum cannot be seen; give watts")
 

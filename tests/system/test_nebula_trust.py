@@ -105,7 +105,7 @@ def fitted_slab(folder: Path, rows: tuple[int, ...]) -> tuple[Slab, Array]:
     """Optical properties from the thinnest case, and what is left of its scattered light, (theta, wavelength).
 
     The optical depth comes from direct over transparent light at 0.1 (at 0.01 the files have too few digits).  Light
-    scattered once is proportional to the albedo, so the albedo makes the mean logarithmic difference nought and g the
+    scattered once is proportional to the albedo, so the albedo makes the mean logarithmic difference zero and g the
     differences between angles least (Gauss-Newton).  Light scattered again, 2 % at most, is a factor from `path`.
     """
     behind = read(folder, 0.1, 180, rows)

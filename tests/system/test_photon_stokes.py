@@ -338,7 +338,7 @@ def test_errors_are_the_spread_over_seeds() -> None:
     answers = [photons(over_floor("metal"), o, d, seed=100 + s, **options) for s in range(seeds)]
     found = np.array([a.stokes for a in answers])[..., 0, :]
     stated = np.mean([a.stokes_error[:, 0] ** 2 for a in answers], axis=0)
-    some = stated > 0  # V is nought where no mirror is seen
+    some = stated > 0  # V is zero where no mirror is seen
     ratio = found.var(axis=0, ddof=1)[some] / stated[some]
     # Four rays share their photons: no more than four independent values are counted of the sixteen.
     assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / (4 * (seeds - 1))))

@@ -106,7 +106,7 @@ def test_fluxes_of_discrete_ordinate_problems(name: str, samples: int, precision
         assert slab.direct_flux(tau) == pytest.approx(table["rfldir"][k], rel=2e-6)  # single precision
         for key in ("flup", "rfldn"):
             expected = float(table[key][k])
-            if abs(expected) < 1e-5 * incoming:  # nought: below the slab or above it
+            if abs(expected) < 1e-5 * incoming:  # zero: below the slab or above it
                 continue
             value, error = slab.flux(float(tau), key == "flup", nodes=24, azimuths=azimuths, samples=samples)
             print(f"{name} tau {tau:g} {key}: {value:.6g} +- {error:.2g}, published {expected:.6g}")

@@ -112,7 +112,7 @@ class TestTabulated(DensityFieldBase):
         ({"altitudes": (0, 1), "densities": (1.0, -0.5)}, "densities.1 = -0.5: is never negative"),
         ({"altitudes": (0, 1), "densities": (1.0, 0.0)}, 'interpolation = "linear"'),
         ({"altitudes": (1, 1), "densities": (1.0, 1.0)}, "must start at or above 0 and increase"),
-        ({"altitudes": (0, 1), "densities": (0.0, 0.0), "interpolation": "linear"}, "nought everywhere"),
+        ({"altitudes": (0, 1), "densities": (0.0, 0.0), "interpolation": "linear"}, "zero everywhere"),
     )
 
     def expected(self, field: Any, h: float) -> float:

@@ -53,7 +53,7 @@ def brute_force(origin, direction, t):
 def check(table, origin, direction, t=0.0):
     direction = np.asarray(direction, float) / np.linalg.norm(direction)
     cells, begin, end = walk(table, origin, direction, t)
-    # Pieces of length nought are those that rounding leaves at the end.
+    # Pieces of length zero are those that rounding leaves at the end.
     long = end - begin > 1e-12
     expected = brute_force(np.asarray(origin, float), direction, t)
     assert cells[long].tolist() == expected[0].tolist()

@@ -131,7 +131,7 @@ def test_parallel_light() -> None:
         ({"irradiance": 1.0}, "either direction"),
         ({"irradiance": 1.0, "azimuth_deg": 1.0}, "either direction"),
         ({"irradiance": 1.0, "direction": (0, 0, 1), "azimuth_deg": 1.0, "elevation_deg": 1.0}, "either direction"),
-        ({"irradiance": 1.0, "direction": (0, 0, 0)}, "must not be nought"),
+        ({"irradiance": 1.0, "direction": (0, 0, 0)}, "must not be zero"),
         ({"irradiance": 1.0, "azimuth_deg": 1.0, "elevation_deg": 91.0}, "elevation_deg = 91.0"),
         ({"direction": (0, 0, 1)}, "either irradiance"),
         ({"direction": (0, 0, 1), "temperature": 1e4}, "either irradiance"),

@@ -137,7 +137,7 @@ def test_air_keeps_few_moments() -> None:
     assert sorted(zip(scalar.degree, scalar.order, strict=True)) == [(0, 0), (2, 0), (2, 1), (2, 2)]
     polarised = mo.moment_table(chi, 4, least=1e-5)
     kinds = {kind: int(np.sum(polarised.kind == kind)) for kind in np.unique(polarised.kind)}
-    # I of degrees 0 and 2, E of degree 2; a3 vanishes in both sum and difference but for b2, and b2 is nought.
+    # I of degrees 0 and 2, E of degree 2; a3 vanishes in both sum and difference but for b2, and b2 is zero.
     assert kinds[mo.I_KIND] == 4
     assert kinds[mo.E_KIND] == 3
     assert mo.V_KIND not in kinds
@@ -152,7 +152,7 @@ def test_isotropic_scattering_keeps_one_moment() -> None:
 
 
 def spheres() -> Array:
-    """A mixture with circular polarisation: b2 is not nought."""
+    """A mixture with circular polarisation: b2 is not zero."""
     mode = LogNormalMode(median_radius=2e-7, geometric_standard_deviation=1.5, max_radius=2e-6)
     optics = MieAerosol(
         modes=(mode,), refractive_index_real=1.5, refractive_index_imag=0.01, optical_depth=0.1, wavelength=550.0
@@ -245,4 +245,4 @@ def test_scattering_by_moments_is_scattering_by_matrices(matrix: Array, degree: 
         # Air leaves V to itself: it makes none from I, Q and U, and the solver does not follow it.
         kinds = 3 if degree == 2 else 4
         np.testing.assert_allclose(found[:kinds], expected[:kinds], atol=1e-10)
-        assert np.all(np.abs(expected[:kinds]) > 1e-5)  # nothing is compared with nought
+        assert np.all(np.abs(expected[:kinds]) > 1e-5)  # nothing is compared with zero

@@ -151,7 +151,7 @@ class TestSampled(SpatialFieldBase):
         assert (highest > lowest).sum() > 50
 
     def expected(self, field: Any, points: Array) -> Array:
-        """Trilinear between the middles of cells, with nought or the outermost values beyond."""
+        """Trilinear between the middles of cells, with zero or the outermost values beyond."""
         from scipy.ndimage import map_coordinates
 
         low, high = field.field.bounds if field.low is None else (np.array(field.low), np.array(field.high))

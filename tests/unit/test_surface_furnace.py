@@ -27,7 +27,7 @@ class Furnace:
         self.materials = pack_materials(materials, [550.0])
 
     def radiance(self, x: Array, d: Array, seed: int) -> float:
-        """Of one walk; nought if it is caught by total reflection."""
+        """Of one walk; zero if it is caught by total reflection."""
         inside = [m for m in starting_stack(self.shapes, x) if m >= 0]
         numbers = np.random.default_rng(seed)
         weight, skip = 1.0, -1

@@ -188,7 +188,7 @@ def test_indices_that_match_leave_nothing_to_see() -> None:
 
 @pytest.mark.parametrize("material", [Conductor(n=0.2, k=3.0), Dielectric()], ids=["metal", "glass"])
 def test_rough_becomes_smooth(material: Any) -> None:
-    """As the roughness goes to nought the lobe closes around the mirror direction and carries the smooth share."""
+    """As the roughness goes to zero the lobe closes around the mirror direction and carries the smooth share."""
     rough = material.model_copy(update={"roughness": 0.001})
     wo = direction(0.6, 0.0)
     drawn = Bsdf(rough, 1.0, 1.5).draw(wo, 20_000, adjoint=True)

@@ -245,7 +245,7 @@ def test_a_camera_above_a_planet(height: float) -> None:
 
 
 def test_boxes_along_the_axes() -> None:
-    """Rays along the axes and within faces: a slab that is parallel to a ray does not divide by nought."""
+    """Rays along the axes and within faces: a slab that is parallel to a ray does not divide by zero."""
     table = pack(Box(size=(2.0, 2.0, 2.0)))
     origins = np.array([[-3.0, 0.2, 0.3], [0.1, -3.0, 0.0], [0.0, 0.0, 3.0], [-3.0, 1.5, 0.0], [0.0, 0.0, 0.0]])
     directions = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0], [1.0, 0, 0], [0, 0, 1.0]])

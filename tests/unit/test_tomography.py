@@ -175,7 +175,7 @@ def test_error_bars_cover_truths_that_the_prior_expects() -> None:
     weight, hits, total = 40.0, 0, 0
     for draw in range(4):
         wave = np.where(values > 1e-9, rng.normal(size=size) / np.sqrt(weight * np.maximum(values, 1e-9)), 0.0)
-        exact = 3.0 + (vectors @ wave).reshape(frame.shape)  # far from nought, where the bound would cut
+        exact = 3.0 + (vectors @ wave).reshape(frame.shape)  # far from zero, where the bound would cut
         assert exact.min() > 0
         views = noisy(model, exact, 0.01, pixels=8, seed=draw, count=3)
         start = np.full(frame.shape, 3.0)

@@ -96,7 +96,7 @@ def test_a_little_more_where_there_is_nothing() -> None:
     def moved(theta: Array) -> skyscatter.SpaceScene:
         return scene(filled + theta[0] * empty)
 
-    # Densities are never negative: the derivative a little above nought, where second orders are 0.2 % of it.
+    # Densities are never negative: the derivative a little above zero, where second orders are 0.2 % of it.
     rays, at = (ORIGINS, DIRECTIONS, WAVELENGTHS), ([2e-3], [1e-3])
     walked = differentiate(moved, *at, *rays, solver="path", samples=65536)
     once = differentiate(moved, *at, *rays, solver="single")

@@ -34,7 +34,7 @@ class MarchTable(NamedTuple):
     power: np.ndarray  #: (s, w) radiant intensity, or irradiance of a distant light
     place: np.ndarray  #: (s, 3) where the star is, or the direction to a distant one
     distant: np.ndarray  #: (s,) bool
-    size: np.ndarray  #: (s,) distance within which light stops to grow [m]
+    size: np.ndarray  #: (s,) distance within which light stops growing [m]
     background: np.ndarray  #: (w,)
     step: float  #: longest step [m]
     emits: bool  #: whether emission, or its derivative, is wanted

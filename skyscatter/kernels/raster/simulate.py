@@ -143,7 +143,7 @@ def part_light(scene, line, node, leg, work, walk, polar, air, ground):
     far, x_sun = line.leave - line.start, 0.0
     for k in range(3):
         x_sun += (walk.position[k] + far * walk.direction[k]) * s[k]
-    # `work.sun` is the transmittance from the leg's end to the Sun, nought in the shadow; see `_march_end`.
+    # `work.sun` is the transmittance from the leg's end to the Sun, zero in the shadow; see `_march_end`.
     scale = max(x_sun, 0.0) / (scene.columns.radius * math.pi * optics.sun_chance[node])
     for i in range(air.size):
         reflected = leg.through[i] * leg.albedo[i] * work.sun[i] * scale * optics.sun_irradiance[node, i]
@@ -208,7 +208,7 @@ def simulate_batch(scene, plain, land, target, origin, direction, seed, batch, w
     ----------
     scene : SceneTable
     plain : GroundTable
-        The uniform ground of the walks; its albedo is above nought wherever one of the map is.
+        The uniform ground of the walks; its albedo is above zero wherever one of the map is.
     land : Landscape
     target : (3,)
         Point on the ground that stands for the middle of every pixel [m].

@@ -114,7 +114,7 @@ def draw_lost(materials, k, here, there, u):
         if left < whole or i == last - 1:
             break
         left, a = left - whole, b
-    # Halving: the sum rises throughout, but from nought it starts too flat for Newton's steps.
+    # Halving: the sum rises throughout, but from zero it starts too flat for Newton's steps.
     under, over = 0.0, 1.0
     for _ in range(40):
         x = 0.5 * (under + over)

@@ -24,7 +24,7 @@ def add_field_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
 
 
 def field_densities(space, x, y, z, work, out):
-    """`space_densities`, or noughts without fields."""
+    """`space_densities`, or zeros without fields."""
     if space is not None:
         space_densities(space, x, y, z, work, out)
     else:
@@ -55,11 +55,11 @@ def _add_field_columns(space, ox, oy, oz, dx, dy, dz, ta, tb, work, out):
 def _field_densities(space, x, y, z, work, out):
     if isinstance(space, types.NoneType):
 
-        def noughts(space, x, y, z, work, out):
+        def zeros(space, x, y, z, work, out):
             for c in range(out.size):
                 out[c] = 0.0
 
-        return noughts
+        return zeros
 
     def densities(space, x, y, z, work, out):
         space_densities(whole(space), x, y, z, whole(work), out)

@@ -30,7 +30,7 @@ class MediaWork(NamedTuple):
     """Scratch arrays of a thread."""
 
     space: SpaceWork
-    density: np.ndarray  #: (component,) at an event; nought of components of other media
+    density: np.ndarray  #: (component,) at an event; zero of components of other media
     along: np.ndarray  #: (component,) columns along a ray [m]
     first: np.ndarray  #: (component,) the same to a nearer point
     through: np.ndarray  #: (wavelength,) transmittance of the last flight
@@ -93,7 +93,7 @@ def pull(stack, m):
 
 @kernel
 def medium_density(media, m, x, y, z, work):
-    """Densities of the components of medium m at a point, those of other media nought, into ``work.density``."""
+    """Densities of the components of medium m at a point, those of other media zero, into ``work.density``."""
     density = work.density
     if media.constant[m]:
         for c in range(density.size):

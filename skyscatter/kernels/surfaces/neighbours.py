@@ -29,7 +29,7 @@ class Cells(NamedTuple):
     cells: np.ndarray  #: (3,) int64
     bound_low: np.ndarray  #: (3,) the same as `low`
     bound_step: np.ndarray  #: (3,) sides of a cell [m]
-    bound_wrap: np.ndarray  #: (3,) int64, nought: nothing repeats
+    bound_wrap: np.ndarray  #: (3,) int64, zero: nothing repeats
     start: np.ndarray  #: (cell + 1,) int32, first entry of each cell, cells in C order
     entry: np.ndarray  #: (n,) int32, numbers of points, cell by cell
 
