@@ -1,6 +1,6 @@
 """How often the stated error of the solver orders covers, over random skies.
 
-    python benchmarks/coverage_orders.py [--scenes 200] [--first 0] [--tolerance 0.005] [--walks 8192 or --finer] [--write]
+    python benchmarks/coverage_orders.py [--scenes 200] [--first 0] [--tolerance 0.005] [--walks 8192|--finer] [--write]
 
 Every scene has air, haze or both, in shells, tents and layers of metres to kilometres, forward peaks up to g = 0.9,
 optical depths up to 3, a ground of any albedo, a Sun from the zenith to deep twilight, and an observer on the ground,
