@@ -63,6 +63,7 @@ _HOME = {
     "observe": "skyscatter.image.instrument",
     "SpectralTable": "skyscatter.spectra.table",
     "optical_depth": "skyscatter.columns",
+    "register": "skyscatter.registry",
     "transmittance": "skyscatter.columns",
     "fit": "skyscatter.inversion.fitting",
     "CorrectionTerms": "skyscatter.solvers.terms",
@@ -109,6 +110,7 @@ if TYPE_CHECKING:
     from skyscatter.optics.dust import Dust as Dust
     from skyscatter.optics.lines import GasLines as GasLines
     from skyscatter.optics.particles import Particles as Particles
+    from skyscatter.registry import register as register
     from skyscatter.scene import Observer as Observer
     from skyscatter.scene import Scene as Scene
     from skyscatter.scene import Star as Star

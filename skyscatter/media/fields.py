@@ -17,10 +17,12 @@ from skyscatter import units
 from skyscatter.errors import DomainError
 from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR, LOGARITHMIC, FieldRow
 from skyscatter.record import Record
+from skyscatter.registry import contract, open_to
 from skyscatter.tablefile import TableRecord, Wanted
 from skyscatter.units import Altitudes, Densities, Metres, NonNegativeMetres, OptionalNumber, PositiveMetres, default
 
 
+@contract
 class DensityField(Record):
     """Dimensionless density as a function of altitude above the planet's radius."""
 
@@ -252,7 +254,5 @@ class UsStandard1976(DensityField):
         return FieldRow(LOGARITHMIC, (), altitudes[-1], altitudes, tuple(relative), kinks)
 
 
-AnyField = Annotated[
-    Exponential | Uniform | Tent | Gaussian | ChapmanLayer | Tabulated | UsStandard1976,
-    Field(discriminator="kind"),
-]
+Profile = Exponential | Uniform | Tent | Gaussian | ChapmanLayer | Tabulated | UsStandard1976
+AnyField = Annotated[Profile, Field(discriminator="kind"), *open_to(DensityField)]

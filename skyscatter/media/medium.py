@@ -8,17 +8,19 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.media.everywhere import Everywhere
-from skyscatter.media.fields import AnyField, DensityField
-from skyscatter.media.operations import AnySpatialField
+from skyscatter.media.fields import DensityField, Profile
+from skyscatter.media.operations import Spatial
 from skyscatter.media.space import SpatialField
 from skyscatter.optics.absorption import GasAbsorption, TabulatedAbsorption
 from skyscatter.optics.artist import ArtistMedium
+from skyscatter.optics.base import OpticalModel
 from skyscatter.optics.dust import Dust
 from skyscatter.optics.lines import GasLines
 from skyscatter.optics.mie import MieAerosol
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.rayleigh import RayleighAir, RayleighPowerLaw
 from skyscatter.record import Record
+from skyscatter.registry import open_to
 from skyscatter.spectra.table import Emission
 from skyscatter.units import NonNegative, OptionalNumber, PositiveMetres, default
 
@@ -33,9 +35,12 @@ AnyOptics = Annotated[
     | GasLines
     | ArtistMedium,
     Field(discriminator="kind"),
+    *open_to(OpticalModel),
 ]
 
-AnyDensity = Annotated[AnyField | AnySpatialField | Everywhere, Field(discriminator="kind")]
+AnyDensity = Annotated[
+    Profile | Spatial | Everywhere, Field(discriminator="kind"), *open_to(DensityField), *open_to(SpatialField)
+]
 
 
 class Component(Record):

@@ -35,6 +35,7 @@ from skyscatter.media.space import OPERATIONS, Array, FieldTerm, Instruction, Sp
 from skyscatter.media.structures import BipolarLobes, Box, Cone, FlaredDisk, Slab
 from skyscatter.media.turbulence import Turbulence, random_directions
 from skyscatter.media.voxels import VoxelGrid
+from skyscatter.registry import open_to
 from skyscatter.units import Degrees, OptionalNumber, Place, PositiveMetres, PositiveNumber, Triple, default
 
 
@@ -415,13 +416,13 @@ def product_of(a: SpatialField, b: SpatialField) -> Product:
 
 
 #: Every field of three dimensions that a file can name.
-AnySpatialField = Annotated[
+Spatial = (
     Sphere | GaussianSphere | Plummer | King | PowerLaw | BonnorEbert | Shell | GaussianShell
     | FlaredDisk | Cone | BipolarLobes | Slab | Box | Filament | Turbulence | Front | AroundPlanet
     | VoxelGrid | ParticleSet
-    | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped | IonisedGas | Sampled,
-    Field(discriminator="kind"),
-]  # fmt: skip
+    | Moved | Rotated | Scaled | Product | Sum | Carved | Power | Warped | IonisedGas | Sampled
+)  # fmt: skip
+AnySpatialField = Annotated[Spatial, Field(discriminator="kind"), *open_to(SpatialField)]
 
 for _record in (Moved, Rotated, Scaled, Product, Sum, Carved, Power, Warped, IonisedGas, Sampled):
     _record.model_rebuild(_types_namespace={"AnySpatialField": AnySpatialField})

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.record import Record
+from skyscatter.registry import contract
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,7 @@ class FieldTerm(NamedTuple):
     scale: float  #: longest panel of the quadrature [m]
 
 
+@contract
 class SpatialField(Record):
     """Dimensionless density as a function of the position in the model's frame."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-#: By the group of kinds (`skyscatter.kinds.groups`) and the kind.
+#: By the group of kinds (`skyscatter.models.catalogue.groups`) and the kind.
 EXAMPLES: dict[str, dict[str, str]] = {
     "densities of skies": {
         "exponential": '{ kind = "exponential", scale_height = "8 km" }',

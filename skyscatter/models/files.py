@@ -18,6 +18,7 @@ from skyscatter.models.sky import Model
 from skyscatter.models.surfaces import SurfaceModel
 from skyscatter.problems import problem_lines
 from skyscatter.record import similar
+from skyscatter.registry import load_packages
 
 
 def model_names() -> list[str]:
@@ -99,6 +100,7 @@ def anchored(content: Any, folder: Path) -> Any:
 
 def parse_model(content: dict[str, Any], source: object) -> Model | NebulaModel | SurfaceModel:
     """Build a `Model`, a `NebulaModel` or a `SurfaceModel` from the content of a file; `source` is named in errors."""
+    load_packages()
     sort = sort_of(content)
     try:
         return sort.model_validate(content)

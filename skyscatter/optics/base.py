@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.record import Record
+from skyscatter.registry import contract
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,7 @@ class Coefficients(NamedTuple):
     emission: Array  #: [W m-3 sr-1 nm-1]
 
 
+@contract
 class PhaseFunction(Record):
     """Distribution of the scattering angle; integrates to 1 over the sphere; forward is ``cos_theta = +1``."""
 
@@ -56,6 +58,7 @@ class PhaseFunction(Record):
         return self.value(cos_theta, [wavelength_nm])[:, 0]
 
 
+@contract
 class OpticalModel(Record):
     """Scattering, absorption, emission and phase function of one component, as functions of wavelength."""
 

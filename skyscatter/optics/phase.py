@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.optics.base import Array, PhaseFunction
+from skyscatter.registry import open_to
 from skyscatter.spectra.table import SpectralNumber, SpectralShare, bounds, evaluate
 from skyscatter.tablefile import TableRecord, Wanted, column_names, with_columns
 from skyscatter.units import ANGLE, RELATIVE_AMOUNT, WAVELENGTH, Numbers, Wavelengths, default
@@ -548,6 +549,7 @@ AnyPhase = Annotated[
     | TabulatedPhase
     | GreekPhase,
     Field(discriminator="kind"),
+    *open_to(PhaseFunction),
 ]
 
 __all__ = [

@@ -14,7 +14,7 @@ import pytest
 from conftest import ROOT
 
 import skyscatter
-from skyscatter import model
+from skyscatter.models import files as model
 
 PUBLIC = ("skyscatter", "skyscatter.dehaze", "skyscatter.fields", "skyscatter.inversion", "skyscatter.surfaces")
 

@@ -15,8 +15,8 @@ ROOT = Path(skyscatter.__file__).parent
 #: Packages and modules below `skyscatter`, from the ground floor up; docs/architecture.md draws them.
 FLOORS = (
     {"kernels"},
-    {"errors", "errorkind", "problems", "constants", "units", "record", "atomic", "datafiles", "tablefile", "netcdf",
-     "progress", "optics", "spectra", "geometry"},
+    {"errors", "errorkind", "problems", "constants", "units", "record", "registry", "atomic", "datafiles", "tablefile",
+     "netcdf", "progress", "optics", "spectra", "geometry"},
     {"media", "fields", "ground", "lights", "starfield", "surfaces"},
     {"scene", "space", "models"},
     {"solvers", "columns", "image"},
