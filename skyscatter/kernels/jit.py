@@ -19,6 +19,7 @@ from typing import Any
 from numba import njit
 
 from skyscatter.kernels.pipeline import OnceOptimised
+from skyscatter.kernels.signals import postponed
 
 #: The package whose sources count, and the folder that holds it.
 PACKAGE = "skyscatter"
@@ -97,7 +98,11 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
         return compiled
     # The index of the cache compares this stamp and starts over when it differs.
     compiled._cache._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename))
-    save = compiled._cache.save_overload
+    load, save = compiled._cache.load_overload, compiled._cache.save_overload
+
+    def load_undisturbed(signature: Any, context: Any) -> Any:
+        with postponed():
+            return load(signature, context)
 
     def save_if_possible(signature: Any, data: Any) -> None:
         try:
@@ -105,7 +110,7 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
         except OSError as error:  # such as a full disk
             _say_uncached(error.strerror or str(error))
 
-    compiled._cache.save_overload = save_if_possible
+    compiled._cache.load_overload, compiled._cache.save_overload = load_undisturbed, save_if_possible
     return compiled
 
 

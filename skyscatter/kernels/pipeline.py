@@ -17,11 +17,21 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.typed_passes import AnnotateTypes
 
+from skyscatter.kernels.signals import postponed
+
 #: How the names of the globals begin that Numba looks up by address in a library.
 ENVIRONMENT = "_ZN08NumbaEnv"
 
 
-class _Entry(JITCodeLibrary):
+class _Whole(JITCodeLibrary):
+    """As Numba makes it, undisturbed."""
+
+    def _finalize_final_module(self) -> None:
+        with postponed():
+            super()._finalize_final_module()
+
+
+class _Entry(_Whole):
     """Of a function that Python calls, which counts no references."""
 
     def _optimize_final_module(self) -> None:
@@ -30,7 +40,7 @@ class _Entry(JITCodeLibrary):
         manager.run(self._final_module, *builder)
 
 
-class _Part(JITCodeLibrary):
+class _Part(_Whole):
     """Of a function that only compiled functions call: code to be linked, and none to be run."""
 
     _final_module: Any
@@ -67,10 +77,9 @@ class _ChooseLibrary(LoweringPass):
         LoweringPass.__init__(self)
 
     def run_pass(self, state: Any) -> bool:
-        if not state.flags.nrt:
-            kind = _Part if state.flags.no_cpython_wrapper else _Entry
-            state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
-            state.library.enable_object_caching()
+        kind = _Whole if state.flags.nrt else _Part if state.flags.no_cpython_wrapper else _Entry
+        state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
         return False
 
 
