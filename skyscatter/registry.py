@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from pydantic import SerializeAsAny, ValidationError, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.record import Record
 
 #: Entry points of packages that bring kinds.
@@ -40,7 +40,7 @@ def open_to(base: type[Record]) -> tuple[WrapValidator, Any]:
         if isinstance(value, base):
             return value
         record = own.get(str(value.get("kind"))) if isinstance(value, Mapping) else None
-        if record is None:
+        if record is None or _holder(base, str(value["kind"]), record) is not None:  # what comes along goes first
             return handler(value)
         try:
             return record.model_validate(value)
@@ -48,6 +48,25 @@ def open_to(base: type[Record]) -> tuple[WrapValidator, Any]:
             raise PydanticCustomError("own_kind", "{lines}", {"lines": _lines(error)}) from None
 
     return WrapValidator(accept), SerializeAsAny()
+
+
+def _kind(record: type[Record]) -> Any:
+    """The kind that a class has by default."""
+    fields = record.__pydantic_fields__
+    return fields["kind"].default if "kind" in fields else None
+
+
+def _holder(base: type[Record], kind: str, record: type[Record]) -> type[Record] | None:
+    """Who has that kind already: a class that comes along, or another one that is registered."""
+    waiting = list(base.__subclasses__())
+    while waiting:
+        one = waiting.pop()
+        waiting += one.__subclasses__()
+        if one.__module__.startswith("skyscatter.") and _kind(one) == kind:
+            return one
+    own = OWN[base].get(kind)
+    # The same one is no other where its module has been loaded anew.
+    return None if own is None or own.__qualname__ == record.__qualname__ else own
 
 
 def _lines(error: ValidationError) -> str:
@@ -88,8 +107,7 @@ def register(record: _Kind) -> _Kind:
     >>> skyscatter.Particles(**optics).phase.g
     0.8
     """
-    fields = record.__pydantic_fields__
-    kind = fields["kind"].default if "kind" in fields else None
+    kind = _kind(record)
     if not isinstance(kind, str):
         raise DomainError("kind", kind, f'{record.__name__} needs a field kind: Literal["NAME"] = "NAME"')
     contracts = [base for base in OWN if issubclass(record, base)]
@@ -97,8 +115,8 @@ def register(record: _Kind) -> _Kind:
         known = ", ".join(sorted(base.__name__ for base in OWN))
         raise DomainError("register", record.__name__, f"derive it from one of {known}")
     for base in contracts:
-        taken = OWN[base].get(kind)
-        if taken is not None and taken.__qualname__ != record.__qualname__:
+        taken = _holder(base, kind, record)
+        if taken is not None:
             raise DomainError("kind", kind, f"is that of {taken.__name__}; choose another name")
         OWN[base][kind] = record
     return record
@@ -106,6 +124,17 @@ def register(record: _Kind) -> _Kind:
 
 @cache
 def load_packages() -> None:
-    """Import what packages that bring kinds have registered, once."""
+    """Import what packages that bring kinds have registered, once.
+
+    Raises
+    ------
+    SkyscatterError
+        That names the package which cannot be imported.
+    """
     for point in entry_points(group=GROUP):
-        point.load()
+        try:
+            point.load()
+        except Exception as error:  # whatever a stranger's module raises
+            name = point.dist.name if point.dist else point.name
+            remedy = "mend or remove the package"
+            raise SkyscatterError(f"{name}: its kinds ({point.value}) cannot be loaded: {error}; {remedy}") from error

@@ -202,9 +202,18 @@ class SecondStep(DensityField):
     kind: Literal["step"] = "step"
 
 
+class Shadow(PhaseFunction):
+    kind: Literal["rayleigh"] = "rayleigh"
+
+
 @pytest.mark.parametrize(
     ("record", "message"),
-    [(Kindless, "needs a field kind"), (Stranger, "derive it from one of"), (SecondStep, "is that of Step")],
+    [
+        (Kindless, "needs a field kind"),
+        (Stranger, "derive it from one of"),
+        (SecondStep, "is that of Step"),
+        (Shadow, "is that of Rayleigh"),
+    ],
 )
 def test_what_cannot_be_registered_is_refused(record: Any, message: str) -> None:
     with pytest.raises(DomainError, match=message):
