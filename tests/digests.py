@@ -12,11 +12,13 @@ import json
 import sys
 import warnings
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nebulae import SHIPPED as NEBULAE
+from nebulae import coarse
 
 import skyscatter
 
@@ -24,9 +26,6 @@ Array = Any
 FILE = Path(__file__).parent / "regression" / "digests.json"
 WAVELENGTHS = [450.0, 550.0, 656.0]
 SKIES = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan")
-NEBULAE = (
-    "dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "star-in-dust", "turbulent-pillar"
-)  # fmt: skip
 ROOMS = ("city-skyglow", "fog-room", "light-guide", "milk-and-water", "searchlight")
 
 
@@ -64,19 +63,9 @@ def field(name: str, **options: Any) -> dict[str, Array]:
     return {"radiance": answer.radiance, "error": answer.error, "up": fluxes.diffuse_up, "down": fluxes.diffuse_down}
 
 
-@lru_cache(maxsize=4)
 def nebula_scene(name: str) -> Any:
     """A shipped nebula with fewer cells, and rays through it."""
-
-    def coarser(content: Any) -> Any:
-        if isinstance(content, dict):
-            small = {"cells": 24, "resolution_deg": 3 * content.get("resolution_deg", 0.0), "tolerance": 1e-2}
-            return {key: small.get(key) or coarser(value) for key, value in content.items()}
-        return [coarser(value) for value in content] if isinstance(content, (list, tuple)) else content
-
-    model = skyscatter.load_model(name)
-    content = coarser(model.model_dump(mode="json", exclude_none=True))
-    scene = type(model).model_validate(content).scene()
+    scene = coarse(name, 24, 3).scene()
     corners = [part.density.bounds for part in scene.medium.components]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
     middle, size = 0.5 * (low + high), high - low

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from skyscatter.lights import PointStar
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.shapes import Sphere
+from skyscatter.models.files import load_model
+from skyscatter.models.nebula import NebulaModel
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein, Isotropic
 from skyscatter.solvers.base import Answer
@@ -22,6 +25,23 @@ Array = NDArray[np.float64]
 #: A star that sends out 1 W nm-1 at every wavelength.
 GREY = SpectralTable(wavelengths=(500.0,), values=(1.0,))
 WAVELENGTH = (550.0,)
+#: Those that come along.
+SHIPPED = (
+    "dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "star-in-dust", "turbulent-pillar"
+)  # fmt: skip
+
+
+@lru_cache(maxsize=6)
+def coarse(name: str, cells: int, steps: float) -> NebulaModel:
+    """A shipped nebula with so many voxels along a side, and directions that are `steps` times as far apart."""
+
+    def coarser(content: Any) -> Any:
+        if isinstance(content, dict):
+            small = {"cells": cells, "resolution_deg": steps * content.get("resolution_deg", 0.0), "tolerance": 1e-2}
+            return {key: small.get(key) or coarser(value) for key, value in content.items()}
+        return [coarser(value) for value in content] if isinstance(content, (list, tuple)) else content
+
+    return NebulaModel.model_validate(coarser(load_model(name).model_dump(mode="json", exclude_none=True)))
 
 
 def dust(extinction: Any, albedo: Any, g: float = 0.0, **more: Any) -> Particles:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any
-
 import numpy as np
 import pytest
+from nebulae import SHIPPED as NAMES
+from nebulae import coarse
 from numpy.typing import NDArray
 from significance import assert_agrees
 
@@ -19,29 +18,14 @@ from skyscatter.optics.dust import MAGNITUDE
 from skyscatter.units import PARSEC
 
 Array = NDArray[np.float64]
-NAMES = (
-    "dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "star-in-dust", "turbulent-pillar"
-)  # fmt: skip
 #: Dust, a disk and gas: the others are compared in the long run.
 QUICK = ("dark-globule", "dusty-disk", "ring-nebula")
 WAVELENGTHS = [450.0, 550.0, 656.0]
 CELLS = 40  #: voxels along a side in these tests; the shipped models have three to five times as many
 
 
-def coarser(content: Any) -> Any:
-    """The content of a model with fewer voxels and directions, for speed."""
-    if isinstance(content, dict):
-        small = {"cells": CELLS, "resolution_deg": 2 * content.get("resolution_deg", 0.0), "tolerance": 1e-2}
-        return {key: small.get(key) or coarser(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [coarser(value) for value in content]
-    return content
-
-
-@lru_cache(maxsize=6)
 def small(name: str) -> NebulaModel:
-    content = skyscatter.load_model(name).model_dump(mode="json", exclude_none=True)
-    return NebulaModel.model_validate(coarser(content))
+    return coarse(name, CELLS, 2)
 
 
 @pytest.mark.parametrize("name", NAMES)
