@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from skyscatter.workers import processors
+
 RESULTS = Path(__file__).with_name("RESULTS.md")
 WAVELENGTHS = np.linspace(380.0, 780.0, 32)  #: vacuum wavelengths of all benchmarks [nm]
 
@@ -28,11 +30,6 @@ def parser(description: str | None, repeats: int | None = None) -> argparse.Argu
     if repeats is not None:
         made.add_argument("--repeats", type=int, default=repeats, help="repeats of each timing; the median counts")
     return made
-
-
-def processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def machine() -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import typer
 
 import skyscatter
+from skyscatter.workers import processors
 
 PACKAGES = (
     "numpy",
@@ -40,19 +41,12 @@ def info() -> None:
             rows.append((package, "not installed"))
     rows += [
         ("platform", platform.platform()),
-        ("threads", str(usable_processors())),
+        ("threads", str(processors())),
         ("package", str(Path(skyscatter.__file__).parent)),
         ("kernel cache", kernel_cache()),
     ]
     for name, value in rows:
         typer.echo(f"{name:<16}{value}")
-
-
-def usable_processors() -> int:
-    """Processors that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def kernel_cache() -> str:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square, scene_frame
-from skyscatter.solvers.workers import Workers
+from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
     from skyscatter.kernels.adjoint.march import MarchTable, Scratch

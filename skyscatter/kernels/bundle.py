@@ -14,12 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 
 #: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
 MOST_SUNS = 128
 
 
+@by_address
 class Field(NamedTuple):
     """A field of moments to gather from; single precision, for it is the bulk of the work."""
 
@@ -31,6 +33,7 @@ class Field(NamedTuple):
     recurrence: np.ndarray  #: (2, order, degree, 3) coefficients of the angular functions, for d_m0 and d_m2
 
 
+@by_address
 class Bundle(NamedTuple):
     """Scratch for a bundle of rays; a thread needs its own."""
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR
 from skyscatter.kernels.jit import entry, kernel
 
@@ -22,6 +23,7 @@ _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(16)
 _CHAPMAN_X, _CHAPMAN_W = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(40), (1.0, 0.0), strict=True))
 
 
+@by_address
 class FieldTable(NamedTuple):
     """Density fields as data.  Field f owns nodes ``start[f] : start[f] + size[f]``."""
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.lookup import columns_along, densities, start_columns
@@ -38,6 +39,7 @@ ON_ROW = 1e-5
 GAUSS_X = np.array([0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12)])
 
 
+@by_address
 class Diffuse(NamedTuple):
     """The scene as diffuse light meets it: forward peaks cut off (delta-M), and the rows of the field."""
 
@@ -55,6 +57,7 @@ class Diffuse(NamedTuple):
     max_depth: float  #: largest optical depth of a cell from which light arrives
 
 
+@by_address
 class Course(NamedTuple):
     """Scratch for one course; a thread needs its own."""
 

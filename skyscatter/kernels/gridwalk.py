@@ -18,9 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, inlined
 
 
+@by_address
 class Walker(NamedTuple):
     """Where a walk through the grid of bounds is; a thread needs its own."""
 

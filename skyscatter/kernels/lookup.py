@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.shells import CHAPMAN, GAUSSIAN
 from skyscatter.kernels.columns import FieldTable, density, vertical_column
 from skyscatter.kernels.jit import entry, inlined, kernel
@@ -24,6 +25,7 @@ from skyscatter.kernels.jit import entry, inlined, kernel
 _POINTS, _WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True))
 
 
+@by_address
 class ColumnTable(NamedTuple):
     """Density, vertical column and reciprocal air mass of every field; few arrays, because each costs at every call."""
 

@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.lookup import ColumnTable
 
 
+@by_address
 class OpticsTable(NamedTuple):
     """Everything spectral.  Components are in the order of the fields; the wavelength is always the last axis."""
 
@@ -33,6 +35,7 @@ class OpticsTable(NamedTuple):
     background: np.ndarray  #: (wavelength,) uniform radiance from outside [W m-2 sr-1 nm-1]
 
 
+@by_address
 class GroundTable(NamedTuple):
     """The ground where it matters which one is met.
 
@@ -45,6 +48,7 @@ class GroundTable(NamedTuple):
     side: float  #: of a cell [m]
 
 
+@by_address
 class SceneTable(NamedTuple):
     """A scene as the solvers' kernels see it."""
 

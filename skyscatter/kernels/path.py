@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.lookup import (
     columns_along,
@@ -84,6 +85,7 @@ FIRST_ROULETTE = 3
 ROULETTE_LEVEL = 0.3
 
 
+@by_address
 class Leg(NamedTuple):
     """A marched leg."""
 
@@ -96,6 +98,7 @@ class Leg(NamedTuple):
     albedo: np.ndarray  #: (wavelength,) of the ground where the leg meets it; zero if it does not
 
 
+@by_address
 class Walk(NamedTuple):
     """State of one walk."""
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import mix_components, weigh_phase
 
@@ -31,6 +32,7 @@ A1, A2, A3, A4, B1, B2 = range(6)
 _STRAIGHT = 1e-24
 
 
+@by_address
 class Polar(NamedTuple):
     """Polarisation of the walks of one tile; `None` stands in its place where nobody asks for it."""
 

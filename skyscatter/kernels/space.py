@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.space import (
     AROUND,
     BONNOR_EBERT,
@@ -99,6 +100,7 @@ TOLERANCE, DEPTH = 1e-6, 24
 AFFINE = 12
 
 
+@by_address
 class SpaceTable(NamedTuple):
     """The fields of a medium."""
 
@@ -122,6 +124,7 @@ class SpaceTable(NamedTuple):
     bound_wrap: np.ndarray  #: (3,) int64, 1 where the grid of bounds repeats, as the medium does
 
 
+@by_address
 class SpaceWork(NamedTuple):
     """Scratch arrays of the fields' kernels."""
 

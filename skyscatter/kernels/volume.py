@@ -15,12 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.optics import transmittance
 from skyscatter.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
 
 
+@by_address
 class MeanPhase(NamedTuple):
     """Scattering averaged over the wavelengths, as tables of one: directions are drawn by it, whatever the hero."""
 
@@ -29,6 +31,7 @@ class MeanPhase(NamedTuple):
     phase_cdf: np.ndarray  #: (component, 1, angle) its distribution function
 
 
+@by_address
 class VolumeTable(NamedTuple):
     """Everything about a scene; components in the order of the fields, the wavelength always last."""
 
@@ -61,6 +64,7 @@ class VolumeTable(NamedTuple):
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
 
 
+@by_address
 class VolumeWork(NamedTuple):
     """Scratch arrays of a thread."""
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.gridwalk import Walker, make_walker
 from skyscatter.kernels.jit import entry, kernel, merged
 from skyscatter.kernels.optics import phase_at, transmittance
@@ -29,6 +30,7 @@ FIRST_STEP, GROWTH = 1.0 / 2048.0, 1.6
 ROULETTE_BELOW = 0.1
 
 
+@by_address
 class FlightScratch(NamedTuple):
     """Scratch arrays of `volume_flight_rays`."""
 

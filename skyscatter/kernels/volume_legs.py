@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.lookup import sort_few
 from skyscatter.kernels.optics import mix_components, transmittance
@@ -24,6 +25,7 @@ COARSE = 1.0
 STEEPEST = 40.0
 
 
+@by_address
 class VolumeLeg(NamedTuple):
     """A leg with its strata."""
 

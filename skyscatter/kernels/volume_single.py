@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, kernel
 from skyscatter.kernels.lookup import sort_few
 from skyscatter.kernels.optics import phase_at, transmittance
@@ -46,6 +47,7 @@ GROWTH = 5.0
 MOST_CUTS, MOST_LEVELS = 512, 40
 
 
+@by_address
 class SingleScratch(NamedTuple):
     """Scratch arrays of `volume_single_rays`."""
 

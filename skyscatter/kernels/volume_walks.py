@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.gridwalk import Walker, make_walker
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.optics import phase_at, transmittance
@@ -51,6 +52,7 @@ LIT_POINTS = 2
 FIRST_WALKS, SURE_WALKS = 4, 32
 
 
+@by_address
 class WalkScratch(NamedTuple):
     """Scratch arrays of `volume_path_rays`."""
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.space import space_densities
@@ -33,6 +34,7 @@ PATIENCE = 1 << 15
 LEAST_CHANCE = 0.05
 
 
+@by_address
 class Waiting(NamedTuple):
     """Parts of a walk that wait for their turn."""
 

@@ -6,7 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 
+
+@by_address
 class Work(NamedTuple):
     """What a kernel writes down between two steps."""
 

@@ -140,6 +140,32 @@ def _joined(parts: list[_Stretches]) -> _Stretches:
     return _Stretches(ray, *(np.concatenate([part[i] for part in parts]) for i in (1, 2, 3)))
 
 
+class UsedUp(NamedTuple):
+    """What gas uses up of a star's ionising photons along rays, out to where none are left; see `used_up`."""
+
+    rays: _Rays
+    stretches: list[_Stretches]  #: one after the other outwards: those of the rays that still have photons
+    budget: float  #: integral of (relative density)^2 r^2 dr [m3] that the photons of one direction can ionise
+    limit: float
+    tolerance: float
+
+    def radii(self, share: float = 1.0) -> Array:
+        """Distance at which a share of the photons is used up, shape (ray,) [m]; `limit` where more escapes."""
+        count, budget = len(self.rays.directions), share * self.budget
+        if budget == 0:
+            return np.zeros(count)
+        radii, used = np.full(count, self.limit), np.zeros(count)
+        left = np.ones(count, bool)
+        for pieces in self.stretches:
+            total = np.bincount(pieces.ray, weights=pieces.value, minlength=count)
+            done = left & (used + total >= budget)
+            if done.any():
+                _find_fronts(self.rays, np.flatnonzero(done), pieces, used, budget, radii, self.tolerance)
+            used += total
+            left &= ~done
+        return radii
+
+
 def front_radii(
     density: Callable[[Array], Array],
     position: ArrayLike,
@@ -152,7 +178,32 @@ def front_radii(
     steps: int = 64,
     tolerance: float = 1e-6,
 ) -> Array:
-    """Distance of the ionisation front from a star in each direction.
+    """Distance of the ionisation front from a star in each direction; takes what `used_up` takes.
+
+    Returns
+    -------
+    ndarray, shape (ray,)
+        Radius of the front [m]; `limit` where photons escape beyond it.
+    """
+    return used_up(
+        density, position, directions, hydrogen_density=hydrogen_density, ionising_photons=ionising_photons,
+        limit=limit, temperature=temperature, steps=steps, tolerance=tolerance,
+    ).radii()  # fmt: skip
+
+
+def used_up(
+    density: Callable[[Array], Array],
+    position: ArrayLike,
+    directions: ArrayLike,
+    *,
+    hydrogen_density: float,
+    ionising_photons: float,
+    limit: float,
+    temperature: float = 1e4,
+    steps: int = 64,
+    tolerance: float = 1e-6,
+) -> UsedUp:
+    """What gas uses up of a star's ionising photons in each direction.
 
     The integral is taken outwards in `steps` stretches of equal length, each halved until two Gauss rules of 7 points
     agree with the one over the whole, and no further than the front.
@@ -177,11 +228,6 @@ def front_radii(
         Stretches to begin with; a knot of gas much smaller than limit / steps / 14 may be missed.
     tolerance : float
         Error allowed in the photons used up, relative to all of them.
-
-    Returns
-    -------
-    ndarray, shape (ray,)
-        Radius of the front [m]; `limit` where photons escape beyond it.
     """
     _check_source(ionising_photons, hydrogen_density)
     for name, value in (("limit", limit), ("steps", steps), ("tolerance", tolerance)):
@@ -192,24 +238,16 @@ def front_radii(
     if directions.shape[1] != 3 or not np.all(length > 0):
         raise DomainError("directions", directions.shape, "of shape (ray, 3), none of them zero")
     rays = _Rays(density, np.asarray(position, float), directions / length[:, None])
-    # Budget of the integral of (relative density)^2 r^2 dr [m3]: what the photons of one direction can ionise.
     budget = ionising_photons / (4 * np.pi * alpha_b(temperature) * hydrogen_density**2)
-    if budget == 0:
-        return np.zeros(len(directions))
-    radii, used = np.full(len(directions), float(limit)), np.zeros(len(directions))
-    burning = np.arange(len(directions))
-    edges = np.linspace(0.0, limit, int(steps) + 1)
-    for start, end in itertools.pairwise(edges):
-        pieces = _integrate(rays, burning, start, end, tolerance, budget)
-        total = np.bincount(pieces.ray, weights=pieces.value, minlength=len(directions))[burning]
-        done = used[burning] + total >= budget
-        if done.any():
-            _find_fronts(rays, burning[done], pieces, used, budget, radii, tolerance)
-        used[burning] += total
-        burning = burning[~done]
+    answer = UsedUp(rays, [], float(budget), float(limit), tolerance)
+    burning, used = np.arange(len(directions)) if budget else np.arange(0), np.zeros(len(directions))
+    for start, end in itertools.pairwise(np.linspace(0.0, limit, int(steps) + 1)):
         if burning.size == 0:
             break
-    return radii
+        answer.stretches.append(pieces := _integrate(rays, burning, start, end, tolerance, budget))
+        used += np.bincount(pieces.ray, weights=pieces.value, minlength=len(used))
+        burning = burning[used[burning] < budget]
+    return answer
 
 
 def _gauss(rays: _Rays, ray: Indices, start: Array, end: Array) -> Array:

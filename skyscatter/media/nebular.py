@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache, reduce
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from pydantic import model_validator
@@ -29,6 +29,7 @@ from skyscatter.units import (
 )
 
 if TYPE_CHECKING:
+    from skyscatter.media.ionised import UsedUp
     from skyscatter.media.operations import AnySpatialField
 
 #: Widest cone about the gas in which a star outside it looks for fronts; beyond, it looks all around.
@@ -185,17 +186,55 @@ def _without(field: SpatialField, others: Sequence[SpatialField]) -> SpatialFiel
 
 @lru_cache(maxsize=8)
 def _fronts(field: IonisedGas, share: float) -> tuple[Front, ...]:
-    return tuple(_front(field, source, share * source.photons) for source in field.sources)
+    return tuple(_front(field, source, share) for source in field.sources)
 
 
-def _front(field: IonisedGas, source: IonisingSource, photons: float) -> Front:
-    """The front of one source, on a table of directions all around or in a cone about the gas."""
-    from skyscatter.media.ionised import front_radii
+def _front(field: IonisedGas, source: IonisingSource, share: float) -> Front:
+    """Where one source has used up a share of its photons."""
+    table = _directions(field, source)
+    found = _used_up(field, source).radii(share).reshape(table.rows, table.columns)
+    # All columns of a pole are one direction; rounding may tell them apart.
+    found[0] = found[0, 0]
+    if table.opening == np.pi:
+        found[-1] = found[-1, 0]
+    return Front(
+        position=source.position,
+        axis=table.axis,
+        radii=tuple(tuple(row) for row in found.tolist()),
+        width=field.front_width,
+        opening_deg=float(np.degrees(table.opening)),
+    )
 
+
+@lru_cache(maxsize=2)  # the layers of a nebula ask one after the other, and a few of these are much memory
+def _used_up(field: IonisedGas, source: IonisingSource) -> UsedUp:
+    """The source's photons along its table of directions."""
+    from skyscatter.media.ionised import used_up
+
+    table = _directions(field, source)
+    return used_up(
+        field.gas.density, source.position, table.directions, hydrogen_density=field.hydrogen_density,
+        ionising_photons=source.photons, limit=table.limit, temperature=field.gas_temperature, steps=_STEPS,
+        tolerance=field.tolerance,
+    )  # fmt: skip
+
+
+class _Directions(NamedTuple):
+    """A table of directions, rows over the polar angle about the axis and columns over the azimuth."""
+
+    axis: tuple[float, float, float]
+    opening: float  #: polar angle of the last row
+    rows: int
+    columns: int
+    directions: Array  #: (rows x columns, 3)
+    limit: float  #: distance of the gas's farthest corner [m]
+
+
+def _directions(field: IonisedGas, source: IonisingSource) -> _Directions:
+    """Directions all around a source, or in a cone about the gas."""
     low, high = field.gas.bounds
     star = np.array(source.position)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T - star
-    distance = np.linalg.norm(corners, axis=1)
     axis, opening = _cone(low - star, high - star, corners)
     step = np.radians(field.resolution_deg)
     rows = max(int(np.ceil(opening / step)), 4) + 1
@@ -203,22 +242,8 @@ def _front(field: IonisedGas, source: IonisingSource, photons: float) -> Front:
     nodes = opening * np.arange(rows) / (rows - 1), 2 * np.pi * np.arange(columns) / columns
     theta, phi = np.meshgrid(*nodes, indexing="ij")
     own = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-    found = front_radii(
-        field.gas.density, star, own.reshape(-1, 3) @ axis_rotation(axis, 0.0).T,
-        hydrogen_density=field.hydrogen_density, ionising_photons=photons, limit=float(distance.max()),
-        temperature=field.gas_temperature, steps=_STEPS, tolerance=field.tolerance,
-    ).reshape(rows, columns)  # fmt: skip
-    # All columns of a pole are one direction; rounding may tell them apart.
-    found[0] = found[0, 0]
-    if opening == np.pi:
-        found[-1] = found[-1, 0]
-    return Front(
-        position=source.position,
-        axis=axis,
-        radii=tuple(tuple(row) for row in found.tolist()),
-        width=field.front_width,
-        opening_deg=float(np.degrees(opening)),
-    )
+    turned = own.reshape(-1, 3) @ axis_rotation(axis, 0.0).T
+    return _Directions(axis, opening, rows, columns, turned, float(np.linalg.norm(corners, axis=1).max()))
 
 
 def _cone(low: Array, high: Array, corners: Array) -> tuple[tuple[float, float, float], float]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.workers import in_parts
+
 if TYPE_CHECKING:
     from skyscatter.kernels.space import SpaceTable
     from skyscatter.media.space import SpatialField
@@ -20,6 +22,8 @@ BOUND_CELLS = 32
 #: Share of a cell by which it is bounded smaller than it is, on every side: what changes in a face that it shares with
 #: a grid of voxels or a box belongs to the neighbour.  Also in `kernels.tracking`.
 RIM = 1e-9
+#: Points at which a thread looks up densities at a time.
+PART = 8192
 
 
 def pack_space(fields: Sequence[SpatialField], bound_cells: int = BOUND_CELLS) -> SpaceTable:
@@ -121,7 +125,7 @@ def field_densities(field: SpatialField, points: Array) -> Array:
     table = field_table((field,))
     flat = np.ascontiguousarray(points.reshape(-1, 3))
     out = np.empty((len(flat), 1))
-    fill_densities(table, flat, make_space_work(), out)
+    in_parts(lambda part: fill_densities(table, flat[part], make_space_work(), out[part]), len(flat), PART)
     return out[:, 0].reshape(points.shape[:-1])
 
 
@@ -134,5 +138,5 @@ def field_columns(field: SpatialField, start: Array, end: Array) -> Array:
     shape = start.shape[:-1]
     a, b = np.array(start.reshape(-1, 3), order="C"), np.array(end.reshape(-1, 3), order="C")
     out = np.zeros((len(a), 1))
-    fill_columns(table, a, b, make_space_work(), out)
+    in_parts(lambda part: fill_columns(table, a[part], b[part], make_space_work(), out[part]), len(a), PART // 8)
     return out[:, 0].reshape(shape)

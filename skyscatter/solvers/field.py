@@ -29,7 +29,7 @@ from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
-from skyscatter.solvers.workers import Workers
+from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
     import xarray

@@ -22,7 +22,7 @@ import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.state import Checkpoint, RenderState
-from skyscatter.solvers.workers import GRACE, Workers
+from skyscatter.workers import GRACE, Workers
 
 #: With ``noise``, the answer is looked at after this many passes and whenever their number has doubled.
 FIRST_LOOK = 16

@@ -20,7 +20,6 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.kernels.codes.surfaces import LAMBERT, PARALLEL_LAMP, PLANE, SURROUNDINGS
-from skyscatter.kernels.pointed import Pointed
 from skyscatter.kernels.surfaces.camera import MOST_LEGS, leave_points
 from skyscatter.kernels.surfaces.gather import PATHS, POINTS
 from skyscatter.kernels.surfaces.gathering import WalkTable
@@ -73,7 +72,6 @@ class Context(NamedTuple):
     """What passes need."""
 
     table: WalkTable
-    laid: Pointed  #: the same for kernels
     peaks: PeakTable
     first_radius: float  #: of the first pass [m]
     matrix: Array | None  #: scattering matrices, with ``stokes``
@@ -130,7 +128,7 @@ def prepare_table(table: SurfaceTable, rays: Rays, options: Options, matrix: Arr
     warn_of_far_lamps(walks, rays.origins, photons_for(options) * passes(options), "give more photons or samples")
     # A walk would have to take the matrix of a peak along; polarised light is gathered with the whole phase function.
     peaks = split_peaks(table.media, CUT if matrix is None else np.inf)
-    context = Context(walks, Pointed(walks), peaks, options.radius or 0.0, matrix)
+    context = Context(walks, peaks, options.radius or 0.0, matrix)
     return context if options.radius else context._replace(first_radius=scout_radius(context, rays, options))
 
 
@@ -254,9 +252,9 @@ class _Room(NamedTuple):
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            context.laid, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
-            number, events, most, ball, disk, by_rays(options), Pointed(self.points),
-            Pointed(self.surfaces), Pointed(self.scratch), self.sums, by_order, self.polar,
+            context.table, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
+            number, events, most, ball, disk, by_rays(options), self.points,
+            self.surfaces, self.scratch, self.sums, by_order, self.polar,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
@@ -297,17 +295,17 @@ def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> A
         first = room.look(context, plain, first, number, options, ball, disk, by_order)
         media, floor = room.in_use
         trace_photons(
-            context.laid, context.peaks, Pointed(room.points), Pointed(room.surfaces), make_cells(media.centre, ball),
+            table, context.peaks, room.points, room.surfaces, make_cells(media.centre, ball),
             make_cells(floor.centre, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
-            bunch * photons, (bunch + 1) * photons, photons, most, Pointed(room.scratch), room.sums, by_order,
+            bunch * photons, (bunch + 1) * photons, photons, most, room.scratch, room.sums, by_order,
             fates, room.polar,
         )  # fmt: skip
         if by_rays(options):
             seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
             for on_surface, points in enumerate((room.points, room.surfaces)):
                 light_points(
-                    context.laid, Pointed(points), bool(on_surface), seed, stream, 2 * bunch + on_surface, most,
-                    Pointed(near), room.sums, by_order, room.polar,
+                    table, points, bool(on_surface), seed, stream, 2 * bunch + on_surface, most,
+                    near, room.sums, by_order, room.polar,
                 )  # fmt: skip
         bunch += 1
     layers = {f"order{k + 1}": by_order[k] for k in range(options.orders)}
@@ -326,9 +324,9 @@ def photon_fates(table: SurfaceTable, photons: int, seed: int = 0) -> Array:
     none = make_cells(np.zeros((0, 3)), 1.0)
     fates = np.zeros((4, table.media.sigma_t.shape[1]))
     trace_photons(
-        Pointed(guided(table)), split_peaks(table.media), Pointed(room.points), Pointed(room.surfaces), none, none,
+        guided(table), split_peaks(table.media), room.points, room.surfaces, none, none,
         ESTIMATORS["both"], np.int64(seed), np.int64(PHOTON_STREAMS), 0, photons, photons, MOST_ORDERS,
-        Pointed(room.scratch), room.sums,
+        room.scratch, room.sums,
         np.zeros((0, 1, fates.shape[1])), fates, None,
     )  # fmt: skip
     return fates

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -20,8 +19,8 @@ from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
-from skyscatter.solvers.workers import GRACE, Workers
 from skyscatter.units import WAVELENGTHS
+from skyscatter.workers import GRACE, Workers, processors
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -61,17 +60,10 @@ class Interrupted(KeyboardInterrupt):
         super().__init__("render interrupted")
 
 
-def default_threads() -> int:
-    """Processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def worker_count(threads: int | None) -> int:
     """Threads to use: those that were asked for, or all."""
     if threads is None:
-        return default_threads()
+        return processors()
     if threads < 1:
         raise DomainError("threads", threads, "at least 1")
     return threads

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import Sums, Sweeper
-from skyscatter.solvers.workers import Workers
+from skyscatter.workers import Workers
 
 Array = NDArray[np.float64]
 

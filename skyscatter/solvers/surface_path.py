@@ -25,7 +25,6 @@ from skyscatter.kernels.codes.surfaces import (
     SURROUNDINGS,
 )
 from skyscatter.kernels.path import BATCHES
-from skyscatter.kernels.pointed import Pointed
 from skyscatter.kernels.surfaces.flights import make_scratch
 from skyscatter.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
 from skyscatter.kernels.surfaces.lamps import LampGuide
@@ -76,7 +75,7 @@ def prepare(
     options: Options,
     threads: int,
     progress: Callable[[float], None] | None,
-) -> Pointed:
+) -> WalkTable:
     """The tables of a scene, and where its light is."""
     from skyscatter.solvers.surfaces import compile_surfaces
 
@@ -93,7 +92,7 @@ def prepare(
     walks = guided(table)
     warn_of_far_lamps(walks, rays.origins, walks_for(options), "choose the solver photons, or give more samples")
     warn_of_small_lamps(walks, walks_for(options))
-    return Pointed(walks)
+    return walks
 
 
 def out_of_reach(table: SurfaceTable) -> bool:
@@ -103,9 +102,8 @@ def out_of_reach(table: SurfaceTable) -> bool:
     return bool(smooth.any() and np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP)).any())
 
 
-def solve(pointed: Pointed, rays: Rays, options: Options) -> Answer:
+def solve(table: WalkTable, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
-    table: WalkTable = pointed.table
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
@@ -115,9 +113,9 @@ def solve(pointed: Pointed, rays: Rays, options: Options) -> Answer:
     components, lamps = len(table.media.density), len(table.lamps.kind)
     scratch = make_scratch(components, wavelengths, lamps, min(walks, BATCHES))
     surface_path_rays(
-        pointed, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
+        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
         MOST_ORDERS if options.max_order is None else int(options.max_order), SAMPLINGS[options.sampling],
-        Pointed(scratch), mean, error, by_order, apart, used,
+        scratch, mean, error, by_order, apart, used,
     )  # fmt: skip
     if np.any(used < 0):
         place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])

@@ -212,13 +212,12 @@ def starting_stack(
     DomainError
         If there are more than a ray can be inside of.
     """
-    from skyscatter.kernels.pointed import Pointed
     from skyscatter.kernels.surfaces import rays
 
     # No round numbers: a ray along edges and faces is met more often than chance would have it.
     towards = np.array([0.3717, 0.2911, 0.8815]) if direction is None else np.array(direction, float)
     stack, place = np.full(codes.STACK, -1, np.int64), np.array(position, float)
-    count = rays.fill_stack(Pointed(shapes), place, towards / np.linalg.norm(towards), skip, stack, np.zeros(4))
+    count = rays.fill_stack(shapes, place, towards / np.linalg.norm(towards), skip, stack, np.zeros(4))
     if count < 0:
         allowed = f"at most {codes.STACK} bodies with media inside may lie one in another"
         raise DomainError("position", tuple(place.tolist()), allowed)

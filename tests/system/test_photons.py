@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from significance import assert_mean_of_runs, runs_of_power
 
 import skyscatter
-from skyscatter.kernels.pointed import Pointed
 from skyscatter.kernels.surfaces.camera import leave_points
 from skyscatter.kernels.surfaces.gather import PATHS, POINTS
 from skyscatter.kernels.surfaces.neighbours import make_cells
@@ -158,13 +157,12 @@ def test_the_ratios_of_the_paper() -> None:
     white = table._replace(lamps=table.lamps._replace(power=np.ones((1, 3))))
     none = white._replace(lamps=white.lamps._replace(kind=np.array([3]), share=np.zeros(1)))
     s, points, surfaces = make_photon_scratch(1, 3), make_points(1000, 1, 3), make_points(1, 1, 3)
-    laid, peaks = (Pointed(part) for part in (points, surfaces, s)), no_peaks(white.media)
-    points_at, surfaces_at, s_at = laid
+    peaks = no_peaks(white.media)
     o, d = beside_lamp()
     light, none_by_order, fates = np.zeros((1, 3)), np.zeros((0, 1, 3)), np.zeros((4, 3))
     leave_points(
-        Pointed(none), peaks, o[:1].copy(), d[:1].copy(), np.arange(1), 0, np.int64(1), 0, 8, 9, 0.0, 0.0, False,
-        points_at, surfaces_at, s_at, light, none_by_order, None,
+        none, peaks, o[:1].copy(), d[:1].copy(), np.arange(1), 0, np.int64(1), 0, 8, 9, 0.0, 0.0, False,
+        points, surfaces, s, light, none_by_order, None,
     )  # fmt: skip
     assert points.count[0] == 8
     t = points.place[:8, 2] + 3
@@ -178,8 +176,8 @@ def test_the_ratios_of_the_paper() -> None:
     radius = 1e3
     cells = make_cells(points.centre[:1], radius)
     trace_photons(
-        Pointed(white), peaks, points_at, surfaces_at, cells, make_cells(surfaces.centre[:0], 1.0), POINTS, np.int64(1),
-        np.int64(7), 0, 1, 1, 1, s_at, light, none_by_order, fates, None,
+        white, peaks, points, surfaces, cells, make_cells(surfaces.centre[:0], 1.0), POINTS, np.int64(1),
+        np.int64(7), 0, 1, 1, 1, s, light, none_by_order, fates, None,
     )  # fmt: skip
     flown = np.linalg.norm(s.walk.position)
     f = np.exp(-EXTINCTION * flown)
@@ -203,8 +201,8 @@ def test_weights_of_both_ways_are_in_the_ratio_of_their_densities() -> None:
     for how in (POINTS, PATHS, POINTS | PATHS):
         sums, s.found[:] = np.zeros((1, 1)), 0
         trace_photons(
-            Pointed(table), no_peaks(table.media), Pointed(points), Pointed(surfaces), cells, none, how, np.int64(1),
-            np.int64(7), 0, 4000, 4000, 1, Pointed(s), sums, np.zeros((0, 1, 1)), np.zeros((4, 1)), None,
+            table, no_peaks(table.media), points, surfaces, cells, none, how, np.int64(1),
+            np.int64(7), 0, 4000, 4000, 1, s, sums, np.zeros((0, 1, 1)), np.zeros((4, 1)), None,
         )  # fmt: skip
         light[how] = float(sums[0, 0])
     odds = 4 / 3 * EXTINCTION[1] * radius

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial import cKDTree
 from surface_bases import pack, sampled, shoot, sphere_points, unit
 
-from skyscatter.kernels.pointed import Pointed
 from skyscatter.kernels.surfaces.clearance import SMALL, empty_balls, make_ball_scratch
 from skyscatter.kernels.surfaces.tables import ShapeTable
 from skyscatter.surfaces.meshes import Mesh, Turned
@@ -28,7 +27,7 @@ SHAPES = {
 
 def balls(table: ShapeTable, places: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     centres, radii = np.zeros_like(places), np.zeros(len(places))
-    empty_balls(Pointed(table), places, radius, Pointed(make_ball_scratch()), centres, radii)
+    empty_balls(table, places, radius, make_ball_scratch(), centres, radii)
     return centres, radii
 
 

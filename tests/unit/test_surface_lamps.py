@@ -11,7 +11,6 @@ from walk_scenes import WAVELENGTHS, directions, fog, medium
 
 from skyscatter import SurfaceScene
 from skyscatter.kernels.jit import entry
-from skyscatter.kernels.pointed import Pointed
 from skyscatter.kernels.surfaces.gathering import WalkTable
 from skyscatter.kernels.surfaces.lamps import aim, guess_at_point, meeting_density, pick
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, within_cone
@@ -107,7 +106,7 @@ def test_aiming_has_the_density_that_meeting_takes_it_to_have(table: dict[str, W
     u = np.random.default_rng(k).random((4000, 2))
     density, other, light = np.empty(4000), np.empty(4000), np.empty(4000)
     x = np.array([0.1, 0.2, 0.3])
-    aim_often(Pointed(table["clear"]), k, x, u, density, other, light, np.zeros((2, 6)))
+    aim_often(table["clear"], k, x, u, density, other, light, np.zeros((2, 6)))
     shone = light > 0
     assert shone.mean() > 0.1
     if k > 0:  # by area; the cone of a sphere has no use for the cosine
@@ -131,7 +130,7 @@ def test_points_on_legs_have_the_density_that_is_stated(table: dict[str, WalkTab
     for d in directions(4, k):
         u = (np.arange(20000) + 0.5) / 20000
         t, density, kept = np.empty(u.size), np.empty(u.size), np.empty(3)
-        on_leg(Pointed(table["fog"]), k, x, d, far, u, t, density, kept)
+        on_leg(table["fog"], k, x, d, far, u, t, density, kept)
         if kept[2] <= kept[1]:
             continue
         # Draws are at even steps of their distribution: what is left is the rule of the middle, and the cells' edges.
@@ -165,7 +164,7 @@ def test_where_lines_are_within_cones() -> None:
 def test_lamps_are_chosen_by_what_arrives_and_none_is_forgotten(table: dict[str, WalkTable]) -> None:
     chance, u = np.empty(8), (np.arange(7000) + 0.5) / 7000
     chosen = np.empty(u.size, np.int64)
-    choices(Pointed(table["clear"]), np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]), chance, u, chosen)
+    choices(table["clear"], np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]), chance, u, chosen)
     assert chance.sum() == pytest.approx(1.0)
     assert chance[7] == 0.0
     assert np.all(chance[:7] >= 0.1 / 7 * (1 - 1e-12))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,6 +14,7 @@ from skyscatter.dehaze.rasters.base import RasterSource, Window
 from skyscatter.dehaze.rasters.handles import environment
 from skyscatter.dehaze.rasters.sinks import RasterSink
 from skyscatter.errors import DomainError
+from skyscatter.workers import processors
 
 #: Values [byte] of one window, where no size is asked for.
 _WINDOW_BYTES = 48 << 20
@@ -118,13 +118,6 @@ def map_windows(
         finally:
             for _, future in waiting:
                 future.cancel()
-
-
-def processors() -> int:
-    """Processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _say(progress: Progress | None, share: float) -> None:

@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, inlined
 
 #: Distance within which a place is on the face of a cell [cell].
 ON_FACE = 1e-8
 
 
+@by_address
 class MarchTable(NamedTuple):
     """Grid, optics and lights.  Sizes: node, column node, component (c), star (s), wavelength (w), angle."""
 
@@ -43,6 +45,7 @@ class MarchTable(NamedTuple):
     spread: np.ndarray  #: (node, s) mean of 1 / distance^2 over the cell of a node [m-2], where they are constant
 
 
+@by_address
 class Scratch(NamedTuple):
     """What is kept of a ray, node by node (n)."""
 
@@ -62,6 +65,7 @@ class Scratch(NamedTuple):
     by_w: np.ndarray  #: (4, w)
 
 
+@by_address
 class Slopes(NamedTuple):
     """Derivatives of a number with respect to everything, summed over rays."""
 

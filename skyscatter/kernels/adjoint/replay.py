@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, inlined
 
 #: Russian roulette begins after so many collisions, below this share of the throughput after the first.
@@ -32,6 +33,7 @@ FIRST_ROULETTE, ROULETTE_LEVEL = 3, 0.3
 EVEN_SHARE, EVEN_FLIGHTS = 0.1, 0.1
 
 
+@by_address
 class Draws(NamedTuple):
     """Phase functions averaged over the wavelengths, from which directions are drawn."""
 
@@ -41,6 +43,7 @@ class Draws(NamedTuple):
     scale: np.ndarray  #: (c,) a density that walks through empty places are weighted by
 
 
+@by_address
 class Walk(NamedTuple):
     """What is kept of a walk, collision by collision (k)."""
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, kernel, merged
 from skyscatter.kernels.lookup import trace_line
 from skyscatter.kernels.path import (
@@ -51,6 +52,7 @@ from skyscatter.kernels.work import make_work
 HEAVY = 0.2
 
 
+@by_address
 class Landscape(NamedTuple):
     """The map and where the picture lies in it."""
 
@@ -60,6 +62,7 @@ class Landscape(NamedTuple):
     cell: float  #: side of a cell [m]
 
 
+@by_address
 class Sums(NamedTuple):
     """What the walks of a batch bring."""
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import BOX, DISK, RECTANGLE, SPHERE
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
@@ -26,6 +27,7 @@ MOVES = 6
 SAME_SIDE = 0.7
 
 
+@by_address
 class BallScratch(NamedTuple):
     """Scratch arrays of `empty_ball`."""
 

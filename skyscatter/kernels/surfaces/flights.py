@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import INTERFACE, LAMBERT, MIRROR, STACK
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import kernel, merged
@@ -42,6 +43,7 @@ ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST = 0, 1, 2, 3, 4, 5, 6,
 NEAR, LENGTH, SCALE, VERTEX = 0, 1, 2, 3
 
 
+@by_address
 class Scratch(NamedTuple):
     """Scratch arrays of a thread."""
 

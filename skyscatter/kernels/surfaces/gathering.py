@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf
@@ -62,6 +63,7 @@ NO_AIM, SURFACE, MEDIUM = 0, 1, 2
 DIRECT, SCATTERED, REFLECTED_ONCE = 0, 1, 2
 
 
+@by_address
 class WalkTable(NamedTuple):
     """A scene with surfaces, and where its light is, roughly."""
 

@@ -13,16 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.path import turn
-from skyscatter.kernels.pointed import whole
 from skyscatter.kernels.surfaces.shapes import sample_item
 
 #: Share of the choices of a lamp that do not ask how much of its light arrives.
 BLIND_SHARE = 0.1
 
 
+@by_address
 class LampGuide(NamedTuple):
     """Where the light is, roughly: it decides how often walks look where, and never what they find there."""
 
@@ -149,7 +150,7 @@ def aim(shapes, lamps, k, x, u, v, d, point):
             half = math.sqrt(max(p[3] * p[3] - height, 0.0))
             distance = along - half
             return distance, item, share / (2.0 * math.pi * opening), brightness(lamps, k, half / p[3])
-    sample_item(whole(shapes), item, u, v, point)
+    sample_item(shapes, item, u, v, point)
     distance = face(x, point, d)
     cosine = -(d[0] * point[3] + d[1] * point[4] + d[2] * point[5])
     if not (cosine > 0.0 and distance > 0.0):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import sample_cosine
@@ -26,6 +27,7 @@ from skyscatter.kernels.surfaces.fields import add_field_columns, clip_to_fields
 INVERTED = 1e-10
 
 
+@by_address
 class MediaWork(NamedTuple):
     """Scratch arrays of a thread."""
 

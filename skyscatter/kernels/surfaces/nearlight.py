@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import ABSORBED, PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.random import start_stream, uniform
@@ -46,6 +47,7 @@ from skyscatter.kernels.surfaces.shapes import item_body
 MET = 0.5
 
 
+@by_address
 class NearScratch(NamedTuple):
     """Scratch arrays of a thread."""
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import entry, inlined
 
 #: Cells of the grid at most: 4 bytes each.
@@ -21,6 +22,7 @@ MOST_CELLS = 1 << 21
 _HAIR = 1e-9
 
 
+@by_address
 class Cells(NamedTuple):
     """The grid; the first fields are those that `kernels.gridwalk` reads."""
 

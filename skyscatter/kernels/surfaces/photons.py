@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, STACK, SURROUNDINGS, TRANSMITTED
 from skyscatter.kernels.gridwalk import Walker, make_walker
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
@@ -51,6 +52,7 @@ MOST_EVENTS = 100_000
 ESCAPED, ABSORBED_BY_MEDIA, ABSORBED_BY_SURFACES, LEFT = 0, 1, 2, 3
 
 
+@by_address
 class PhotonScratch(NamedTuple):
     """Scratch arrays of a thread, for walks from the camera and from lamps."""
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import STACK
 
 #: What may have happened to a photon before it is gathered, one bit each: nothing at all since it left a lamp that rays
@@ -13,6 +14,7 @@ from skyscatter.kernels.codes.surfaces import STACK
 DIRECT, FOCUSED, SCATTERED, AMBIENT = 1, 2, 4, 8
 
 
+@by_address
 class Points(NamedTuple):
     """The visibility points of a pass, those in media or those on surfaces."""
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import CONDUCTOR, DELTA, MIRROR, REFLECTED
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.path import rebalance, turn
@@ -29,6 +30,7 @@ from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import frame_of
 
 
+@by_address
 class PhotonPolar(NamedTuple):
     """Polarisation of the photons and walks of a pass."""
 

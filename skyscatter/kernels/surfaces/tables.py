@@ -11,9 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.space import SpaceTable
 
 
+@by_address
 class ShapeTable(NamedTuple):
     """Everything that rays can meet.  Items 0 ... shapes - 1 are shapes, the rest triangles."""
 
@@ -33,6 +35,7 @@ class ShapeTable(NamedTuple):
     passable: bool  #: whether some body is one
 
 
+@by_address
 class MaterialTable(NamedTuple):
     """What surfaces do to light."""
 
@@ -45,6 +48,7 @@ class MaterialTable(NamedTuple):
     lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
 
 
+@by_address
 class MediaTable(NamedTuple):
     """The media between surfaces.  Medium 0 is outside of all bodies; each owns a stretch of the components.
 
@@ -68,6 +72,7 @@ class MediaTable(NamedTuple):
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1]
 
 
+@by_address
 class PeakTable(NamedTuple):
     """Phase functions as the sum of a broad part and a peak, see `kernels.surfaces.peaks`."""
 
@@ -78,6 +83,7 @@ class PeakTable(NamedTuple):
     most: np.ndarray  #: (medium, wavelength) the largest share of it times albedo of the medium's components
 
 
+@by_address
 class LampTable(NamedTuple):
     """Where light comes from.
 
@@ -104,6 +110,7 @@ class LampTable(NamedTuple):
     radius: float  #: of that sphere [m]
 
 
+@by_address
 class SurfaceTable(NamedTuple):
     """A scene with surfaces."""
 

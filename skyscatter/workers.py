@@ -1,0 +1,43 @@
+"""Threads for compiled loops, which nothing can stop from outside: an interruption leaves them behind."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+
+#: Seconds for which running work is waited for after Ctrl-C, before it is left behind.
+GRACE = 2.0
+
+
+class Workers(ThreadPoolExecutor):
+    """A pool of threads whose end waits for them, but not after Ctrl-C."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        wanted = kind is None or issubclass(kind, Exception)
+        self.shutdown(wait=wanted, cancel_futures=not wanted)
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_parts(work: Callable[[slice], object], count: int, part: int) -> None:
+    """Do compiled work on `count` items, at most `part` at a time, on all processors.
+
+    Each item is done alike whatever the parts, so that the numbers do not depend on the processors.
+    """
+    parts = [slice(start, min(start + part, count)) for start in range(0, count, part)]
+    if len(parts) < 2:
+        for some in parts:
+            work(some)
+        return
+    with Workers(min(processors(), len(parts))) as pool:
+        for done in [pool.submit(work, some) for some in parts]:
+            done.result()
