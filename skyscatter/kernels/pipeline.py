@@ -9,11 +9,14 @@ there are none).  Half of the time of compiling goes, the machine code of the en
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.typed_passes import AnnotateTypes
 
@@ -83,8 +86,44 @@ class _ChooseLibrary(LoweringPass):
         return False
 
 
+class _QuickFlags(Flags):
+    """Numba's flags, its key at every call that it resolves: compared by what is set, and not one by one."""
+
+    __slots__ = ()
+    _HASH = hash(tuple(sorted(Flags.options)))
+
+    def __hash__(self) -> int:
+        return self._HASH
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, _QuickFlags) and self._values == other._values:
+            return True
+        return bool(super().__eq__(other))
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Python's search for cyclic garbage, which finds none worth its time among the compiler's many objects, rests."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
 class OnceOptimised(CompilerBase):
     """How all kernels are compiled."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags = _QuickFlags(self.state.flags)
+
+    def compile_extra(self, function: Any) -> Any:
+        """Compile a function, and with it all that it calls."""
+        with _no_collection():
+            return super().compile_extra(function)
 
     def define_pipelines(self) -> list[Any]:
         """Numba's passes, and before the last of them the choice of a library."""
