@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -27,8 +27,12 @@ from skyscatter.media.voxels import VoxelGrid
 from skyscatter.solvers.run import radiance
 from skyscatter.space import SpaceScene
 
+#: Batches of plain walks.
+BATCHES = 24
 #: Walks that share a ray; more rays are better spread, but cost the first order anew.
 WALKS = 32
+#: Sets of rays, each spread evenly by itself: rays of one set differ by more than they err.
+REPLICAS = 16
 
 
 class Cloud(NamedTuple):
@@ -84,14 +88,15 @@ def measure(kind: str, where: Cloud, columns: Array, walks: Array, seed: int = 0
     value, error = np.empty(len(columns)), np.empty(len(columns))
     for count in np.unique(walks):
         chosen = np.nonzero(walks == count)[0]
+        each = max(int(count) // WALKS // REPLICAS, 1)
+        sets = [rays(kind, columns[chosen], each, where, rng) for _ in range(REPLICAS)]
+        origins, directions = (np.stack(parts, axis=1) for parts in zip(*sets, strict=True))
         answer = radiance(
-            where.scene, *rays(kind, columns[chosen], max(int(count) // WALKS, 1), where, rng), (550.0,), solver="path",
+            where.scene, origins, directions, (550.0,), solver="path",
             samples=WALKS, sampling="delta", transmittance="quadrature", seed=seed,
         )  # fmt: skip
-        light = answer.radiance[..., 0]
-        value[chosen] = light.mean(axis=1)
-        # Rays differ, too: their spread holds all of the error.
-        error[chosen] = light.std(axis=1, ddof=1) / np.sqrt(light.shape[1])
+        light = answer.radiance[..., 0].mean(axis=2)
+        value[chosen], error[chosen] = light.mean(axis=1), light.std(axis=1, ddof=1) / np.sqrt(REPLICAS)
     # Light straight from the Sun, of which a ray sees nothing, belongs to the flux that arrives below.
     return value + (np.exp(-where.tau[columns]) if kind == "T" else 0.0), error
 
@@ -156,26 +161,32 @@ def test_step_cloud(folder: Path, kind: str) -> None:
 
 
 @njit
-def plain_walks(photons: int, rng: np.random.Generator, light: Array) -> None:
-    """Iu of the 32 columns of the step cloud times photons / 32 pi, by walks from the Sun: no code is shared.
+def plain_walks(extinction: Array, width: float, step: float, photons: int, rng: Any, up: Array, below: Array) -> None:
+    """Walks from the Sun through columns (column, level) that are added up by column; no code is shared.
 
-    Photons fall evenly on the cloud, fly freely by the larger extinction, collide where they really would, and turn by
-    Henyey and Greenstein's law; what each collision sends straight up, dimmed by the air above, goes to its column.
+    Photons fall evenly on the cloud, fly freely by the largest extinction, collide where they really would, and turn by
+    Henyey and Greenstein's law.  Where they come out below is counted; what each collision sends straight up, dimmed
+    by the air above, goes to `up` (Iu of a column times photons / (pi columns)).
     """
-    g, width, top, most = 0.85, 500.0, 250.0, 18.0 / 250.0
+    g, columns, levels = 0.85, extinction.shape[0], extinction.shape[1]
+    all_of_it, top, most = columns * width, levels * step, extinction.max()
     for _ in range(photons):
-        x, z, u, v, w = rng.random() * width, top, 0.0, 0.0, -1.0
+        x, z, u, v, w = rng.random() * all_of_it, top, 0.0, 0.0, -1.0
         while True:
             flight = -math.log(1.0 - rng.random()) / most
-            x, z = (x + flight * u) % width, z + flight * w
-            if not 0.0 <= z <= top:
+            if z + flight * w < 0.0:
+                below[min(int((x - z / w * u) % all_of_it / width), columns - 1)] += 1.0
                 break
-            column = min(int(32 * x / width), 31)
-            extinction = most / 9.0 if column < 16 else most
-            if rng.random() * most >= extinction:
+            x, z = (x + flight * u) % all_of_it, z + flight * w
+            if z > top:
+                break
+            column, level = min(int(x / width), columns - 1), min(int(z / step), levels - 1)
+            if rng.random() * most >= extinction[column, level]:
                 continue
-            upwards = (1.0 - g * g) / (4.0 * math.pi * (1.0 + g * g - 2.0 * g * w) ** 1.5)
-            light[column] += upwards * math.exp(-extinction * (top - z))
+            depth = extinction[column, level] * ((level + 1) * step - z)
+            for k in range(level + 1, levels):
+                depth += extinction[column, k] * step
+            up[column] += (1.0 - g * g) / (4.0 * math.pi * (1.0 + g * g - 2.0 * g * w) ** 1.5) * math.exp(-depth)
             q = (1.0 - g * g) / (1.0 - g + 2.0 * g * rng.random())
             mu, phi = (1.0 + g * g - q * q) / (2.0 * g), 2.0 * math.pi * rng.random()
             sine = math.sqrt(max(1.0 - mu * mu, 0.0))
@@ -188,22 +199,45 @@ def plain_walks(photons: int, rng: np.random.Generator, light: Array) -> None:
             u, v, w = u / length, v / length, w / length
 
 
+def judged(extinction: Array, width: float, step: float, photons: int) -> tuple[Array, Array]:
+    """Iu and T (batch, column) of 24 batches of plain walks."""
+    light = np.zeros((2, BATCHES, len(extinction)))
+    for batch in range(BATCHES):
+        rng = np.random.default_rng(11 + batch)
+        plain_walks(extinction, width, step, photons, rng, light[0, batch], light[1, batch])
+    return len(extinction) * np.pi / photons * light[0], len(extinction) / photons * light[1]
+
+
 @pytest.mark.slow
 def test_plain_walks_decide_beside_the_step() -> None:
     """The three thin columns where the consensus is up to 5.5 % brighter; two minutes."""
-    batches, photons = 24, 500_000
-    light = np.zeros((batches, 32))
-    for batch in range(batches):
-        plain_walks(photons, np.random.default_rng(11 + batch), light[batch])
-    light = 32 * np.pi / photons * light
+    light, _ = judged(np.repeat([2.0, 18.0], 16)[:, None] / 250.0, 500.0 / 32, 250.0, 500_000)
     judge = (light[:, :3] + light[:, 15:12:-1]) / 2
-    expected, expected_error = judge.mean(axis=0), judge.std(axis=0, ddof=1) / np.sqrt(batches)
+    expected, expected_error = judge.mean(axis=0), judge.std(axis=0, ddof=1) / np.sqrt(BATCHES)
     value, error = measure("Iu", step_cloud(), np.arange(3), np.full(3, 320_000))
     together = np.hypot(error, expected_error)
     print(f"beside the step: {value} +- {error}, plain walks {expected} +- {expected_error}")
     assert np.all(together < 0.02 * expected)
-    # Three columns, by the spread of 24 batches and of thousands of rays.
-    assert np.all(np.abs(value - expected) < largest_t(3, batches - 1) * together)
+    # Three columns, by the spread of 16 sets of rays, the fewer of the two.
+    assert np.all(np.abs(value - expected) < largest_t(3) * together)
+
+
+@pytest.mark.slow
+def test_plain_walks_decide_below_the_radar_cloud(folder: Path) -> None:
+    """Stretches of the consensus differ by up to 2.3 % here, thick columns by 7 %: plain walks side with `path`.
+
+    The file of T is not among those that the readme of the consensus lists.  Eight minutes of one processor.
+    """
+    where = radar_cloud(folder)
+    tau = np.loadtxt(folder / "mmcr_tau_32km_020898.txt")
+    _, light = judged(np.ascontiguousarray(tau[::-1].T) / 45.0, 50.0, 45.0, 250_000)
+    expected, expected_error = light.mean(axis=0), light.std(axis=0, ddof=1) / np.sqrt(BATCHES)
+    value, error = measure("T", where, np.arange(640), np.full(640, 4096))
+    assert_like_the_cloud("T", value, error, expected, expected_error)
+    others, runs = consensus(folder, 2, "T").reshape(8, 80).mean(axis=1), light.reshape(BATCHES, 8, 80).mean(axis=2)
+    z = (runs.mean(axis=0) - others) / runs.std(axis=0, ddof=1) * np.sqrt(BATCHES)
+    print(f"  stretches of the consensus are off by {np.round(-z, 1)} errors of plain walks")
+    assert np.abs(z).max() > 8  # else the consensus may judge
 
 
 @pytest.mark.parametrize("kind", ["R", pytest.param("Id", marks=pytest.mark.slow)])
@@ -217,30 +251,34 @@ def test_mean_of_the_radar_cloud(folder: Path, kind: str) -> None:
     assert abs(mean - expected[columns].mean()) < 3 * spread + 0.005 * mean
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["R", "Iu", "T", "Id"])
-def test_radar_cloud(folder: Path, kind: str) -> None:
-    """The mean within 0.5 %, stretches of 80 columns within 2 %; some 4 minutes of one processor each.
-
-    A walk spreads by three times the mean, so that 2 % in every one of 640 columns would take hours: single columns
-    only
-    have to agree within the errors.
-    """
-    expected = consensus(folder, 2, kind)
-    value, error = measure(kind, radar_cloud(folder), np.arange(640), np.full(640, 4096))
+def assert_like_the_cloud(kind: str, value: Array, error: Array, expected: Array, expected_error: Array) -> None:
+    """The mean within 0.5 %, stretches of 80 columns within 2 %, single columns within the errors."""
     mean, spread = value.mean() / expected.mean() - 1, np.sqrt((error**2).sum()) / value.sum()
     blocks = value.reshape(8, 80).mean(axis=1) / expected.reshape(8, 80).mean(axis=1) - 1
-    z = (value - expected) / np.hypot(error, 0.01 * expected)
+    z = (value - expected) / np.hypot(error, expected_error)
     print(f"radar cloud {kind}: mean {mean:+.2%} +- {spread:.2%}, stretches {np.round(100 * blocks, 2)} %")
     print(f"  columns: errors {np.median(error / value):.1%}, mean z {z.mean():+.2f}, mean z^2 {np.mean(z**2):.2f}")
     assert spread < 0.0025
     assert abs(mean) < 0.005
     assert np.abs(blocks).max() < 0.02
-    assert 0.8 < np.mean(z**2) < 1.25
+    # Of Student's t with 15 degrees of freedom the mean square is 15 / 13.
+    assert 0.8 < np.mean(z**2) < 1.3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["R", "Iu", "T", "Id"])
+@pytest.mark.parametrize("kind", ["R", "Iu", "Id"])
+def test_radar_cloud(folder: Path, kind: str) -> None:
+    """As `assert_like_the_cloud` says, the consensus being sure to 1 %; some 4 minutes of one processor each.
+
+    A walk spreads by three times the mean, so that 2 % in every one of 640 columns would take hours.
+    """
+    expected = consensus(folder, 2, kind)
+    value, error = measure(kind, radar_cloud(folder), np.arange(640), np.full(640, 4096))
+    assert_like_the_cloud(kind, value, error, expected, 0.01 * expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["R", "Iu", "Id"])
 def test_columns_of_the_radar_cloud(folder: Path, kind: str) -> None:
     """Four columns, among them the thinnest and the thickest, within 2 %; a minute of one processor each."""
     where = radar_cloud(folder)
