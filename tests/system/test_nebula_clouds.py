@@ -154,8 +154,9 @@ def test_step_cloud(folder: Path, kind: str) -> None:
     assert spread < 0.002
     assert abs(mean) < 0.005
     if kind == "Iu":
-        # The three thin columns next to the step differ by up to 5.5 %: there plain walks decide, in the next test.
-        assert np.abs(difference[:, 3:]).max() < 0.02
+        # Of the thin columns one and its mirror image differ by 2 %, beside the step both by 5 %: there plain walks
+        # decide, in the next test.
+        assert np.abs(difference[:, 8:]).max() < 0.02
     else:
         assert np.abs(difference).max() < 0.02
 
@@ -210,16 +211,16 @@ def judged(extinction: Array, width: float, step: float, photons: int) -> tuple[
 
 @pytest.mark.slow
 def test_plain_walks_decide_beside_the_step() -> None:
-    """The three thin columns where the consensus is up to 5.5 % brighter; two minutes."""
+    """The thin columns, where the consensus is up to 5.8 % brighter, 1.4 % in the mean; four minutes."""
     light, _ = judged(np.repeat([2.0, 18.0], 16)[:, None] / 250.0, 500.0 / 32, 250.0, 500_000)
-    judge = (light[:, :3] + light[:, 15:12:-1]) / 2
+    judge = (light[:, :8] + light[:, 15:7:-1]) / 2
     expected, expected_error = judge.mean(axis=0), judge.std(axis=0, ddof=1) / np.sqrt(BATCHES)
-    value, error = measure("Iu", step_cloud(), np.arange(3), np.full(3, 320_000))
+    value, error = measure("Iu", step_cloud(), np.arange(8), np.full(8, 320_000))
     together = np.hypot(error, expected_error)
     print(f"beside the step: {value} +- {error}, plain walks {expected} +- {expected_error}")
     assert np.all(together < 0.02 * expected)
-    # Three columns, by the spread of 16 sets of rays, the fewer of the two.
-    assert np.all(np.abs(value - expected) < largest_t(3) * together)
+    # Eight columns, by the spread of 16 sets of rays, the fewer of the two.
+    assert np.all(np.abs(value - expected) < largest_t(8) * together)
 
 
 @pytest.mark.slow

@@ -85,7 +85,7 @@ def test_sun_and_eye_change_places(scenes: int) -> None:
 @pytest.mark.parametrize("scenes", COUNTS)
 def test_what_passes_through_a_white_flat_sky_is_the_same_at_every_height(scenes: int) -> None:
     heights = np.array([0.0, 300.0, 2e3, 7e3, 3e4])
-    worst = []
+    worst, shares = [], []
     for seed in range(scenes):
         rng = np.random.default_rng([seed, 2])
         sun, ground = rng.uniform(3, 85), float(rng.choice([0.0, 1.0, rng.uniform()]))
@@ -93,10 +93,18 @@ def test_what_passes_through_a_white_flat_sky_is_the_same_at_every_height(scenes
         field = skyscatter.solve(there, GREY, sun_elevations_deg=(sun, sun))
         flux = field.fluxes(np.minimum(heights, there.medium.top), sun_elevation_deg=sun)
         net, error = flux.net[:, 0], flux.net_error[:, 0]
-        assert np.all(np.abs(net - net[0]) < error + error[0]), seed
+        shares.append((np.abs(net - net[0]) / (error + error[0]))[1:])
         worst.append(np.abs(net - net[0]).max() / np.sin(np.radians(sun)))
     print(np.round(worst, 5))
     assert np.median(worst) < 2e-3
+    assert_stated(np.array(shares))
+
+
+def assert_stated(shares: Array) -> None:
+    """Deviations over stated errors: 95 % of them below 1, as is promised, and none above 2."""
+    print(np.round(np.sort(shares, axis=None)[-8:], 2))
+    assert np.mean(shares < 1) >= 0.95
+    assert shares.max() < 2
 
 
 def suns_around(heights: Array) -> tuple[Array, Array]:
@@ -112,15 +120,18 @@ def suns_around(heights: Array) -> tuple[Array, Array]:
 @pytest.mark.slow
 def test_what_passes_through_a_white_round_sky_is_the_same_through_every_sphere(scenes: int) -> None:
     """Over the whole planet, night and day; of a beam of 1 half falls on a planet's cross-section."""
-    heights = np.array([0.0, 2e3, 2e4, 1e5])
-    mu, weight = suns_around(heights)
+    shares = []
     for seed in range(scenes):
         rng = np.random.default_rng([seed, 3])
         ground = float(rng.choice([0.0, 1.0, rng.uniform()]))
-        field = skyscatter.solve(sky(rng, EARTH, (0.0, 0.0), True, ground), GREY, tolerance=0.01)
+        there = sky(rng, EARTH, (0.0, 0.0), True, ground)
+        heights = np.minimum([0.0, 2e3, 2e4, 1e5], there.medium.top)
+        mu, weight = suns_around(heights)
+        field = skyscatter.solve(there, GREY, tolerance=0.01)
         flux = field.fluxes(heights[:, None], sun_elevation_deg=np.degrees(np.arcsin(mu)))
         size = (1 + heights / EARTH) ** 2
         power, error = (size * (values[..., 0] * weight).sum(axis=1) for values in (flux.net, flux.net_error))
         print(seed, np.round(power, 5), np.round(error, 5))
-        assert np.all(np.abs(power - power[0]) < error + error[0]), seed
+        shares.append((np.abs(power - power[0]) / (error + error[0]))[1:])
         assert np.all(error < 0.02)
+    assert_stated(np.array(shares))

@@ -46,6 +46,7 @@ from skyscatter.kernels.surfaces.lamps import (
 )
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, guess_on_leg
 from skyscatter.kernels.surfaces.media import scattering
+from skyscatter.kernels.surfaces.past import density_past, shares_past
 from skyscatter.kernels.surfaces.shadows import reaches
 from skyscatter.kernels.surfaces.shapes import item_body
 from skyscatter.kernels.surfaces.tables import (
@@ -176,10 +177,12 @@ def light_leg(table, hero, sampling, first, s):
     scattering(media, m, s.media.density, cosine, s.media, towards)
     aimed = s.chance[k] * (density if density > 0.0 else 1.0)
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
+    past = shares_past(table, m, s.place, s) if met > 0.0 else 0.0
+    passing = density_past(table.guide, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):
-        turned = towards[i] / total[i] if total[i] > 0.0 else 0.0
-        by_flight = met * s.free[i] * s.event[i] * turned * s.onward[i]
+        by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
+        by_flight = met * s.free[i] * s.event[i] * ((1.0 - past) * by_phase + passing) * s.onward[i]
         mean += walk.chance[i] * (aimed * (drawn + (1.0 - near) * s.free[i]) + by_flight)
     if not mean > 0.0:
         return False

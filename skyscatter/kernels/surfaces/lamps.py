@@ -15,7 +15,7 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
-from skyscatter.kernels.jit import inlined, kernel
+from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.path import turn
 from skyscatter.kernels.surfaces.shapes import sample_item
 
@@ -221,5 +221,21 @@ def guess_at_point(lamps, guide, x, n, both_sides, chance):
             else:
                 intensity = guide.typical[k] if from_axis + spread >= guide.lowest[k] else 0.0
             guess = guide.power[k] * intensity * cosine / max(square, guide.size[k] * guide.size[k])
+        chance[k] = guess
+    share_out(guide, chance)
+
+
+@merged
+def guess_in_medium(lamps, guide, x, chance):
+    """Chances to look for each lamp from a point in a medium, into `chance` (lamp,): by what would arrive in vacuum."""
+    for k in range(chance.size):
+        guess = guide.power[k]
+        if lamps.kind[k] != PARALLEL_LAMP and lamps.kind[k] != SURROUNDINGS:
+            m, a = guide.middle[k], guide.axis[k]
+            dx, dy, dz = x[0] - m[0], x[1] - m[1], x[2] - m[2]
+            square = max(dx * dx + dy * dy + dz * dz, 1e-300)
+            cosine = (a[0] * dx + a[1] * dy + a[2] * dz) / square**0.5
+            guess *= lobe_value(lamps, k, cosine) if lamps.kind[k] == POINT_LAMP else guide.typical[k]
+            guess /= max(square, guide.size[k] * guide.size[k])
         chance[k] = guess
     share_out(guide, chance)

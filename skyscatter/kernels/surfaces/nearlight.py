@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
-from skyscatter.kernels.codes.surfaces import ABSORBED, PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
+from skyscatter.kernels.codes.surfaces import ABSORBED, STACK, SURFACE_LAMP
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.random import start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import bsdf_pdf, bsdf_value, sample_bsdf
@@ -24,10 +24,9 @@ from skyscatter.kernels.surfaces.lamps import (
     aim,
     brightness,
     guess_at_point,
-    lobe_value,
+    guess_in_medium,
     meeting_density,
     pick,
-    share_out,
 )
 from skyscatter.kernels.surfaces.media import (
     MediaWork,
@@ -73,22 +72,6 @@ def make_near_scratch(components: int, wavelengths: int, lamps: int) -> NearScra
         np.zeros(STACK, np.int64), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6), np.zeros(lamps),
         np.zeros(1, np.uint64),
     ])  # fmt: skip
-
-
-@merged
-def guess_in_medium(lamps, guide, x, chance):
-    """Chances to look for each lamp from a point in a medium, into `chance` (lamp,): by what would arrive in vacuum."""
-    for k in range(chance.size):
-        guess = guide.power[k]
-        if lamps.kind[k] != PARALLEL_LAMP and lamps.kind[k] != SURROUNDINGS:
-            m, a = guide.middle[k], guide.axis[k]
-            dx, dy, dz = x[0] - m[0], x[1] - m[1], x[2] - m[2]
-            square = max(dx * dx + dy * dy + dz * dz, 1e-300)
-            cosine = (a[0] * dx + a[1] * dy + a[2] * dz) / square**0.5
-            guess *= lobe_value(lamps, k, cosine) if lamps.kind[k] == POINT_LAMP else guide.typical[k]
-            guess /= max(square, guide.size[k] * guide.size[k])
-        chance[k] = guess
-    share_out(guide, chance)
 
 
 @kernel

@@ -57,7 +57,8 @@ from skyscatter.kernels.surfaces.gathering import (
     light_surface,
     number,
 )
-from skyscatter.kernels.surfaces.media import current_medium, draw_scattered, scattering
+from skyscatter.kernels.surfaces.media import current_medium, scattering
+from skyscatter.kernels.surfaces.past import density_past, draw_direction
 from skyscatter.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
@@ -229,16 +230,18 @@ def scatter_at(table, hero, s):
     s.kept[2, 0], s.kept[2, 1], s.kept[2, 2] = m, t, s.far[LENGTH]
     order = s.at[ORDER]
     u, v = number(walk, order, 6), number(walk, order, 7)
-    if not draw_scattered(table.media, m, hero, u, v, s.media, d):
+    turned, past = draw_direction(table, m, hero, walk.position, u, v, s, d)
+    if not turned:
         return OVER
+    passing = density_past(table.guide, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
     cosine = d[0] * s.kept[1, 0] + d[1] * s.kept[1, 1] + d[2] * s.kept[1, 2]
     towards, total = s.media.towards, s.media.total
     scattering(table.media, m, s.media.density, cosine, s.media, towards)
     for i in range(walk.value.size):
         s.kept_chance[i], s.kept_free[i] = walk.chance[i], walk.chance[i] * s.free[i]
-        turned = towards[i] / total[i] if total[i] > 0.0 else 0.0
+        by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
         walk.value[i] *= s.halfway[i] * towards[i]
-        walk.chance[i] *= s.free[i] * s.event[i] * turned
+        walk.chance[i] *= s.free[i] * s.event[i] * ((1.0 - past) * by_phase + passing)
     mean = balance(walk)
     s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
     s.at[ITEM], s.at[SKIP] = -1, -1
