@@ -62,8 +62,6 @@ def multiple_light(
     wavelengths: Array,
     *,
     samples: int,
-    blur: float,
-    guide: Array,
     seed: int,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -79,11 +77,6 @@ def multiple_light(
         [nm]
     samples : int
         Walks per pixel in all.
-    blur : float
-        Standard deviation of the Gaussian with which the images are smoothed [pixel]; 0 leaves them as they are.
-    guide : (pixel, wavelength)
-        Light scattered once.  What is smoothed is the ratio to its square root: light scattered more than once
-        rises towards stars and into clumps, but less than that scattered once, and the ratio is flatter than either.
     seed : int
     threads : int, optional
     progress : callable, optional
@@ -92,12 +85,8 @@ def multiple_light(
     -------
     mean, standard_error : ndarray, shape (pixel, wavelength)
     """
-    from scipy.ndimage import gaussian_filter
-
     from skyscatter.solvers.run import radiance
 
-    # Beyond the medium there is no light, and a ratio of zero to zero.
-    root = np.sqrt(np.maximum(guide, 1e-9 * np.max(guide, initial=1e-300)))
     runs: list[Array] = []
     for k in range(RUNS):
         ray = np.arange(len(stack.data)) * stack.rays + (k * stack.rays) // RUNS
@@ -106,11 +95,6 @@ def multiple_light(
             samples=max(samples // RUNS, 2), seed=seed + k, threads=threads,
         )  # fmt: skip
         runs.append(answer.layers["multiple"])
-        if blur > 0:
-            images = [
-                gaussian_filter(image, (blur, blur, 0.0), mode="nearest") for image in stack.split(runs[-1] / root)
-            ]
-            runs[-1] = root * np.concatenate([image.reshape(-1, image.shape[2]) for image in images])
         if progress is not None:
             progress((k + 1) / RUNS)
     values = np.array(runs)

@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 #: Cells along the shortest side of the coarsest grid at least.
 COARSEST = 12
+#: Share of what a round finds anew of multiple scattering that is taken on, after the first.
+DAMPING = 0.7
 #: Factor by which the prior's weight falls from one minimisation to the next.
 COOLING = 4.0
 #: Weights tried on one grid at most.
@@ -65,7 +67,6 @@ class Settings:
     stop: float = 3e-4
     rounds: int = 0
     samples: int = 64
-    blur: float = 1.0
     seed: int = 0
 
     def check(self) -> None:
@@ -79,8 +80,6 @@ class Settings:
                 raise DomainError(name, getattr(self, name), "must be positive")
         if self.weight is not None and not self.weight >= 0:
             raise DomainError("prior_weight", self.weight, "a number that is not negative")
-        if not self.blur >= 0:
-            raise DomainError("blur", self.blur, "a number of pixels that is not negative")
 
 
 def reconstruct(
@@ -96,7 +95,6 @@ def reconstruct(
     freedom: bool = False,
     multiple: bool | int = False,
     samples: int = 64,
-    blur: float = 1.0,
     deviation: bool | int = False,
     start: ArrayLike | None = None,
     iterations: int = 40,
@@ -135,8 +133,8 @@ def reconstruct(
     multiple : bool or int
         Rounds in which the light scattered more than once is found for the estimate and taken off the data; True is 3.
         With a scene only.
-    samples, blur
-        Walks per pixel for it, and smoothing [pixel]; see `multiple.multiple_light`.
+    samples : int
+        Walks per pixel for it; see `multiple.multiple_light`.
     deviation : bool or int
         Compute the standard deviation of every voxel from so many samples of the posterior; True is 16.
     start : array_like, shape (component, x, y, z), optional
@@ -173,7 +171,7 @@ def reconstruct(
         For views, scene and options that do not fit together.
     """
     stack, began = Stack(views), time.monotonic()
-    settings = Settings(target, bool(freedom), prior_weight, iterations, stop, _rounds(multiple), samples, blur, seed)
+    settings = Settings(target, bool(freedom), prior_weight, iterations, stop, _rounds(multiple), samples, seed)
     settings.check()
     scene = None if isinstance(source, VoxelModel) else source
     model, wl, names, mask = _model(source, wavelengths, frame, free, step, interpolation, threads)
@@ -314,19 +312,20 @@ class Search:
         assert self.scene is not None
         assert self.problem is not None
         s, frame = self.settings, self.problem.model.frame
-        assert self.best is not None
-        guide = self.problem.images(self.best.x) - self.offset
         scene = with_density(self.scene, frame, density, self.model.interpolation)
 
         def work() -> dict[str, Any]:
             mean, error = multiple_light(
-                scene, self.stack, self.wavelengths, samples=s.samples, blur=s.blur, guide=guide,
-                seed=s.seed + 1000 * self.round, threads=self.model.threads,
+                scene, self.stack, self.wavelengths, samples=s.samples, seed=s.seed + 1000 * self.round,
+                threads=self.model.threads,
             )  # fmt: skip
             return {"mean": mean, "error": error}
 
         found, new = self.record.step(work)
-        self.offset, self.extra = found["mean"], found["error"] ** 2
+        # More dust in one round is less in the next: without damping the rounds swing about where they end.
+        share = DAMPING if self.round > 1 else 1.0
+        self.offset = self.offset + share * (found["mean"] - self.offset)
+        self.extra = (1 - share) ** 2 * self.extra + share**2 * found["error"] ** 2
         self._keep(new)
 
     def _settle(self, model: VoxelModel, density: Array, quick: bool = False) -> None:

@@ -40,11 +40,14 @@ def wall(x: float, low: float, high: float, albedo: float) -> Body:
 
 
 def both_sides(x: float, low: float, high: float, albedo: float) -> list[Body]:
-    """A wall of two rectangles back to back, 1 mm apart, that shine to either side."""
+    """A wall of two rectangles back to back that shine to either side.
+
+    They are 1 um apart: of 1 mm the dark between them is seen from a door, 1.5 % of what is there (`path` agrees).
+    """
     tall, across = (0.0, 0.0, 2.0), (0.0, high - low, 0.0)
     shapes = (
-        Rectangle(corner=(x - 5e-4, low, -1), first_edge=tall, second_edge=across),
-        Rectangle(corner=(x + 5e-4, low, -1), first_edge=across, second_edge=tall),
+        Rectangle(corner=(x - 5e-7, low, -1), first_edge=tall, second_edge=across),
+        Rectangle(corner=(x + 5e-7, low, -1), first_edge=across, second_edge=tall),
     )
     return [shining(f"wall {x} {low} {k}", s, albedo) for k, s in enumerate(shapes)]
 
@@ -163,10 +166,14 @@ def test_floor_beside_what_stands_on_it() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radius", [0.2, 0.1, 0.05])
+@pytest.mark.parametrize("radius", [0.1, 0.07, 0.05])
 @pytest.mark.parametrize("extinction", [0.5, 1.5, 5.0])
 def test_furnace_in_fog(extinction: float, radius: float) -> None:
-    """Three extinctions and three radii to 0.3 %, 0.6 % where light comes through 5 free paths; grey walls."""
+    """Three extinctions and three radii to 0.3 %, 0.6 % where light comes through 5 free paths; grey walls.
+
+    The radii are 2 to 4 times that of the first pass if none is given.  Light that has met something is not even
+    beside walls: at a radius of 0.2 corners are 0.5 % too bright.
+    """
     deep = 2e-3 if extinction == 5 else 1e-3
     assert_white_fog(0.3, extinction, (deep, 1e-3, 1e-3), samples=2, photons=1 << 14, radius=radius)
 

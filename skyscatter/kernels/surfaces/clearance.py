@@ -20,7 +20,7 @@ from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.kernels.surfaces.shapes import item_body
 
 #: Part of its radius from which on a ball is moved rather than made smaller still.
-SMALL = 0.5
+SMALL = 0.25
 #: Moves at most: one from a wall, two out of an edge, three out of a corner; acute ones take more.
 MOVES = 6
 #: Cosine between normals of a body's surface below which one part of it stands beside the other, round a corner.
