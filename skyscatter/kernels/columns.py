@@ -17,6 +17,7 @@ import numpy as np
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR
 from skyscatter.kernels.jit import entry, kernel
+from skyscatter.kernels.tabulated import cell_of
 
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(16)
 #: Rule for the Chapman function's integral over z in [0, 1] (see `chapman_outward`).
@@ -37,19 +38,6 @@ class FieldTable(NamedTuple):
     node_column: np.ndarray  #: (node,) vertical column above the node [m]
     breaks: np.ndarray  #: (break,) altitudes at which some field or its slope jumps, rising, the top included [m]
     radius: float  #: of the planet [m]
-
-
-@kernel
-def find_interval(nodes, start, count, x):
-    """Index i with nodes[i] <= x < nodes[i + 1], clipped to the stretch."""
-    low, high = start, start + count - 1
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if nodes[middle] <= x:
-            low = middle
-        else:
-            high = middle
-    return low
 
 
 @kernel
@@ -75,7 +63,7 @@ def density(fields, f, h):
     if h < fields.node_altitude[start]:
         # Rounding may put a point on the ground a hair below it.
         return fields.node_density[start] if fields.node_altitude[start] <= 0.0 else 0.0
-    i = find_interval(fields.node_altitude, start, fields.size[f], h)
+    i = cell_of(fields.node_altitude, start, start + fields.size[f] - 1, h)
     h0, h1 = fields.node_altitude[i], fields.node_altitude[i + 1]
     n0, n1 = fields.node_density[i], fields.node_density[i + 1]
     w = (h - h0) / (h1 - h0)
@@ -103,7 +91,7 @@ def vertical_column(fields, f, h):
     if h <= fields.node_altitude[start]:
         below = (fields.node_altitude[start] - h) * density(fields, f, h)
         return fields.node_column[start] + below
-    i = find_interval(fields.node_altitude, start, fields.size[f], h)
+    i = cell_of(fields.node_altitude, start, start + fields.size[f] - 1, h)
     h1, n1 = fields.node_altitude[i + 1], fields.node_density[i + 1]
     n = density(fields, f, h)
     if kind == LINEAR:
@@ -186,7 +174,7 @@ def _smooth_until(fields, f, h):
         if h < fields.node_altitude[start]:
             high = fields.node_altitude[start]
         else:
-            high = fields.node_altitude[find_interval(fields.node_altitude, start, count, h) + 1]
+            high = fields.node_altitude[cell_of(fields.node_altitude, start, start + count - 1, h) + 1]
     return min(high, h + _panel_height(fields, f))
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import entry, kernel
 from skyscatter.kernels.lookup import columns_along, densities, start_columns, trace_line
 from skyscatter.kernels.optics import (
@@ -33,7 +34,6 @@ from skyscatter.kernels.path import (
     pick_sun,
     rebalance,
     reflect,
-    turn,
 )
 from skyscatter.kernels.polar import arriving, begin, depolarise, face_sun, gather, light_up, note, polarise
 from skyscatter.kernels.random import start_stream, uniform

@@ -11,6 +11,7 @@ from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.lookup import ColumnTable
+from skyscatter.kernels.tabulated import angle_cell, cell_of, draw_in_cell
 
 
 @by_address
@@ -60,11 +61,7 @@ class SceneTable(NamedTuple):
 @entry
 def phase_at(phase, cos_theta, out):
     """Phase function [sr-1] of every component and wavelength at one scattering angle, into `out` (component, wl)."""
-    last = phase.shape[1] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
-    scale = 2.0 / (last * last)
-    # Nodes fall from +1: mu_k - mu_(k+1) = 2 (2 k + 1) / n^2.
-    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    k, w = angle_cell(cos_theta, phase.shape[1] - 1)
     for c in range(out.shape[0]):
         for i in range(out.shape[1]):
             low, high = phase[c, k, i], phase[c, k + 1, i]
@@ -75,23 +72,12 @@ def phase_at(phase, cos_theta, out):
 def sample_cosine(optics, c, i, u):
     """Cosine of the scattering angle drawn from the phase function of component c at wavelength i."""
     cdf = optics.phase_cdf[c, i]
-    low, high = 0, cdf.size - 1
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if cdf[middle] <= u:
-            low = middle
-        else:
-            high = middle
+    low = cell_of(cdf, 0, cdf.size - 1, u)
     scale = 2.0 / ((cdf.size - 1) * (cdf.size - 1))
     mu = 1.0 - scale * low * low
     width = scale * (2 * low + 1)
     p0, p1 = optics.phase[c, low, i], optics.phase[c, low + 1, i]
-    # Within a cell the density is linear: solve p0 x + (p1 - p0) x^2 / 2 = share of the cell, stably.
-    total = 0.5 * (p0 + p1)
-    share = total * (u - cdf[low]) / max(cdf[high] - cdf[low], 1e-300)
-    root = math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0))
-    x = 2.0 * share / max(p0 + root, 1e-300)
-    return max(mu - width * min(x, 1.0), -1.0)
+    return max(mu - width * draw_in_cell(p0, p1, cdf, low, u), -1.0)
 
 
 @inlined

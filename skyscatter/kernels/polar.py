@@ -25,6 +25,7 @@ import numpy as np
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import mix_components, weigh_phase
+from skyscatter.kernels.tabulated import angle_cell
 
 #: Elements of the scattering matrix in its tables.
 A1, A2, A3, A4, B1, B2 = range(6)
@@ -73,10 +74,7 @@ def mix_element(polar, e, cos_theta, sigma_s, density):
 def weigh_element(polar, e, cos_theta, sigma_s):
     """Element e times scattering per unit density of every component, into ``polar.weighted``; see `phase_at`."""
     tables, out = polar.tables, polar.phase
-    last = tables.shape[2] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
-    scale = 2.0 / (last * last)
-    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    k, w = angle_cell(cos_theta, tables.shape[2] - 1)
     for c in range(out.shape[0]):
         for i in range(out.shape[1]):
             low, high = tables[c, e, k, i], tables[c, e, k + 1, i]

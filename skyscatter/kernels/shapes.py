@@ -11,8 +11,8 @@ import math
 
 from skyscatter.kernels.codes.shells import CHAPMAN, EXPONENTIAL, GAUSSIAN, LINEAR
 from skyscatter.kernels.codes.space import GAUSSIAN_PROFILE, WARP_MODES
-from skyscatter.kernels.columns import find_interval
 from skyscatter.kernels.jit import entry, inlined, kernel, merged, reduction
+from skyscatter.kernels.tabulated import cell_of
 
 
 @inlined
@@ -117,7 +117,7 @@ def around_planet(p, at, m):
     first, count = at + 7, int(p[at + 5])
     if h < p[first]:
         return 0.0
-    i = find_interval(p, first, count, h)
+    i = cell_of(p, first, first + count - 1, h)
     w = (h - p[i]) / (p[i + 1] - p[i])
     n0, n1 = p[i + count], p[i + count + 1]
     if kind == LINEAR:

@@ -9,10 +9,11 @@ import math
 
 import numpy as np
 
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import phase_at, sample_cosine
-from skyscatter.kernels.path import turn
 from skyscatter.kernels.random import uniform
+from skyscatter.kernels.tabulated import angle_cell, cell_of, draw_in_cell
 from skyscatter.kernels.volume import (
     depth_at,
     face_light,
@@ -94,18 +95,9 @@ def direction_law(v, d, lights, around, deep):
 @inlined
 def draw_from_table(density, cdf, u):
     """Place from 0 to 1, drawn from a density that is linear between equally spaced nodes."""
-    low, high = 0, density.size - 1
-    last = high
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if cdf[middle] <= u:
-            low = middle
-        else:
-            high = middle
-    p0, p1 = density[low], density[high]
-    share = 0.5 * (p0 + p1) * (u - cdf[low]) / max(cdf[high] - cdf[low], 1e-300)
-    s = 2.0 * share / max(p0 + math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0)), 1e-300)
-    return (low + min(s, 1.0)) / last
+    last = density.size - 1
+    n = cell_of(cdf, 0, last, u)
+    return (n + draw_in_cell(density[n], density[n + 1], cdf, n, u)) / last
 
 
 @kernel
@@ -132,10 +124,7 @@ def draw_by_law(v, d, u, w, lights, around, deep, state):
 @inlined
 def mean_phase(v, cosine, density):
     """Phase function [sr-1] of the mixture for the light of all wavelengths; `v` is a `MeanPhase`."""
-    last = v.phase.shape[1] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cosine), 0.0)) * last), last - 1)
-    scale = 2.0 / (last * last)
-    w = min(max((1.0 - scale * k * k - cosine) / (scale * (2 * k + 1)), 0.0), 1.0)
+    k, w = angle_cell(cosine, v.phase.shape[1] - 1)
     scattering, towards = 0.0, 0.0
     for c in range(density.size):
         s = density[c] * v.sigma_s[c, 0]

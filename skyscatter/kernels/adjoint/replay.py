@@ -25,7 +25,9 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import entry, inlined
+from skyscatter.kernels.tabulated import angle_cell, cell_of, draw_in_cell
 
 #: Russian roulette begins after so many collisions, below this share of the throughput after the first.
 FIRST_ROULETTE, ROULETTE_LEVEL = 3, 0.3
@@ -244,14 +246,6 @@ def is_empty(k, walk):
     return most <= 0.0
 
 
-@inlined
-def phase_place(mu, nodes):
-    """Cell of the phase table at a cosine and the place in it, linear in the cosine."""
-    angle = (nodes - 1) * math.sqrt(max(0.5 * (1.0 - mu), 0.0))
-    last = min(int(angle), nodes - 2)
-    return last, (angle * angle - last * last) / (2.0 * last + 1.0)
-
-
 @entry
 def face_star(m, k, s, walk):
     """What a star does at collision k: (geometry, cell of the phase table, place in it, distance); `toward` filled."""
@@ -264,7 +258,7 @@ def face_star(m, k, s, walk):
         a, b, c, fall = a / far, b / far, c / far, 1.0 / (far * far)
     d = walk.direction[k]
     # Light runs against the walk: from the star to the collision, then along -d.
-    last, share = phase_place(d[0] * a + d[1] * b + d[2] * c, m.phase.shape[1])
+    last, share = angle_cell(d[0] * a + d[1] * b + d[2] * c, m.phase.shape[1] - 1)
     first, e, f, g, n1, n2 = column_cell(m, x, y, z)
     read(m.toward[:, s], first, e, f, g, n1, n2, walk.toward)
     return fall, last, share, far
@@ -294,39 +288,14 @@ def add_light(m, k, walk, light):
 
 
 @entry
-def turn(d, cosine, azimuth):
-    """Turn a unit vector by an angle, to a side given by an azimuth."""
-    x, y, z = d[0], d[1], d[2]
-    sine = math.sqrt(max((1.0 - cosine) * (1.0 + cosine), 0.0))
-    # Duff et al. (2017), J. Computer Graphics Techniques 6(1), 1: an orthonormal basis without branches.
-    sign = 1.0 if z >= 0.0 else -1.0
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    p, q = sine * math.cos(azimuth), sine * math.sin(azimuth)
-    d[0] = cosine * x + p * (1.0 + sign * x * x * a) + q * b
-    d[1] = cosine * y + p * sign * b + q * (sign + y * y * a)
-    d[2] = cosine * z - p * sign * x - q * y
-    norm = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    d[0], d[1], d[2] = d[0] / norm, d[1] / norm, d[2] / norm
-
-
-@entry
 def draw_cosine(draws, c, u):
     """Cosine drawn by a tabulated phase function, which is linear in it between the nodes."""
     cdf, phase = draws.cdf[c], draws.phase[c]
-    low, high = 0, cdf.size - 1
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if cdf[middle] <= u:
-            low = middle
-        else:
-            high = middle
-    p0, p1 = phase[low], phase[high]
-    share = 0.5 * (p0 + p1) * (u - cdf[low]) / max(cdf[high] - cdf[low], 1e-300)
-    x = 2.0 * share / max(p0 + math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0)), 1e-300)
     n = cdf.size - 1
-    mu_low, mu_high = 1.0 - 2.0 * (low / n) ** 2, 1.0 - 2.0 * (high / n) ** 2
-    return mu_low + min(max(x, 0.0), 1.0) * (mu_high - mu_low)
+    low = cell_of(cdf, 0, n, u)
+    x = draw_in_cell(phase[low], phase[low + 1], cdf, low, u)
+    mu_low, mu_high = 1.0 - 2.0 * (low / n) ** 2, 1.0 - 2.0 * ((low + 1) / n) ** 2
+    return mu_low + x * (mu_high - mu_low)
 
 
 @entry
@@ -351,7 +320,7 @@ def scatter(m, draws, k, d, walk):
                 rest -= part
         cosine = draw_cosine(draws, chosen, v)
     turn(d, cosine, 2.0 * math.pi * w)
-    last, share = phase_place(cosine, m.phase.shape[1])
+    last, share = angle_cell(cosine, m.phase.shape[1] - 1)
     density = EVEN_SHARE / (4.0 * math.pi)
     for c in range(walk.column.size):
         p = (1 - share) * draws.phase[c, last] + share * draws.phase[c, last + 1]
@@ -472,7 +441,7 @@ def spread(m, k, flown, amount, walk, density):
 def onward_slope(m, k, walk, later):
     """Add to ``walk.by_c`` what the scattering at collision k changes of the light of later ones."""
     a, b = walk.direction[k], walk.direction[k + 1]
-    last, share = phase_place(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], m.phase.shape[1])
+    last, share = angle_cell(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], m.phase.shape[1] - 1)
     for i in range(later.size):
         source = 0.0
         for c in range(walk.column.size):

@@ -10,22 +10,10 @@ from __future__ import annotations
 import math
 
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SURFACE_LAMP
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import kernel, merged
-from skyscatter.kernels.path import turn
 from skyscatter.kernels.surfaces.shapes import sample_item
-
-
-@kernel
-def cell_of(cdf, first, last, u):
-    """Number n from `first` to `last` - 1 with cdf[n] <= u < cdf[n + 1]."""
-    low, high = first, last
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if cdf[middle] <= u:
-            low = middle
-        else:
-            high = middle
-    return low
+from skyscatter.kernels.tabulated import cell_of, draw_in_cell
 
 
 @kernel
@@ -34,12 +22,8 @@ def lobe_cosine(lamps, k, u):
     n = cell_of(lamps.lobe_cdf, lamps.lobe_first[k], lamps.lobe_first[k + 1] - 1, u)
     p0, p1 = lamps.lobe_value[n], lamps.lobe_value[n + 1]
     width = lamps.lobe_cosine[n + 1] - lamps.lobe_cosine[n]
-    total = 0.5 * (p0 + p1)
-    share = total * (u - lamps.lobe_cdf[n]) / max(lamps.lobe_cdf[n + 1] - lamps.lobe_cdf[n], 1e-300)
-    # The density is linear within a cell: p0 x + (p1 - p0) x^2 / 2 = share, solved stably.
-    root = math.sqrt(max(p0 * p0 + 2.0 * (p1 - p0) * share, 0.0))
-    x = 2.0 * share / max(p0 + root, 1e-300)
-    return min(lamps.lobe_cosine[n] + width * min(max(x, 0.0), 1.0), 1.0)
+    x = draw_in_cell(p0, p1, lamps.lobe_cdf, n, u)
+    return min(lamps.lobe_cosine[n] + width * x, 1.0)
 
 
 @kernel

@@ -25,6 +25,7 @@ from skyscatter.kernels.surfaces.media import transmit
 from skyscatter.kernels.surfaces.neighbours import cell_at
 from skyscatter.kernels.surfaces.polarised import add_rest, scatter_to_camera, send_plain
 from skyscatter.kernels.surfaces.rims import in_sight
+from skyscatter.kernels.tabulated import angle_cell
 
 #: Ways to gather: one bit each.
 POINTS, PATHS = 1, 2
@@ -51,11 +52,7 @@ def add_to_ray(points, p, factor, light, order, sums, by_order):
 @kernel
 def mix_phase(first, last, density, sigma_s, phase, cos_theta, out):
     """Scattering coefficient times phase function of components `first` to `last`, into `out` [m-1 sr-1]."""
-    angles = phase.shape[1] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * angles), angles - 1)
-    scale = 2.0 / (angles * angles)
-    # Nodes fall from +1: mu_k - mu_(k+1) = 2 (2 k + 1) / n^2.
-    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    k, w = angle_cell(cos_theta, phase.shape[1] - 1)
     for i in range(out.size):
         out[i] = 0.0
     for c in range(first, last):

@@ -15,9 +15,10 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel, merged
-from skyscatter.kernels.path import turn
 from skyscatter.kernels.surfaces.shapes import sample_item
+from skyscatter.kernels.tabulated import cell_of
 
 #: Share of the choices of a lamp that do not ask how much of its light arrives.
 BLIND_SHARE = 0.1
@@ -54,14 +55,9 @@ def lobe_value(lamps, k, cosine):
     # A scalar product of unit vectors may exceed 1 by its last digit.
     cosine = min(max(cosine, -1.0), 1.0)
     if high > low and c[low] <= cosine <= c[high]:
-        while high - low > 1:
-            middle = (low + high) >> 1
-            if c[middle] <= cosine:
-                low = middle
-            else:
-                high = middle
-        w = (cosine - c[low]) / (c[high] - c[low])
-        value = lamps.lobe_value[low] + w * (lamps.lobe_value[high] - lamps.lobe_value[low])
+        n = cell_of(c, low, high, cosine)
+        w = (cosine - c[n]) / (c[n + 1] - c[n])
+        value = lamps.lobe_value[n] + w * (lamps.lobe_value[n + 1] - lamps.lobe_value[n])
     return value
 
 

@@ -15,6 +15,7 @@ from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, SURROUNDINGS
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.surfaces.lamps import share_out
+from skyscatter.kernels.tabulated import cell_of
 
 #: Optical depth of a leg beyond which no lamp draws a point; free flights still do.
 DEEPEST = 8.0
@@ -107,15 +108,9 @@ def guess_on_leg(lamps, guide, m, x, d, far, chance):
 def draw_on_leg(gathered, along, height, low, high, u):
     """A distance [m] along the leg by the integral of the phase function."""
     wanted = low + u * (high - low)
-    a, b = 0, gathered.size - 1
-    last = b
-    while b - a > 1:
-        middle = (a + b) >> 1
-        if gathered[middle] <= wanted:
-            a = middle
-        else:
-            b = middle
-    y = (a + min((wanted - gathered[a]) / (gathered[b] - gathered[a]), 1.0)) / last
+    last = gathered.size - 1
+    n = cell_of(gathered, 0, last, wanted)
+    y = (n + min((wanted - gathered[n]) / (gathered[n + 1] - gathered[n]), 1.0)) / last
     angle = math.pi * y * y
     return along - height * math.cos(angle) / max(math.sin(angle), 1e-300)
 

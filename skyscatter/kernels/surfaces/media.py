@@ -16,12 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import sample_cosine
-from skyscatter.kernels.path import rebalance, turn
+from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.space import SpaceWork, make_space_work
 from skyscatter.kernels.surfaces.fields import add_field_columns, clip_to_fields, field_densities
+from skyscatter.kernels.tabulated import angle_cell
 
 #: Optical depth is inverted to this, in parts of 1 + depth.
 INVERTED = 1e-10
@@ -257,11 +259,7 @@ def scattering(media, m, density, cos_theta, work, out):
 
     The scattering coefficient alone goes to ``work.total`` [m-1].
     """
-    last = media.phase.shape[1] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cos_theta), 0.0)) * last), last - 1)
-    scale = 2.0 / (last * last)
-    # Nodes fall from +1: mu_k - mu_(k+1) = 2 (2 k + 1) / n^2.
-    w = min(max((1.0 - scale * k * k - cos_theta) / (scale * (2 * k + 1)), 0.0), 1.0)
+    k, w = angle_cell(cos_theta, media.phase.shape[1] - 1)
     for i in range(out.size):
         out[i], work.total[i] = 0.0, 0.0
     for c in range(media.first[m], media.first[m + 1]):

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, SURROUNDINGS
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
-from skyscatter.kernels.path import turn
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.lamps import face, guess_in_medium, pick
 from skyscatter.kernels.surfaces.media import depth_of, draw_scattered

@@ -19,9 +19,10 @@ from __future__ import annotations
 
 import math
 
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import kernel, merged
 from skyscatter.kernels.optics import sample_cosine
-from skyscatter.kernels.path import rebalance, turn
+from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.gather import mix_phase
 from skyscatter.kernels.surfaces.media import medium_density, spectral_depth, transmit

@@ -23,11 +23,13 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import CONDUCTOR, DELTA, MIRROR, REFLECTED
+from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import entry, inlined, kernel
-from skyscatter.kernels.path import rebalance, turn
+from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.polar import A1, A2, A3, A4, B1, B2, plane
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import frame_of
+from skyscatter.kernels.tabulated import angle_cell
 
 
 @by_address
@@ -92,10 +94,7 @@ def scatter_polarised(polar, media, m, hero, density, walk):
 @kernel
 def mix_matrix(tables, first, last, density, sigma_s, cosine, out):
     """Matrix elements of a mixture times its scattering coefficient, into `out` (6, wavelength) [m-1 sr-1]."""
-    angles = tables.shape[2] - 1
-    k = min(int(math.sqrt(max(0.5 * (1.0 - cosine), 0.0)) * angles), angles - 1)
-    scale = 2.0 / (angles * angles)
-    w = min(max((1.0 - scale * k * k - cosine) / (scale * (2 * k + 1)), 0.0), 1.0)
+    k, w = angle_cell(cosine, tables.shape[2] - 1)
     for e in range(6):
         for i in range(out.shape[1]):
             out[e, i] = 0.0
