@@ -1,9 +1,10 @@
 """New directions at vertices in a medium: by its phase function, or past a lamp that is near.
 
 Of a lamp that a leg passes at the height h it gathers light as 1 / h.  Drawn by the phase function alone, directions
-near to that of a small lamp are rare, and so bright that the light has no variance.  So some are spread evenly over the
-angle from the lamp, with the density 1 / (2 pi^2 sin(angle)) per solid angle: among these the light is bounded.  They
-are half of all beside a lamp, fewer beyond a free path, and none where the lamp is as large as it is far.
+near to that of a small lamp are rare, and so bright that the light has no variance.  So a tenth is spread evenly over
+the angle from the lamp, with the density 1 / (2 pi^2 sin(angle)) per solid angle, which bounds the light: fewer beyond
+a free path from the lamp, and none where it is as large as it is far.  More of them would help beside a lamp, but what
+scatters forward would lose by it: the weights of walks would spread with every turn.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from skyscatter.kernels.surfaces.lamps import face, guess_in_medium, pick
 from skyscatter.kernels.surfaces.media import depth_of, draw_scattered
 
 #: Largest share of the directions that pass lamps.
-PASSING = 0.5
+PASSING = 0.1
 #: Sine of the least angle from a lamp.
 LEAST_SINE = 1e-7
 
