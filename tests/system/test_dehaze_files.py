@@ -319,13 +319,13 @@ def test_an_interrupt_in_the_middle_leaves_nothing(tmp_path):
     write(tmp_path / "in.tif", numbers)
     (tmp_path / "out.tif").write_bytes(b"old")
     code = (
-        "import sys, time; sys.path.insert(0, sys.argv.pop(1))\n"
+        "import os, sys, time; sys.path.insert(0, sys.argv.pop(1))\n"
         "from dehaze_tables import made_up_table\n"
         "from skyscatter.dehaze import physical\n"
         "physical.build_table, physical.WALKS = made_up_table, 2000\n"
         "whole = physical.Correction.__call__\n"
         "def slow(self, *window):\n"
-        "    print('at work', flush=True); time.sleep(0.2)\n"
+        "    os.write(1, b'at work\\n'); time.sleep(0.2)\n"
         "    return whole(self, *window)\n"
         "physical.Correction.__call__ = slow\n"
         "from skyscatter.cli.main import main\n"
