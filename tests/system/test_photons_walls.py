@@ -166,13 +166,13 @@ def test_floor_beside_what_stands_on_it() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radius", [0.1, 0.07, 0.05])
+@pytest.mark.parametrize("radius", [0.2, 0.1, 0.05])
 @pytest.mark.parametrize("extinction", [0.5, 1.5, 5.0])
 def test_furnace_in_fog(extinction: float, radius: float) -> None:
     """Three extinctions and three radii to 0.3 %, 0.6 % where light comes through 5 free paths; grey walls.
 
-    The radii are 2 to 4 times that of the first pass if none is given.  Light that has met something is not even
-    beside walls: at a radius of 0.2 corners are 0.5 % too bright.
+    The radii are 2 to 7 times that of the first pass if none is given.  Light that has met something is not even
+    beside walls: at a radius of 0.2 corners are 0.5 % too bright, and that case fails.
     """
     deep = 2e-3 if extinction == 5 else 1e-3
     assert_white_fog(0.3, extinction, (deep, 1e-3, 1e-3), samples=2, photons=1 << 14, radius=radius)

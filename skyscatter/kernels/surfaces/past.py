@@ -59,12 +59,14 @@ def density_past(guide, x, d, share, to):
 
 @kernel
 def draw_direction(table, m, hero, x, u, v, s, d):
-    """Turn d at a vertex; False if nothing is scattered.  Leaves the shares past lamps in ``s.chance``; their sum.
+    """Turn d at a vertex, and leave the shares of the directions that pass each lamp in ``s.chance``.
 
     Returns
     -------
     turned : bool
-    past : share of the directions that pass lamps
+        False where nothing is scattered.
+    past : float
+        Sum of the shares.
     """
     past = shares_past(table, m, x, s)
     if past > 0.0:
