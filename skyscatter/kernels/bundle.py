@@ -19,6 +19,8 @@ from skyscatter.kernels.jit import inlined, kernel
 
 #: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
 MOST_SUNS = 128
+#: Positions of the Sun for which the first order's sunlight is known, for each node of the field.
+SUN_REFINEMENT = 2
 
 
 @by_address
@@ -29,8 +31,12 @@ class Field(NamedTuple):
     ground: np.ndarray  #: (sun, wavelength) radiance of the ground
     degree: np.ndarray  #: (moment,) int64
     order: np.ndarray  #: (moment,) int64
+    by_order: np.ndarray  #: (moment,) int64 numbers of the moments, rising in order
     gives: np.ndarray  #: (moment, use, 4) int64; see `skyscatter.solvers.moments`
+    bound: np.ndarray  #: (moment,) greatest magnitude in units of the mean radiance at its place
     recurrence: np.ndarray  #: (2, order, degree, 3) coefficients of the angular functions, for d_m0 and d_m2
+    station: float  #: angle at the planet's centre between two places at which a course's light is put together [rad]
+    least: float  #: share of the isotropic part of a source below which others are left out
 
 
 @by_address
@@ -50,17 +56,32 @@ class Bundle(NamedTuple):
     step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
     many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
     sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
+    lit: np.ndarray  #: (3, fine sun, component, wavelength) float32 sunlight at three stations, by what scatters it
     phase: np.ndarray  #: (component, wavelength)
     functions: np.ndarray  #: (3, order, degree) angular functions at a point
     active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
+    begins: np.ndarray  #: (order + 1,) int64 where among those the ones of every order begin
     factor: np.ndarray  #: (moment, use, wavelength) float32
+    size: np.ndarray  #: (wavelength,) float32 weight of a point without regard to signs
+    shared: np.ndarray  #: (wavelength,) float32 the part of it that comes from one row
+    relative: np.ndarray  #: (block, degree) greatest weight of a degree at a point, in units of that
+    mean: np.ndarray  #: (sun, wavelength) float32 size of the source at a point
     fourier: np.ndarray  #: (sun, order, stokes, wavelength) float32 source at a point
+    level: np.ndarray  #: (3, sun, wavelength) float32 size of the source at three stations, or its logarithm
+    source: np.ndarray  #: (3, sun, order, stokes, wavelength) float32 source at three stations
+    reach: np.ndarray  #: (3, 3) int64 first and last Sun node of a station, number of its orders
+    between: np.ndarray  #: (order, stokes, wavelength) float32 source of a station between four Sun nodes
+    turns: np.ndarray  #: (2, order) float32 cosines and sines of multiples of an azimuth
+    sum: np.ndarray  #: (stokes, wavelength) float32 source of a station in the direction of a ray
 
 
-def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int, peaks: int) -> Bundle:
-    """An empty bundle for a field."""
+def make_bundle(
+    rays: int, field: Field, stokes: int, components: int, blocks: int, degrees: int, peaks: int
+) -> Bundle:
+    """An empty bundle for a field and courses with weights of so many blocks and degrees."""
+    suns = field.moments.shape[1]
     moments, wavelengths = field.moments.shape[2:]
-    orders, degrees = field.recurrence.shape[1:3]
+    orders, known = field.recurrence.shape[1:3]
     return Bundle(
         np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 6), np.float32),
         np.zeros((rays, stokes, wavelengths), np.float32), np.zeros((rays, stokes, wavelengths)),
@@ -68,11 +89,16 @@ def make_bundle(rays: int, suns: int, field: Field, stokes: int, components: int
         np.zeros(wavelengths, np.float32),
         np.zeros((components, wavelengths), np.float32),
         np.zeros((rays, components, wavelengths), np.float32),
-        np.zeros((max(suns, MOST_SUNS), wavelengths), np.float32),
+        np.zeros((max(SUN_REFINEMENT * suns, MOST_SUNS), wavelengths), np.float32),
+        np.zeros((3, SUN_REFINEMENT * suns, components, wavelengths), np.float32),
         np.zeros((components, wavelengths)),
-        np.zeros((3, orders, degrees)), np.zeros(moments, np.int64),
+        np.zeros((3, orders, known)), np.zeros(moments, np.int64), np.zeros(orders + 1, np.int64),
         np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
-        np.zeros((suns, orders, stokes, wavelengths), np.float32),
+        np.zeros(wavelengths, np.float32), np.zeros(wavelengths, np.float32), np.zeros((blocks, degrees)),
+        np.zeros((suns, wavelengths), np.float32), np.zeros((suns, orders, stokes, wavelengths), np.float32),
+        np.zeros((3, suns, wavelengths), np.float32), np.zeros((3, suns, orders, stokes, wavelengths), np.float32),
+        np.zeros((3, 3), np.int64), np.zeros((orders, stokes, wavelengths), np.float32),
+        np.zeros((2, orders), np.float32), np.zeros((stokes, wavelengths), np.float32),
     )  # fmt: skip
 
 
@@ -85,23 +111,46 @@ def cubic(v, part):
     part[3] = np.float32(v * (v - 1.0) * (v - 2.0) / 6.0)
 
 
-@kernel
-def place_rays(diffuse, line, t, r, suns, rays, bundle):
-    """Sun nodes and azimuth from the Sun of every ray at distance t; returns the lowest and the highest node."""
-    mu, sine, shift = t / r, line.p / r, t - line.start
+@inlined
+def sun_number(diffuse, cosine):
+    """Number of the field's Sun node, with fraction, for a cosine of the Sun's zenith angle."""
     steps = diffuse.sun_index.size - 1
-    low, high = suns - 4, 0
+    y = (cosine + 1.0) * 0.5 * steps
+    k = min(int(y), steps - 1)
+    return diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
+
+
+@inlined
+def sun_cosine(line, t, r, ray, bundle):
+    """Cosine of the Sun's zenith angle on a ray at distance t."""
+    return min(max((bundle.q[ray] + (t - line.start) * bundle.nu[ray]) / r, -1.0), 1.0)
+
+
+@kernel
+def sun_reach(diffuse, line, t, r, refinement, suns, rays, bundle):
+    """The lowest and the highest Sun node that the rays need at distance t, of four around each; as `place_rays`."""
+    low, high = 1.0, -1.0
     for ray in range(rays):
-        x = min(max((bundle.q[ray] + shift * bundle.nu[ray]) / r, -1.0), 1.0)
-        y = (x + 1.0) * 0.5 * steps
-        k = min(int(y), steps - 1)
-        f = diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
+        x = sun_cosine(line, t, r, ray, bundle)
+        low, high = min(low, x), max(high, x)
+    first, last = refinement * sun_number(diffuse, high), refinement * sun_number(diffuse, low)
+    return min(max(int(first) - 1, 0), suns - 4), min(max(int(last) - 1, 0), suns - 4) + 3
+
+
+@kernel
+def place_rays(diffuse, line, t, r, refinement, suns, rays, bundle):
+    """Sun nodes and azimuth from the Sun of every ray at distance t.
+
+    There are so many nodes, `refinement` for each of the field's.
+    """
+    mu, sine = t / r, line.p / r
+    for ray in range(rays):
+        x = sun_cosine(line, t, r, ray, bundle)
+        f = refinement * sun_number(diffuse, x)
         j = min(max(int(f) - 1, 0), suns - 4)
         bundle.sun[ray] = j
-        low, high = min(low, j), max(high, j)
         cubic(f - j, bundle.part[ray])
         norm = sine * math.sqrt((1.0 - x) * (1.0 + x))
         norm = 1.0 / norm if norm > 1e-12 else 0.0
         bundle.part[ray, 4] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
         bundle.part[ray, 5] = np.float32(min(max(bundle.w[ray] / r * norm, -1.0), 1.0))
-    return low, high + 3

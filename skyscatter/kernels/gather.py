@@ -1,4 +1,9 @@
-"""Light scattered out of a field of moments into the rays of a bundle."""
+"""Light scattered out of a field of moments into the rays of a bundle.
+
+It is put together at stations (`stations.py`), and from there given to the rays.  Between nodes of the Sun's zenith
+angle the logarithm of its size is a cubic, for in twilight light falls by orders of magnitude, and so is everything
+else in units of that.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +11,14 @@ import math
 
 import numpy as np
 
-from skyscatter.kernels.bundle import place_rays
+from skyscatter.kernels.bundle import place_rays, sun_reach
+from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
+from skyscatter.kernels.rows import add_product, add_products, add_rows, add_scaled, clear, set_sum_of_four
+from skyscatter.kernels.stations import first_station, lay_stations, station_number, station_place, station_weight
 
-#: Degrees with less than this share of the isotropic part of a source are left out of it.
-LEAST_SHARE = 1e-3
+#: Light that counts as none.
+DARKEST = np.float32(1e-37)
 
 
 @merged
@@ -51,95 +59,253 @@ def _fill_functions(recurrence, mu, polarised, functions):
 
 
 @inlined
-def _moments_at(field, weight, active):
-    """Numbers of the moments that matter at a point, into `active`; returns how many, and how many Fourier parts."""
+def _weigh_degrees(weight, bundle):
+    """What the mean radiance makes of a point at least, and in units of that the greatest weight of every degree.
+
+    Into ``bundle.size`` and ``bundle.relative``.  Weights of a parabola have either sign, and those of one degree may
+    cancel; all do not.
+    """
+    for i in range(weight.shape[2]):
+        size = 0.0
+        for d in range(weight.shape[1]):
+            size = max(size, abs(weight[0, d, i]) / (2 * d + 1))
+        bundle.size[i] = np.float32(size)
+    for b in range(weight.shape[0]):
+        for d in range(weight.shape[1]):
+            most = 0.0
+            for i in range(weight.shape[2]):
+                most = max(most, abs(weight[b, d, i]) / max(bundle.size[i], DARKEST))
+            bundle.relative[b, d] = most
+
+
+@inlined
+def _moments_at(field, functions, relative, active, begins):
+    """Numbers of the moments that matter at a point, into `active`; returns how many, and how many Fourier parts.
+
+    Those of Fourier part m are from ``begins[m]`` to ``begins[m + 1]``.
+    """
     n, orders = 0, 1
-    for k in range(field.degree.size):
+    begins[0] = 0
+    for a in range(field.degree.size):
+        k = field.by_order[a]
+        d, m = field.degree[k], field.order[k]
         share = 0.0
         for u in range(field.gives.shape[1]):
-            b, d = field.gives[k, u, 0], field.degree[k]
-            for i in range(weight.shape[2]):
-                share = max(share, abs(weight[b, d, i]) - LEAST_SHARE * weight[0, 0, i])
-        if share > 0.0 or k == 0:
+            share = max(share, relative[field.gives[k, u, 0], d] * abs(functions[field.gives[k, u, 1], m, d]))
+        if share * field.bound[k] * (1.0 if m == 0 else 2.0) > field.least or k == 0:
+            for between in range(orders, m + 1):
+                begins[between] = n
             active[n] = k
             n += 1
-            orders = max(orders, field.order[k] + 1)
+            orders = max(orders, m + 1)
+    begins[orders] = n
     return n, orders
 
 
 @kernel
-def _source_at(field, course, s, low, high, ends_on_ground, bundle):
-    """Fourier parts of the source at point s for Sun nodes `low` ... `high`, into ``bundle.fourier``; their number."""
-    uses = field.gives.shape[1]
-    stokes, wavelengths = bundle.fourier.shape[2], bundle.fourier.shape[3]
-    _fill_functions(field.recurrence, course.place[s, 1], uses > 1, bundle.functions)
-    moments, orders = _moments_at(field, course.weight[s], bundle.active)
+def _fill_factors(field, weight, moments, share, bundle):
+    """What a share of the moments of a row gives to the Fourier parts of a point's source, into ``bundle.factor``."""
     for a in range(moments):
         k = bundle.active[a]
         d, m = field.degree[k], field.order[k]
-        for u in range(uses):
+        for u in range(field.gives.shape[1]):
             g = field.gives[k, u]
-            f = g[2] * bundle.functions[g[1], m, d] * (1.0 if m == 0 else 2.0)
-            for i in range(wavelengths):
-                bundle.factor[k, u, i] = np.float32(f * course.weight[s, g[0], d, i])
-    v = np.float32(course.place[s, 3])
-    rest = np.float32(1.0) - v
-    row = course.row[s] + (1 if v == np.float32(1.0) else 0)
-    between = np.float32(0.0) < v < np.float32(1.0)
+            f = share * g[2] * bundle.functions[g[1], m, d] * (1.0 if m == 0 else 2.0)
+            for i in range(weight.shape[2]):
+                bundle.factor[k, u, i] = np.float32(f * weight[g[0], d, i])
+
+
+@inlined
+def _add_row(field, row, share, low, high, moments, orders, bundle):
+    """Add the moments of a row for Sun nodes `low` ... `high`, times their factors, to the source of a point."""
+    suns, count = field.moments.shape[1], field.moments.shape[2]
+    uses, stokes = field.gives.shape[1], bundle.fourier.shape[2]
+    wavelengths = bundle.fourier.shape[3]
+    block = bundle.fourier.shape[1] * stokes * wavelengths
+    clear(bundle.shared, 0, wavelengths)
+    add_scaled(bundle.shared, 0, np.float32(share), bundle.size, 0, wavelengths)
     for j in range(low, high + 1):
-        for m in range(orders):
-            for channel in range(stokes):
-                for i in range(wavelengths):
-                    bundle.fourier[j, m, channel, i] = np.float32(0.0)
+        begin = (row * suns + j) * count * wavelengths
+        add_product(bundle.mean, j * wavelengths, bundle.shared, 0, field.moments, begin, wavelengths)
+        if uses == 1:
+            for m in range(orders):
+                first = bundle.begins[m]
+                add_products(
+                    bundle.fourier, j * block + m * wavelengths, bundle.active, first, bundle.begins[m + 1] - first,
+                    bundle.factor, field.moments, begin, wavelengths,
+                )  # fmt: skip
+            continue
         for a in range(moments):
             k = bundle.active[a]
-            m = field.order[k]
             for u in range(uses):
                 channel = field.gives[k, u, 3]
                 if channel < stokes:
-                    if between:
-                        for i in range(wavelengths):
-                            value = rest * field.moments[row, j, k, i] + v * field.moments[row + 1, j, k, i]
-                            bundle.fourier[j, m, channel, i] += bundle.factor[k, u, i] * value
-                    else:
-                        for i in range(wavelengths):
-                            bundle.fourier[j, m, channel, i] += bundle.factor[k, u, i] * field.moments[row, j, k, i]
-        if ends_on_ground:
+                    add_product(
+                        bundle.fourier, j * block + (field.order[k] * stokes + channel) * wavelengths,
+                        bundle.factor, (k * uses + u) * wavelengths,
+                        field.moments, begin + k * wavelengths, wavelengths,
+                    )  # fmt: skip
+
+
+@kernel
+def _source_at(field, course, s, low, high, ends_on_ground, bundle):
+    """What point s scatters for Sun nodes `low` ... `high`; returns the number of its Fourier parts.
+
+    Into ``bundle.fourier``, and its size without regard to signs into ``bundle.mean``.
+    """
+    stokes, wavelengths = bundle.fourier.shape[2], bundle.fourier.shape[3]
+    block = bundle.fourier.shape[1] * stokes * wavelengths
+    _fill_functions(field.recurrence, course.place[s, 1], field.gives.shape[1] > 1, bundle.functions)
+    _weigh_degrees(course.weight[s], bundle)
+    moments, orders = _moments_at(field, bundle.functions, bundle.relative, bundle.active, bundle.begins)
+    for j in range(low, high + 1):
+        clear(bundle.fourier, j * block, orders * stokes * wavelengths)
+    clear(bundle.mean, low * wavelengths, (high - low + 1) * wavelengths)
+    v = course.place[s, 3]
+    for side in range(2):
+        share = v if side == 1 else 1.0 - v
+        if share > 0.0:
+            _fill_factors(field, course.weight[s], moments, share, bundle)
+            _add_row(field, course.row[s] + side, share, low, high, moments, orders, bundle)
+    if ends_on_ground:
+        for j in range(low, high + 1):
             for i in range(wavelengths):
-                bundle.fourier[j, 0, 0, i] += np.float32(course.through[s, i]) * field.ground[j, i]
+                light = np.float32(course.through[s, i]) * field.ground[j, i]
+                bundle.mean[j, i] += light
+                bundle.fourier[j, 0, 0, i] += light
     return orders
+
+
+@kernel
+def _open_station(diffuse, line, stations, b, suns, rays, bundle):
+    """Make room for what is put together at station b."""
+    t, r = station_place(stations, line, b)
+    low, high = sun_reach(diffuse, line, t, r, 1, suns, rays, bundle)
+    to = b % 3
+    bundle.reach[to, 0], bundle.reach[to, 1], bundle.reach[to, 2] = low, high, 1
+    wavelengths = bundle.source.shape[4]
+    block = bundle.source.shape[2] * bundle.source.shape[3] * wavelengths
+    clear(bundle.level, (to * suns + low) * wavelengths, (high - low + 1) * wavelengths)
+    clear(bundle.source, (to * suns + low) * block, (high - low + 1) * block)
+
+
+@inlined
+def _add_to_station(b, weight, orders, bundle):
+    """Add a share of what a point scatters to station b."""
+    to = b % 3
+    f = np.float32(weight)
+    size = abs(f)
+    suns, wavelengths = bundle.source.shape[1], bundle.source.shape[4]
+    part = bundle.source.shape[3] * wavelengths
+    block = bundle.source.shape[2] * part
+    bundle.reach[to, 2] = max(bundle.reach[to, 2], orders)
+    low, high = bundle.reach[to, 0], bundle.reach[to, 1]
+    add_scaled(
+        bundle.level, (to * suns + low) * wavelengths, size, bundle.mean, low * wavelengths,
+        (high - low + 1) * wavelengths,
+    )  # fmt: skip
+    for j in range(low, high + 1):
+        add_scaled(bundle.source, (to * suns + j) * block, f, bundle.fourier, j * block, orders * part)
+
+
+@kernel
+def _take_logarithms(to, bundle):
+    """Divide the source of a station by its size, and make a logarithm of that.
+
+    The size is what the points have put there without regard to any signs, and so never zero.
+    """
+    low, high = bundle.reach[to, 0], bundle.reach[to, 1]
+    for j in range(low, high + 1):
+        for i in range(bundle.source.shape[4]):
+            size = max(bundle.level[to, j, i], DARKEST)
+            bundle.level[to, j, i] = np.float32(math.log(size))
+            bundle.mean[j, i] = np.float32(1.0) / size
+        for m in range(bundle.reach[to, 2]):
+            for channel in range(bundle.source.shape[3]):
+                for i in range(bundle.source.shape[4]):
+                    bundle.source[to, j, m, channel, i] *= bundle.mean[j, i]
+
+
+@inlined
+def _sum_orders(to, ray, orders, bundle):
+    """Source of a station in the direction of a ray, into ``bundle.sum``."""
+    suns, dimension, stokes, wavelengths = bundle.source.shape[1:]
+    part = stokes * wavelengths
+    block = dimension * part
+    cosine, sine = bundle.part[ray, 4], bundle.part[ray, 5]
+    set_sum_of_four(
+        bundle.between, 0, bundle.part[ray, 0], bundle.part[ray, 1], bundle.part[ray, 2], bundle.part[ray, 3],
+        bundle.source, (to * suns + bundle.sun[ray]) * block, block, orders * part,
+    )  # fmt: skip
+    # cos(m phi) and sin(m phi), one after the other.
+    c, z = np.float32(1.0), np.float32(0.0)
+    for m in range(orders):
+        bundle.turns[0, m], bundle.turns[1, m] = c, z
+        c, z = c * cosine - z * sine, z * cosine + c * sine
+    clear(bundle.sum, 0, part)
+    for channel in range(stokes):
+        add_rows(
+            bundle.sum, channel * wavelengths, bundle.turns, 0 if channel < 2 else dimension, orders,
+            bundle.between, channel * wavelengths, part, wavelengths,
+        )  # fmt: skip
+
+
+@inlined
+def _scale_by_level(to, ray, bundle):
+    """Multiply ``bundle.sum`` by the level of a station, interpolated as logarithm."""
+    j = bundle.sun[ray]
+    v_0, v_1 = bundle.part[ray, 0], bundle.part[ray, 1]
+    v_2, v_3 = bundle.part[ray, 2], bundle.part[ray, 3]
+    stokes, wavelengths = bundle.gathered.shape[1], bundle.gathered.shape[2]
+    for i in range(wavelengths):
+        p, q = bundle.level[to, j, i], bundle.level[to, j + 1, i]
+        r, s = bundle.level[to, j + 2, i], bundle.level[to, j + 3, i]
+        # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
+        level = min(max(v_0 * p + v_1 * q + v_2 * r + v_3 * s, min(min(p, q), min(r, s))), max(max(p, q), max(r, s)))
+        bundle.here[i] = np.float32(fast_exp(level))
+    for channel in range(stokes):
+        for i in range(wavelengths):
+            bundle.sum[channel, i] *= bundle.here[i]
+
+
+@kernel
+def _give_to_rays(diffuse, line, stations, b, suns, rays, bundle):
+    """Give what was put together at station b to the rays."""
+    t, r = station_place(stations, line, b)
+    place_rays(diffuse, line, t, r, 1, suns, rays, bundle)
+    to = b % 3
+    _take_logarithms(to, bundle)
+    part = bundle.gathered.shape[1] * bundle.gathered.shape[2]
+    for ray in range(rays):
+        _sum_orders(to, ray, bundle.reach[to, 2], bundle)
+        _scale_by_level(to, ray, bundle)
+        add_scaled(bundle.gathered, ray * part, np.float32(1.0), bundle.sum, 0, part)
 
 
 @kernel
 def gather(diffuse, field, line, n, rays, course, bundle):
     """Light scattered out of a field into the rays of a bundle, into ``bundle.gathered``."""
-    stokes, wavelengths = bundle.gathered.shape[1], bundle.gathered.shape[2]
     suns = field.moments.shape[1]
-    for ray in range(rays):
-        for channel in range(stokes):
-            for i in range(wavelengths):
-                bundle.gathered[ray, channel, i] = np.float32(0.0)
+    clear(bundle.gathered, 0, rays * bundle.gathered.shape[1] * bundle.gathered.shape[2])
+    stations = lay_stations(line, course.t[0], course.t[n - 1], field.station)
+    given, opened = 0, 0  # stations that the rays have; stations that have been opened
     for s in range(n):
-        low, high = place_rays(diffuse, line, course.t[s], course.place[s, 0], suns, rays, bundle)
+        x = station_number(stations, line, course.t[s])
+        base = first_station(stations, x)
+        last = min(base + 2, stations.many - 1)
+        while given < min(base, opened):
+            _give_to_rays(diffuse, line, stations, given, suns, rays, bundle)
+            given += 1
+        given, opened = max(given, base), max(opened, base)
+        low, high = suns, 0
+        for b in range(base, last + 1):
+            if b == opened:
+                _open_station(diffuse, line, stations, b, suns, rays, bundle)
+                opened += 1
+            low, high = min(low, bundle.reach[b % 3, 0]), max(high, bundle.reach[b % 3, 1])
         orders = _source_at(field, course, s, low, high, line.hits_ground and s == n - 1, bundle)
-        for ray in range(rays):
-            j = bundle.sun[ray]
-            v_0, v_1 = bundle.part[ray, 0], bundle.part[ray, 1]
-            v_2, v_3 = bundle.part[ray, 2], bundle.part[ray, 3]
-            cosine, sine = bundle.part[ray, 4], bundle.part[ray, 5]
-            # cos(m phi) and sin(m phi), one after the other.
-            c, z = np.float32(1.0), np.float32(0.0)
-            for m in range(orders):
-                for channel in range(stokes):
-                    f = c if channel < 2 else z
-                    a_0, a_1, a_2, a_3 = f * v_0, f * v_1, f * v_2, f * v_3
-                    # Two loops: the compiler makes SIMD code of two nodes, not of four.
-                    for i in range(wavelengths):
-                        bundle.gathered[ray, channel, i] += (
-                            a_0 * bundle.fourier[j, m, channel, i] + a_1 * bundle.fourier[j + 1, m, channel, i]
-                        )
-                    for i in range(wavelengths):
-                        bundle.gathered[ray, channel, i] += (
-                            a_2 * bundle.fourier[j + 2, m, channel, i] + a_3 * bundle.fourier[j + 3, m, channel, i]
-                        )
-                c, z = c * cosine - z * sine, z * cosine + c * sine
+        for b in range(base, last + 1):
+            _add_to_station(b, station_weight(stations, x - base, b - base), orders, bundle)
+    while given < opened:
+        _give_to_rays(diffuse, line, stations, given, suns, rays, bundle)
+        given += 1

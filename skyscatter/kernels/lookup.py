@@ -12,6 +12,7 @@ linearly in h and mu.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ from skyscatter.kernels.codes.shells import CHAPMAN, GAUSSIAN
 from skyscatter.kernels.columns import FieldTable, density, vertical_column
 from skyscatter.kernels.jit import entry, inlined, kernel
 
+#: Nodes of altitude that are tabulated in one go.
+NODES_AT_ONCE = 16
 #: Gauss-Legendre rule of 4 points on [0, 1].
 _POINTS, _WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True))
 
@@ -49,14 +52,14 @@ class Line(NamedTuple):
 
 
 @entry
-def fill_reciprocal_air_mass(radius, altitude, cubic, mu, column, value):
-    """Fill ``value[node, angle, field]`` with V / K; `column` (field,) is scratch.
+def fill_reciprocal_air_mass(radius, altitude, cubic, mu, first_node, end_node, column, value):
+    """Fill ``value[node, angle, field]`` with V / K for some of the nodes; `column` (field,) is scratch.
 
     K is summed outward cell by cell, all fields at once, by 4 Gauss points in the distance along the line: within a
     cell the density is a cubic, and as a function of that distance it is smooth even for a horizontal line.
     """
     fields = cubic.shape[1]
-    for i in range(altitude.size):
+    for i in range(first_node, end_node):
         # The top has no column; the ratio a little below it is the one to continue with.
         h_start = altitude[i] if i < altitude.size - 1 else altitude[i] - 1e-3 * (altitude[i] - altitude[i - 1])
         first = min(i, altitude.size - 2)
@@ -155,6 +158,13 @@ def outward_columns(table, h, mu, out):
         out[f] = vertical / (low + v * (high - low))
 
 
+@entry
+def outward_columns_at(table, heights, mu, out):
+    """Columns [m] from altitudes (altitude,) to the top under a zenith cosine mu >= 0, into `out` (altitude, field)."""
+    for k in range(heights.size):
+        outward_columns(table, heights[k], mu, out[k])
+
+
 @inlined
 def columns_to_light(table, r, mu, work, out):
     """Columns [m] from radius r towards a distant light at zenith cosine mu; False if the planet is in the way."""
@@ -239,8 +249,13 @@ def table_altitudes(fields: FieldTable, count: int = 200) -> np.ndarray:
     return np.unique(np.concatenate([inside[apart], fields.breaks[fields.breaks <= top]]))
 
 
-def build_column_table(fields: FieldTable, angles: int = 256, bend: float = 0.04) -> ColumnTable:
-    """Tabulate fields over altitude and angle.
+def build_column_table(
+    fields: FieldTable,
+    angles: int = 256,
+    bend: float = 0.04,
+    in_parts: Callable[[Callable[[slice], None], int, int], None] | None = None,
+) -> ColumnTable:
+    """Tabulate fields over altitude and angle; `in_parts` (`skyscatter.workers`) lets all processors do it.
 
     Columns of exponential shells, tents and tabulated air are good to 2e-5 of the greatest column through the field,
     those of narrow or sharp-edged layers, grazing within a cell of their edge, to 2e-3 (tested against exact ones).
@@ -254,7 +269,15 @@ def build_column_table(fields: FieldTable, angles: int = 256, bend: float = 0.04
     to_cubic = np.linalg.inv(np.vander(np.arange(4) / 3, increasing=True))
     cubic = (samples @ to_cubic.T).reshape(altitude.size - 1, fields.kind.size, 8)
     value = np.empty((altitude.size, mu.size, fields.kind.size))
-    fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, np.zeros(fields.kind.size), value)
+
+    def some(nodes: slice) -> None:
+        column = np.zeros(fields.kind.size)
+        fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, nodes.start, nodes.stop, column, value)
+
+    if in_parts is None:
+        some(slice(0, altitude.size))
+    else:
+        in_parts(some, altitude.size, NODES_AT_ONCE)
     levels = altitude[-1] * (np.arange(2048) / 2047) ** 2
     guess = np.clip(np.searchsorted(altitude, levels, side="right") - 1, 0, altitude.size - 2).astype(np.int64)
     feet = np.stack([altitude[:-1], 1 / np.diff(altitude)], axis=1)

@@ -25,8 +25,12 @@ from skyscatter.kernels.gather import gather
 from skyscatter.kernels.jit import entry, kernel
 from skyscatter.kernels.lookup import columns_along, start_columns, trace_line
 from skyscatter.kernels.optics import disk_radiance, transmittance
+from skyscatter.kernels.rows import add_rows, clear
 from skyscatter.kernels.sunlight import light_bundle, light_node, narrow_aureole, scatter_once, spread_peaks
 from skyscatter.kernels.work import Work, make_work
+
+#: Distance of stations for sunlight, which has edges, in units of that for other light.
+SUNLIT_STATION = 0.5
 
 Scratch = tuple[Work, Course, Bundle, np.ndarray]
 
@@ -40,44 +44,42 @@ def _node_rays(r, mu, sun_mu, azimuth, bundle):
         sun_sine = math.sqrt(max((1.0 - sun_mu[j]) * (1.0 + sun_mu[j]), 0.0))
         for a in range(azimuth.shape[0]):
             bundle.q[n] = r * sun_mu[j]
-            bundle.nu[n] = min(max(sine * azimuth[a, 1, 0] * sun_sine + mu * sun_mu[j], -1.0), 1.0)
-            bundle.w[n] = r * sun_sine * sine * azimuth[a, 1, 1]
+            bundle.nu[n] = min(max(sine * azimuth[a, 0] * sun_sine + mu * sun_mu[j], -1.0), 1.0)
+            bundle.w[n] = r * sun_sine * sine * azimuth[a, 1]
             n += 1
     return n
 
 
 @kernel
-def _project(field, suns, mu, weight, take, azimuth, bundle, fourier, moments, flux):
+def _project(field, suns, mu, weight, take, turns, bundle, fourier, moments, flux):
     """Add the light of one zenith direction to the moments and fluxes of a node height.
 
-    `fourier` (order, stokes, wavelength) is scratch; `azimuth` (angle, order, 2) holds cos(m phi), sin(m phi).
+    `fourier` (order, stokes, wavelength) is scratch.
     """
-    angles, orders, stokes = azimuth.shape[0], fourier.shape[0], fourier.shape[1]
+    angles, orders, stokes = turns.shape[2], fourier.shape[0], fourier.shape[1]
     wavelengths = fourier.shape[2]
     step = 2.0 * math.pi / angles * weight
     for j in range(suns):
+        clear(fourier, 0, orders * stokes * wavelengths)
         for m in range(orders):
             for channel in range(stokes):
-                for i in range(wavelengths):
-                    fourier[m, channel, i] = 0.0
-                for a in range(angles):
-                    f = step * azimuth[a, m, 0 if channel < 2 else 1]
-                    ray = j * angles + a
-                    for i in range(wavelengths):
-                        fourier[m, channel, i] += f * bundle.gathered[ray, channel, i]
+                add_rows(
+                    fourier, (m * stokes + channel) * wavelengths, turns, (2 * m + (channel >> 1)) * angles, angles,
+                    bundle.gathered, (j * angles * stokes + channel) * wavelengths, stokes * wavelengths, wavelengths,
+                )  # fmt: skip
         for k in range(field.order.size):
             for channel in range(stokes):
-                f = take[k, channel]
+                f = step * take[k, channel]
                 if f != 0.0:
                     for i in range(wavelengths):
                         moments[j, k, i] += f * fourier[field.order[k], channel, i]
         side = 1 if mu > 0.0 else 0
         for i in range(wavelengths):
-            flux[side, j, i] += abs(mu) * fourier[0, 0, i]
+            flux[side, j, i] += step * abs(mu) * fourier[0, 0, i]
 
 
 @entry
-def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, is_first,
+def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, turns, is_first,
                  scratch, moments, flux):  # fmt: skip
     """One order of scattering at one node height.
 
@@ -96,8 +98,10 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
     take : (direction, moment, stokes)
     sun_mu, fine_mu : (sun,), (fine sun,)
         Zenith cosines of the Sun at the nodes, and those at which a field to gather from is known.
-    azimuth : (angle, order, 2)
-        cos(m phi) and sin(m phi) of the angles of the quadrature over half a turn.
+    azimuth : (angle, 2)
+        Cosine and sine of the angles phi of the quadrature over half a turn.
+    turns : (order, 2, angle) float32
+        cos(m phi) and sin(m phi).
     is_first : bool
         Whether to compute the first order from sunlight, instead of gathering.
     scratch : tuple
@@ -122,7 +126,7 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
         rays = _node_rays(r, mu, sun_mu, azimuth, bundle)
         if is_first:
             lay_halves(columns, diffuse, line, n, course, work)
-            light_node(columns, diffuse, fine_mu, line, n, rays, course, bundle, work)
+            light_node(columns, diffuse, fine_mu, SUNLIT_STATION * field.station, line, n, rays, course, bundle, work)
             for ray in range(rays):
                 scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
                 for channel in range(bundle.gathered.shape[1]):
@@ -131,54 +135,41 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
                         bundle.gathered[ray, channel, i] = np.float32(bundle.scattered[ray, channel, i] + extra)
         else:
             gather(diffuse, field, line, n, rays, course, bundle)
-        _project(field, sun_mu.size, mu, directions[k, 1], take[k], azimuth, bundle, fourier, moments, flux)
+        _project(field, sun_mu.size, mu, directions[k, 1], take[k], turns, bundle, fourier, moments, flux)
 
 
 @entry
-def refine(packed, row_node, row_weight, sun_node, sun_weight, low, high, scratch, moments):
-    """Interpolate a field from its nodes to the rows and Sun nodes from which it is gathered.
+def refine(packed, row_node, row_weight, low, high, moments):
+    """Interpolate a field from its nodes to the rows at which it is gathered.
 
-    Cubic in both directions, of the logarithm of the mean radiance (moment 0), which falls by orders of magnitude in
-    twilight, and of the ratios of the other moments to it.
+    Cubic, of the logarithm of the mean radiance (moment 0), which falls by orders of magnitude in twilight, and of the
+    ratios of the other moments to it.
 
     Parameters
     ----------
     packed : (node, sun, moment, wavelength)
         The logarithm, and the ratios.
-    row_node, row_weight : (row, 4); sun_node, sun_weight : (fine sun, 4)
+    row_node, row_weight : (row, 4)
         Four nodes and their weights.
     low, high : int
-        Range of fine Sun nodes to fill.
-    scratch : (node, moment, wavelength)
-    moments : (row, fine sun, moment, wavelength) float32, output
+        Range of Sun nodes to fill; beyond those of `packed` the last is repeated.
+    moments : (row, sun, moment, wavelength) float32, output
     """
-    nodes, count, wavelengths = packed.shape[0], packed.shape[2], packed.shape[3]
+    count, wavelengths = packed.shape[2], packed.shape[3]
     for j in range(low, high):
-        for node in range(nodes):
-            for k in range(count):
-                for i in range(wavelengths):
-                    scratch[node, k, i] = 0.0
-            for a in range(4):
-                f, b = sun_weight[j, a], sun_node[j, a]
-                for k in range(count):
-                    for i in range(wavelengths):
-                        scratch[node, k, i] += f * packed[node, b, k, i]
-            # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
-            b = sun_node[j]
-            for i in range(wavelengths):
-                p, q = packed[node, b[0], 0, i], packed[node, b[1], 0, i]
-                r, s = packed[node, b[2], 0, i], packed[node, b[3], 0, i]
-                scratch[node, 0, i] = min(max(scratch[node, 0, i], min(p, q, r, s)), max(p, q, r, s))
+        sun = min(j, packed.shape[1] - 1)
         for row in range(moments.shape[0]):
             n, f = row_node[row], row_weight[row]
             for k in range(count):
                 for i in range(wavelengths):
                     moments[row, j, k, i] = np.float32(
-                        f[0] * scratch[n[0], k, i] + f[1] * scratch[n[1], k, i]
-                        + f[2] * scratch[n[2], k, i] + f[3] * scratch[n[3], k, i]
+                        f[0] * packed[n[0], sun, k, i] + f[1] * packed[n[1], sun, k, i]
+                        + f[2] * packed[n[2], sun, k, i] + f[3] * packed[n[3], sun, k, i]
                     )  # fmt: skip
             for i in range(wavelengths):
-                p, q, r, s = scratch[n[0], 0, i], scratch[n[1], 0, i], scratch[n[2], 0, i], scratch[n[3], 0, i]
+                p, q = packed[n[0], sun, 0, i], packed[n[1], sun, 0, i]
+                r, s = packed[n[2], sun, 0, i], packed[n[3], sun, 0, i]
+                # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
                 mean = fast_exp(min(max(moments[row, j, 0, i], min(p, q, r, s)), max(p, q, r, s)))
                 moments[row, j, 0, i] = np.float32(mean)
                 for k in range(1, count):
@@ -266,6 +257,6 @@ def make_sweep_scratch(
     return (
         make_work(components, wavelengths),
         make_course(diffuse.shell.size, blocks, components, degrees, wavelengths),
-        make_bundle(rays, field.moments.shape[1], field, stokes, components, diffuse.peaks.shape[1]),
-        np.zeros((orders, stokes, wavelengths)),
+        make_bundle(rays, field, stokes, components, blocks, degrees, diffuse.peaks.shape[1]),
+        np.zeros((orders, stokes, wavelengths), np.float32),
     )

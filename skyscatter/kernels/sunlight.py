@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 
-from skyscatter.kernels.bundle import cubic, place_rays
+from skyscatter.kernels.bundle import SUN_REFINEMENT, cubic, place_rays, sun_reach
 from skyscatter.kernels.course import put_gauss
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.lookup import columns_to_light
 from skyscatter.kernels.optics import phase_at, transmittance
+from skyscatter.kernels.rows import add_product, add_sum_of_four, clear
+from skyscatter.kernels.stations import first_station, lay_stations, station_number, station_place, station_weight
 
 #: Cosine of the Sun's zenith angle above which the disk acts as its middle.
 HIGH_SUN = 0.12
@@ -190,22 +192,83 @@ def light_bundle(columns, diffuse, line, n, rays, course, bundle, work):
 
 
 @kernel
-def light_node(columns, diffuse, sun_mu, line, n, rays, course, bundle, work):
+def _open_lit(diffuse, line, stations, b, suns, rays, bundle):
+    """Make room for the sunlight at station b."""
+    t, r = station_place(stations, line, b)
+    low, high = sun_reach(diffuse, line, t, r, SUN_REFINEMENT, suns, rays, bundle)
+    to = b % 3
+    bundle.reach[to, 0], bundle.reach[to, 1] = low, high
+    components, wavelengths = bundle.lit.shape[2:]
+    block = components * wavelengths
+    clear(bundle.lit, (to * bundle.lit.shape[1] + low) * block, (high - low + 1) * block)
+
+
+@inlined
+def _add_to_lit(diffuse, k, b, weight, course, bundle):
+    """Add what Gauss point k makes of a share of ``bundle.sunlight`` to station b."""
+    to = b % 3
+    components, wavelengths = bundle.lit.shape[2:]
+    for c in range(components):
+        if diffuse.scatters[c]:
+            for i in range(wavelengths):
+                bundle.here[i] = np.float32(weight * course.source[k, c, i])
+            for j in range(bundle.reach[to, 0], bundle.reach[to, 1] + 1):
+                add_product(
+                    bundle.lit, ((to * bundle.lit.shape[1] + j) * components + c) * wavelengths,
+                    bundle.here, 0, bundle.sunlight, j * wavelengths, wavelengths,
+                )  # fmt: skip
+
+
+@kernel
+def _give_lit(diffuse, line, stations, b, suns, rays, bundle):
+    """Give the sunlight at station b to the rays."""
+    t, r = station_place(stations, line, b)
+    place_rays(diffuse, line, t, r, SUN_REFINEMENT, suns, rays, bundle)
+    block = bundle.lit.shape[2] * bundle.lit.shape[3]
+    first = (b % 3) * bundle.lit.shape[1]
+    for ray in range(rays):
+        add_sum_of_four(
+            bundle.many_lit, ray * block,
+            bundle.part[ray, 0], bundle.part[ray, 1], bundle.part[ray, 2], bundle.part[ray, 3],
+            bundle.lit, (first + bundle.sun[ray]) * block, block, block,
+        )  # fmt: skip
+
+
+@kernel
+def light_node(columns, diffuse, sun_mu, distance, line, n, rays, course, bundle, work):
     """`light_bundle` for the rays of a node, on the points of `lay_halves`, into ``bundle.many_lit``.
 
-    At each Gauss point the irradiance is computed for the field's Sun nodes `sun_mu` and interpolated to the rays:
-    its many rays meet the same few Suns.
+    At each Gauss point the irradiance is computed for the Suns `sun_mu` and put together at stations, so far apart
+    [rad] (`stations.py`): its many rays meet the same few Suns.
     """
-    for ray in range(rays):
-        for c in range(bundle.step.shape[0]):
-            for i in range(bundle.step.shape[1]):
-                bundle.many_lit[ray, c, i] = np.float32(0.0)
-    for k in range(2 * (n - 1)):
-        t, r = course.gauss[k, 0], course.gauss[k, 1]
-        low, high = place_rays(diffuse, line, t, r, sun_mu.size, rays, bundle)
+    suns = sun_mu.size
+    clear(bundle.many_lit, 0, rays * bundle.lit.shape[2] * bundle.lit.shape[3])
+    points = 2 * (n - 1)
+    if points == 0:
+        return
+    stations = lay_stations(line, course.gauss[0, 0], course.gauss[points - 1, 0], distance)
+    given, opened = 0, 0  # stations that the rays have; stations that have been opened
+    for k in range(points):
+        x = station_number(stations, line, course.gauss[k, 0])
+        base = first_station(stations, x)
+        last = min(base + 2, stations.many - 1)
+        while given < min(base, opened):
+            _give_lit(diffuse, line, stations, given, suns, rays, bundle)
+            given += 1
+        given, opened = max(given, base), max(opened, base)
+        low, high = suns, 0
+        for b in range(base, last + 1):
+            if b == opened:
+                _open_lit(diffuse, line, stations, b, suns, rays, bundle)
+                opened += 1
+            low, high = min(low, bundle.reach[b % 3, 0]), max(high, bundle.reach[b % 3, 1])
         for j in range(low, high + 1):
-            _sunlight(columns, diffuse, r, sun_mu[j], work, bundle.sunlight[j])
-        _add_interpolated(diffuse, k, rays, course, bundle)
+            _sunlight(columns, diffuse, course.gauss[k, 1], sun_mu[j], work, bundle.sunlight[j])
+        for b in range(base, last + 1):
+            _add_to_lit(diffuse, k, b, station_weight(stations, x - base, b - base), course, bundle)
+    while given < opened:
+        _give_lit(diffuse, line, stations, given, suns, rays, bundle)
+        given += 1
 
 
 @kernel

@@ -16,6 +16,7 @@ from skyscatter.media.tables import pack_rows
 from skyscatter.optics.phase import normalise
 from skyscatter.scene import Scene
 from skyscatter.spectra.table import evaluate
+from skyscatter.workers import in_parts
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ DISK_RINGS = 513
 def field_tables(medium: Medium) -> tuple[FieldTable, ColumnTable]:
     """Fields and columns of a medium; independent of wavelength and Sun, and so shared by all scenes of a medium."""
     fields = pack_rows([shell.row() for shell in medium.shells], medium.radius)
-    return fields, build_column_table(fields)
+    return fields, build_column_table(fields, in_parts=in_parts)
 
 
 def phase_cosines() -> Array:

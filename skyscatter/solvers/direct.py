@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyscatter.kernels.lookup import ColumnTable, outward_columns
+from skyscatter.kernels.lookup import ColumnTable, outward_columns, outward_columns_at
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.solvers.base import Array
 
@@ -21,10 +21,9 @@ def outward_profile(columns: ColumnTable, altitudes: ArrayLike = (0.0,), mu: flo
     -------
     ndarray, shape (altitude, component)
     """
-    height = np.asarray(altitudes, float)
+    height = np.ascontiguousarray(altitudes, float)
     out = np.zeros((height.size, columns.value.shape[2]))
-    for k, h in enumerate(height):
-        outward_columns(columns, h, mu, out[k])
+    outward_columns_at(columns, height, float(mu), out)
     return out
 
 

@@ -52,7 +52,7 @@ def expected_minutes(problem: Problem, orders: float) -> float:
     return float(SECONDS / 60 * orders * lines * at_a_point * problem.diffuse.sigma_t.shape[1] * problem.stokes)
 
 
-def check_memory(problem: Problem, threads: int) -> None:
+def check_memory(problem: Problem) -> None:
     """Refuse a solution that memory does not hold.
 
     Raises
@@ -62,9 +62,8 @@ def check_memory(problem: Problem, threads: int) -> None:
     """
     grid, wavelengths = problem.grid, problem.diffuse.sigma_t.shape[1]
     needed = field_bytes(
-        grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size, wavelengths, grid.rows.size,
-        grid.fine_sun_zenith.size, threads,
-    )  # fmt: skip
+        grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size, wavelengths, grid.rows.size
+    )
     check_fits(
         needed, "wavelengths", wavelengths, f"a solution by orders to {problem.tolerance:g} takes",
         "give fewer wavelengths or a larger tolerance, or use solver path",

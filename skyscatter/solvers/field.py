@@ -27,6 +27,7 @@ from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_
 from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.series import sum_orders
+from skyscatter.solvers.spectral import at_all, at_some, needed
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
 from skyscatter.workers import Workers
@@ -71,11 +72,10 @@ def solve_once(
     kept there under a name, order by order.
     """
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, ground_radiance, degree, max_order != 1, grid)
-    check_effort(problem, wavelengths, orders_tolerance or tolerance, max_order)
-    check_memory(problem, threads)
-    sweeper = Sweeper(problem, threads)
     goal = orders_tolerance or tolerance
-    return Solution(problem, sum_orders(sweeper, goal, max_order, progress, checkpoint, name))
+    check_effort(problem, wavelengths, goal, max_order)
+    check_memory(problem)
+    return Solution(problem, sum_orders(Sweeper(problem, threads), goal, max_order, progress, checkpoint, name))
 
 
 def seen_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[Array, Array]:
@@ -234,17 +234,23 @@ def solve_range(
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
     tolerance = min(tolerance, LOOSEST)
+    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, cut_peaks=max_order != 1)
+    check_effort(problem, wavelengths, tolerance, max_order)
+    check_memory(problem)
     if progress is not None:
-        say("orders of scattering")
-    fine = solve_once(
-        scene, wavelengths, zenith, tolerance, stokes, max_order, threads, progress, checkpoint=checkpoint, name="fine"
-    )
-    if progress is not None:
-        say("orders of scattering, coarser, for the error", anew=False)
+        say("orders of scattering, coarser, for the error")
     coarser = COARSER * tolerance
     coarse = solve_once(
         scene, wavelengths, zenith, coarser, stokes, max_order, threads, checkpoint=checkpoint, name="coarse"
     )
+    if progress is not None:
+        say("orders of scattering", anew=False)
+    chosen = needed(coarse, wavelengths, tolerance)
+    sweeper = Sweeper(at_some(problem, scene, wavelengths, chosen), threads)
+    sums = sum_orders(sweeper, tolerance, max_order, progress, checkpoint, "fine")
+    if chosen.size < wavelengths.size:
+        sums = at_all(sums, problem, coarse, wavelengths, chosen)
+    fine = Solution(problem, sums)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
 
 
@@ -579,6 +585,8 @@ class RadianceField:
             members = order[group[k] : group[k + 1]]
             error[members] = share * np.abs(diffuse[members])
             error[rays] = np.maximum(error[rays], ERROR_SHARE * np.abs(coarse[mine] - fine[mine]))
+        if not self.fine.problem.level_peaks.any():
+            return error
         low, high = seen_zenith(origins, directions, table.optics.disk_axis, table.columns.radius, table.columns.top)
         level = level_error(np.nan_to_num(0.5 * (low + high)), self.fine.problem.level_peaks)
         return np.asarray(error + level * np.abs(diffuse))

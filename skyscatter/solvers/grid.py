@@ -9,6 +9,8 @@ from math import factorial, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.kernels.bundle import SUN_REFINEMENT
+
 Array = NDArray[np.float64]
 
 #: Relative accuracy for which the spacings below were chosen; the methods are of second order and better.
@@ -26,8 +28,8 @@ STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
 #: Directions above the horizontal, between it and the horizon, and on the ground, at the base tolerance.
 DIRECTIONS = (11, 5, 6)
-#: Fine Sun nodes for each node.
-SUN_REFINEMENT = 2
+#: Azimuths over half a turn at the base tolerance.
+AZIMUTHS = 7
 #: Steps between node heights, fewest and most; breaks that become nodes, at most; and how much longer than wanted the
 #: steps between two breaks may be, in all.
 LEAST_NODES, MOST_NODES, MOST_BREAKS, SPARE = 6, 160, 12, 0.2
@@ -48,10 +50,11 @@ class Grid:
     altitudes : (node,) heights at which moments are computed, from the ground to the top [m].
     rows : (row,) heights to which they are interpolated, the nodes among them [m].
     sun_zenith : (sun,) zenith angles of the Sun at the nodes [rad], rising.
-    fine_sun_zenith : (fine sun,) those to which they are interpolated [rad].
-    index : (step,) number of the fine Sun node, with fraction, over the Sun's cosine from -1 to 1.
+    fine_sun_zenith : (fine sun,) those at which sunlight is computed for the first order [rad].
+    index : (step,) number of the Sun node, with fraction, over the Sun's cosine from -1 to 1.
     directions : (node, direction, 2) zenith cosines and weights; weights sum to 2.
     azimuths : (angle,) midpoints of equal steps over half a turn [rad].
+    angular : tolerance for which directions and azimuths were chosen.
     """
 
     altitudes: Array
@@ -61,6 +64,7 @@ class Grid:
     index: Array
     directions: Array
     azimuths: Array
+    angular: float
 
 
 def fineness(tolerance: float) -> float:
@@ -143,7 +147,7 @@ def sun_nodes(
     coarse = np.interp(np.linspace(0, number[-1], count + 1), number, angle)
     fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)
     mu = np.linspace(-1, 1, INDEX_STEPS + 1)
-    index = np.interp(np.arccos(mu), fine, np.arange(fine.size))
+    index = np.interp(np.arccos(mu), fine, np.arange(fine.size) / SUN_REFINEMENT)
     return coarse, fine, index
 
 
@@ -206,6 +210,12 @@ def directions(
         parts.append((-(dip + (1 - dip) * x), (1 - dip) * w))
         out.append(np.stack([np.concatenate([p[k] for p in parts]) for k in (0, 1)], axis=-1))
     return np.array(out)
+
+
+def azimuths(degree: int, tolerance: float, fewest: float = AZIMUTHS) -> Array:
+    """Midpoints of equal steps over half a turn [rad], for moments up to a degree."""
+    count = max(int(np.ceil(fewest / fineness(tolerance))), degree + 3)
+    return np.asarray(np.pi * (np.arange(count) + 0.5) / count)
 
 
 def recurrence(degree: int, orders: int) -> Array:

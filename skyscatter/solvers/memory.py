@@ -95,23 +95,18 @@ def check_picture(width: int, height: int, wavelengths: int, layers: int = 0, ra
     return needed
 
 
-def field_bytes(
-    nodes: int, suns: int, moments: int, wavelengths: int, rows: int, fine_suns: int, threads: int
-) -> float:
+def field_bytes(nodes: int, suns: int, moments: int, wavelengths: int, rows: int) -> float:
     """Memory that a solution by orders of scattering takes while it is made [byte].
 
     Parameters
     ----------
     nodes, suns, moments, wavelengths : int
         Of the grid.
-    rows, fine_suns : int
+    rows : int
         Of the field from which rays gather, which is made twice: for the orders and for what is asked later.
-    threads : int
     """
     order = nodes * suns * moments * wavelengths
-    return 8.0 * (ORDERS * order + threads * nodes * moments * wavelengths) + 2 * 4.0 * (
-        rows * fine_suns * moments * wavelengths
-    )
+    return 8.0 * ORDERS * order + 2 * 4.0 * rows * suns * moments * wavelengths
 
 
 def photon_bytes(rays: int, points: int, wavelengths: int, layers: int, threads: int) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.state import Checkpoint
-from skyscatter.solvers.sweeps import Sums, Sweeper
+from skyscatter.solvers.sweeps import FAINTEST, Sums, Sweeper
 from skyscatter.workers import Workers
 
 Array = NDArray[np.float64]
@@ -21,9 +21,6 @@ MOST_ORDERS = 5000
 FINE_SHARE = 0.9
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.3
-#: Radiances below this share of the brightest do not hold the solution up: a hundredth of what is left of the day's
-#: light at the end of astronomical twilight.
-FAINTEST = 1e-10
 
 
 class Series(NamedTuple):
@@ -157,6 +154,7 @@ def sum_orders(
         while series.order < last and not series.left < goal:
             if checkpoint is not None:
                 checkpoint.put(name, series._asdict())
+            sweeper.narrow(series.moments, series.total)
             moments, flux = sweeper.next(pool, series.moments, series.flux)
             series = series.add(moments, flux, max_order is None)
             if progress is not None:

@@ -61,8 +61,15 @@ DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 0.5
 DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.25
 #: What is far, in units of the angle under which a scale height sinks below the horizon.
 DEEP = 4.5
-#: Radiances that count as none.
-FLOOR = 1e-35
+#: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth
+#: of what is left of the day's light at the end of astronomical twilight.
+FLOOR, FAINTEST = 1e-35, 1e-10
+#: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow.
+LEAST_STRENGTH = 0.1
+#: The same for a moment at one point, against the isotropic part of the source there.
+LEAST_SHARE = 0.1
+#: Distance of stations in units of the least distance between two Sun nodes.
+STATION = 0.6
 #: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
 HAIR = 1e-6
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.
@@ -308,10 +315,79 @@ def make_grid(
         for_directions, for_suns = 1.0, 1.0
     finer = tolerance * for_directions
     coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, for_suns)
-    count = max(int(np.ceil(7 / grids.fineness(finer))), degree + 3)
-    azimuths = np.pi * (np.arange(count) + 0.5) / count
-    quadrature = grids.directions(nodes, columns.radius, degree, finer)
-    return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths)
+    quadrature, azimuths = grids.directions(nodes, columns.radius, degree, finer), grids.azimuths(degree, finer)
+    return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths, finer)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What orders of scattering are computed with: the moments that matter in them, and angles that suit these."""
+
+    kept: NDArray[np.int64]  #: numbers of its moments among those of the problem
+    diffuse: Diffuse  #: to the degree of those
+    directions: Array  #: (node, direction, 2)
+    take: Array  #: (node, direction, moment, stokes)
+    azimuth: Array  #: (angle, 2) cosine and sine
+    turns: NDArray[np.float32]  #: (order, 2, angle) cos(m phi), sin(m phi)
+    field: Field
+
+    @classmethod
+    def of(cls, problem: Problem, kept: NDArray[np.int64]) -> Stage:
+        """For some of the moments of a problem."""
+        grid, all_of_them, diffuse = problem.grid, problem.moments, problem.diffuse
+        moments = MomentTable(*(np.ascontiguousarray(column[kept]) for column in all_of_them))
+        degree, order = int(moments.degree.max()), int(moments.order.max())
+        # As few degrees ask for fewer angles; the grid's own serve all of them.
+        directions = grid.directions
+        azimuths = grid.azimuths
+        if degree < int(all_of_them.degree.max()):
+            directions = grids.directions(grid.altitudes, problem.table.columns.radius, degree, grid.angular)
+        if order < int(all_of_them.order.max()):
+            azimuths = grids.azimuths(order, grid.angular)
+        m = np.arange(order + 1)[:, None]
+        take = take_moments(moments, problem.stokes, directions[..., 0].ravel())
+        # A flat world has one Sun for all; rays look between four.
+        suns, wavelengths = max(grid.sun_zenith.size, 4), diffuse.sigma_t.shape[1]
+        greek = np.ascontiguousarray(diffuse.greek[:, :, : degree + 1])
+        return cls(
+            kept, diffuse._replace(greek=greek), directions,
+            take.reshape(*directions.shape[:2], *take.shape[1:]),
+            np.stack([np.cos(azimuths), np.sin(azimuths)], axis=-1),
+            np.stack([np.cos(m * azimuths), np.sin(m * azimuths)], axis=1).astype(np.float32),
+            Field(
+                np.empty((grid.rows.size, suns, kept.size, wavelengths), np.float32),
+                np.zeros((suns, wavelengths), np.float32),
+                moments.degree, moments.order, np.argsort(moments.order, kind="stable"), moments.gives,
+                np.ones(kept.size), grids.recurrence(degree, order),
+                STATION * float(np.diff(grid.sun_zenith).min(initial=np.pi)), LEAST_SHARE * problem.tolerance,
+            ),
+        )  # fmt: skip
+
+
+def strengths(problem: Problem, moments: Array, total: Array) -> Array:
+    """Greatest share that moments of one order have in the light that all orders so far scatter at a place.
+
+    Parameters
+    ----------
+    problem : Problem
+    moments, total : (node, sun, moment, wavelength)
+        Of the order, and of the sum; of the sum the mean radiance counts (moment 0).
+
+    Returns
+    -------
+    ndarray, shape (moment,)
+        0 for those that are not scattered at all.
+    """
+    greek, table = np.abs(problem.diffuse.greek), problem.moments
+    scatters = greek[0, :, 0] > 0
+    chi = (greek / np.where(scatters, greek[0, :, 0], 1.0)[None, :, None]).max(axis=(1, 3))  # (block, degree)
+    mean = total[:, :, 0]
+    per_mean = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, FLOOR)
+    out = np.empty(table.degree.size)
+    for k, (degree, order) in enumerate(zip(table.degree, table.order, strict=True)):
+        gives = max(chi[block, degree] for block in table.gives[k, :, 0])
+        out[k] = (1 if order == 0 else 2) * gives * float(np.max(np.abs(moments[:, :, k]) * per_mean))
+    return out
 
 
 class Sweeper:
@@ -319,25 +395,28 @@ class Sweeper:
 
     def __init__(self, problem: Problem, threads: int) -> None:
         self.problem, self.threads = problem, threads
-        grid, moments = problem.grid, problem.moments
-        # Rays need the azimuth itself (m = 1) even where the light that is scattered does not depend on it.
-        m = np.arange(max(problem.recurrence.shape[1], 2))
-        self.azimuth = np.stack([np.cos(grid.azimuths[:, None] * m), np.sin(grid.azimuths[:, None] * m)], axis=-1)
-        self.take = np.stack([take_moments(moments, problem.stokes, d[:, 0]) for d in grid.directions])
-        suns, wavelengths = grid.fine_sun_zenith.size, problem.diffuse.sigma_t.shape[1]
-        self.field = Field(
-            np.empty((grid.rows.size, suns, moments.degree.size, wavelengths), np.float32),
-            np.zeros((suns, wavelengths), np.float32),
-            moments.degree, moments.order, moments.gives, problem.recurrence,
-        )  # fmt: skip
+        grid = problem.grid
         self.row_node, self.row_weight = grids.cubic_weights(grid.altitudes, grid.rows)
-        number = np.arange(grid.sun_zenith.size, dtype=float)
-        fine = np.linspace(0, max(number[-1], 0), grid.fine_sun_zenith.size)
-        self.sun_node, self.sun_weight = grids.cubic_weights(number, fine)
+        self._begin(Stage.of(problem, np.arange(problem.moments.degree.size)))
+
+    def _begin(self, stage: Stage) -> None:
+        """Go on with other moments and angles."""
+        self.stage = stage
         self.scratch: SimpleQueue[Any] = SimpleQueue()
-        rays = grid.sun_zenith.size * grid.azimuths.size
-        for _ in range(threads):
-            self.scratch.put(make_sweep_scratch(problem.diffuse, self.field, problem.stokes, rays))
+        rays = self.problem.grid.sun_zenith.size * stage.azimuth.shape[0]
+        for _ in range(self.threads):
+            self.scratch.put(make_sweep_scratch(stage.diffuse, stage.field, self.problem.stokes, rays))
+
+    def narrow(self, moments: Array, total: Array) -> None:
+        """Leave out of the orders to come what has become too small in the last one to matter.
+
+        Light that was scattered often is smooth: after a few orders a few moments are left, and few angles do.
+        """
+        strength = strengths(self.problem, moments, total)[self.stage.kept]
+        matters = strength > LEAST_STRENGTH * self.problem.tolerance
+        matters[0] = True
+        if not matters.all():
+            self._begin(Stage.of(self.problem, self.stage.kept[matters]))
 
     @contextmanager
     def _a_scratch(self) -> Iterator[Any]:
@@ -357,18 +436,20 @@ class Sweeper:
         return self._sweep(pool, False)
 
     def _sweep(self, pool: ThreadPoolExecutor, is_first: bool) -> tuple[Array, Array]:
-        p, grid = self.problem, self.problem.grid
+        p, grid, stage = self.problem, self.problem.grid, self.stage
         nodes, suns, wavelengths = grid.altitudes.size, grid.sun_zenith.size, p.diffuse.sigma_t.shape[1]
-        moments = np.empty((nodes, suns, p.moments.degree.size, wavelengths))
+        moments = np.zeros((nodes, suns, p.moments.degree.size, wavelengths))
         flux = np.empty((nodes, 2, suns, wavelengths))
         sun_mu, fine_mu = np.cos(grid.sun_zenith), np.cos(grid.fine_sun_zenith)
 
         def height(k: int) -> None:
+            here = np.empty((suns, stage.kept.size, wavelengths))
             with self._a_scratch() as scratch:
                 sweep_height(
-                    p.table.columns, p.diffuse, p.cut, self.field, grid.altitudes[k], grid.directions[k], self.take[k],
-                    sun_mu, fine_mu, self.azimuth, is_first, scratch, moments[k], flux[k],
+                    p.table.columns, stage.diffuse, p.cut, stage.field, grid.altitudes[k], stage.directions[k],
+                    stage.take[k], sun_mu, fine_mu, stage.azimuth, stage.turns, is_first, scratch, here, flux[k],
                 )  # fmt: skip
+            moments[k][:, stage.kept] = here
 
         for _ in pool.map(height, range(nodes)):
             pass
@@ -377,26 +458,20 @@ class Sweeper:
     def load(self, pool: ThreadPoolExecutor, moments: Array, flux: Array) -> Field:
         """Interpolate moments and the ground's light into the field from which rays gather."""
         mean = np.maximum(moments[:, :, :1], FLOOR)
-        packed = np.clip(moments / mean, -2.0, 2.0)
+        packed = np.clip(moments[:, :, self.stage.kept] / mean, -2.0, 2.0)
         packed[:, :, :1] = np.log(mean)
-        field = self.field
+        field = self.stage.field
+        field.bound[:] = np.maximum(np.abs(packed).max(axis=(0, 1, 3)), 0.0)
+        field.bound[0] = 1.0
         suns = field.ground.shape[0]
         edges = np.linspace(0, suns, min(4 * self.threads, suns) + 1).astype(int)
 
         def part(k: int) -> None:
-            scratch = np.empty((packed.shape[0], *packed.shape[2:]))
-            refine(
-                packed, self.row_node, self.row_weight, self.sun_node, self.sun_weight, edges[k], edges[k + 1],
-                scratch, field.moments,
-            )  # fmt: skip
+            refine(packed, self.row_node, self.row_weight, edges[k], edges[k + 1], field.moments)
 
         for _ in pool.map(part, range(edges.size - 1)):
             pass
-        ground = self.problem.diffuse.light[2] / np.pi * flux[0, 1]
-        nodes = np.log(np.maximum(ground, FLOOR))[self.sun_node]
-        logarithm = np.einsum("fa,faw->fw", self.sun_weight, nodes)
-        # As in `refine`: beside a node without light a cubic swings beyond its nodes, by more than is lost in an order.
-        field.ground[:] = np.exp(np.clip(logarithm, nodes.min(axis=1), nodes.max(axis=1)))
+        field.ground[:] = np.maximum(self.problem.diffuse.light[2] / np.pi * flux[0, 1], FLOOR)
         return field
 
 

@@ -92,7 +92,7 @@ def test_sun_nodes_cover_their_range_and_are_found_by_the_cosine(low: float, hig
     # Over the cosine, which falls with the zenith angle; within the range a table of 8192 steps finds each node again.
     inner = (np.cos(fine) > -0.999) & (np.cos(fine) < 0.999)
     found = np.interp(np.cos(fine), np.linspace(-1, 1, index.size), index)
-    np.testing.assert_allclose(found[inner], np.arange(fine.size)[inner], atol=0.02)
+    np.testing.assert_allclose(found[inner], np.arange(fine.size)[inner] / grids.SUN_REFINEMENT, atol=0.01)
 
 
 def test_the_sun_is_followed_closely_in_twilight() -> None:

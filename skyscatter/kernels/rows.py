@@ -1,0 +1,204 @@
+"""Sums of rows of numbers in single precision, eight at a time.
+
+The innermost loops of the solver over orders are short: so many wavelengths.  For each of them the compiler would first
+ask whether the rows overlap, and then choose between code for vectors and code for numbers, which takes longer than the
+sum.  These rows never overlap, and so what is here is written as vector code to begin with.  Every product is rounded
+before it is added, so that all processors get the same bits.
+
+Arrays are C-contiguous, whatever their dimensions; where a row begins is counted in numbers from their start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+#: Numbers in a vector.
+WIDE = 8
+
+_FLOAT = ir.FloatType()
+_VECTOR = ir.VectorType(_FLOAT, WIDE)
+
+
+def _begin(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
+    """Address of a row."""
+    return builder.gep(context.make_array(kind)(context, builder, array).data, [index])
+
+
+def _spread(builder: Any, number: Any) -> Any:
+    """A vector of one number."""
+    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), WIDE), [0] * WIDE)
+    return builder.shuffle_vector(vector, ir.Constant(_VECTOR, ir.Undefined), mask)
+
+
+def _loop(builder: Any, count: Any, out: Any, rows: Sequence[Any], value: Callable[..., Any], adds: bool) -> None:
+    """Set `out`, or add to it, what `value` makes of the numbers of rows: vectors first, then those that are left."""
+    wide = ir.Constant(count.type, WIDE)
+    whole = builder.mul(builder.sdiv(count, wide), wide)
+
+    def at(pointer: Any, index: Any, vector: bool) -> Any:
+        place = builder.gep(pointer, [index])
+        return builder.bitcast(place, _VECTOR.as_pointer()) if vector else place
+
+    def step(index: Any, vector: bool) -> None:
+        found = value([builder.load(at(row, index, vector), align=4) for row in rows], vector)
+        if adds:
+            found = builder.fadd(builder.load(at(out, index, vector), align=4), found)
+        builder.store(found, at(out, index, vector), align=4)
+
+    zero = ir.Constant(count.type, 0)
+    with cgutils.for_range_slice(builder, zero, whole, wide) as (index, _):
+        step(index, True)
+    with cgutils.for_range_slice(builder, whole, count, ir.Constant(count.type, 1)) as (index, _):
+        step(index, False)
+
+
+@intrinsic
+def add_product(typingctx, out, to, one, at_one, two, at_two, count):
+    """``out[to + i] += one[at_one + i] * two[at_two + i]`` for i below `count`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        rows = [_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 2, 4)]
+        _loop(builder, args[6], rows[0], rows[1:], lambda v, _: builder.fmul(*v), True)
+        return context.get_dummy_value()
+
+    places = types.intp
+    return types.void(out, places, one, places, two, places, places), codegen
+
+
+@intrinsic
+def add_scaled(typingctx, out, to, factor, row, at, count):
+    """``out[to + i] += factor * row[at + i]`` for i below `count`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there, here = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 3))
+        many = _spread(builder, args[2])
+        _loop(builder, args[5], there, [here], lambda v, wide: builder.fmul(many if wide else args[2], v[0]), True)
+        return context.get_dummy_value()
+
+    return types.void(out, types.intp, types.float32, row, types.intp, types.intp), codegen
+
+
+def _four(adds: bool) -> Callable[..., Any]:
+    """Weighted sums of four rows, which are set or added."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there, first = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 6))
+        rows = [first]
+        for _ in range(3):
+            rows.append(builder.gep(rows[-1], [args[8]]))
+        weights = args[2:6]
+        many = [_spread(builder, weight) for weight in weights]
+
+        def value(numbers: Any, wide: bool) -> Any:
+            terms = [builder.fmul(f, x) for f, x in zip(many if wide else weights, numbers, strict=True)]
+            return builder.fadd(builder.fadd(terms[0], terms[1]), builder.fadd(terms[2], terms[3]))
+
+        _loop(builder, args[9], there, rows, value, adds)
+        return context.get_dummy_value()
+
+    return codegen
+
+
+def _four_types(out: Any, row: Any) -> Any:
+    number, place = types.float32, types.intp
+    return types.void(out, place, number, number, number, number, row, place, place, place)
+
+
+@intrinsic
+def set_sum_of_four(typingctx, out, to, v_0, v_1, v_2, v_3, row, at, step, count):
+    """``out[to + i] = sum_k v_k row[at + k step + i]``, k from 0 to 3, for i below `count`."""
+    return _four_types(out, row), _four(False)
+
+
+@intrinsic
+def add_sum_of_four(typingctx, out, to, v_0, v_1, v_2, v_3, row, at, step, count):
+    """``out[to + i] += sum_k v_k row[at + k step + i]``, k from 0 to 3, for i below `count`."""
+    return _four_types(out, row), _four(True)
+
+
+def _sum_terms(builder: Any, count: Any, there: Any, terms: Any, term: Callable[..., Any]) -> None:
+    """Add to `there` what `term` makes of each of so many terms at a place, the sum being kept in a register."""
+    zero, one = ir.Constant(count.type, 0), ir.Constant(count.type, 1)
+    wide = ir.Constant(count.type, WIDE)
+    whole = builder.mul(builder.sdiv(count, wide), wide)
+    for kind, begin, end, stride in ((_VECTOR, zero, whole, wide), (_FLOAT, whole, count, one)):
+        with cgutils.for_range_slice(builder, begin, end, stride) as (index, _):
+            place = builder.bitcast(builder.gep(there, [index]), kind.as_pointer())
+            total = cgutils.alloca_once(builder, kind)
+            builder.store(builder.load(place, align=4), total)
+            with cgutils.for_range(builder, terms) as loop:
+                builder.store(builder.fadd(builder.load(total), term(loop.index, index, kind)), total)
+            builder.store(builder.load(total), place, align=4)
+
+
+def _numbers(builder: Any, row: Any, index: Any, kind: Any) -> Any:
+    """A vector of numbers, or one, of a row."""
+    return builder.load(builder.bitcast(builder.gep(row, [index]), kind.as_pointer()), align=4)
+
+
+@intrinsic
+def add_rows(typingctx, out, to, factors, at_factors, terms, row, at, step, count):
+    """``out[to + i] += sum_k factors[at_factors + k] row[at + k step + i]``, k below `terms`, for i below `count`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there, given, first = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 2, 5))
+
+        def term(k: Any, index: Any, kind: Any) -> Any:
+            factor = builder.load(builder.gep(given, [k]))
+            here = builder.add(builder.mul(k, args[7]), index)
+            return builder.fmul(_spread(builder, factor) if kind is _VECTOR else factor,
+                                _numbers(builder, first, here, kind))  # fmt: skip
+
+        _sum_terms(builder, args[8], there, args[4], term)
+        return context.get_dummy_value()
+
+    place = types.intp
+    return types.void(out, place, factors, place, place, row, place, place, place), codegen
+
+
+@intrinsic
+def add_products(typingctx, out, to, numbers, first, terms, one, two, at_two, count):
+    """``out[to + i] += sum_k one[k count + i] two[at_two + k count + i]`` for i below `count`.
+
+    The sum is over so many terms k of the list `numbers`, beginning with the one at `first`.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there, listed = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 2))
+        left = context.make_array(kinds[5])(context, builder, args[5]).data
+        right = _begin(context, builder, kinds[6], args[6], args[7])
+
+        def term(k: Any, index: Any, kind: Any) -> Any:
+            here = builder.add(builder.mul(builder.load(builder.gep(listed, [k])), args[8]), index)
+            return builder.fmul(_numbers(builder, left, here, kind), _numbers(builder, right, here, kind))
+
+        _sum_terms(builder, args[8], there, args[4], term)
+        return context.get_dummy_value()
+
+    place = types.intp
+    return types.void(out, place, numbers, place, place, one, two, place, place), codegen
+
+
+@intrinsic
+def clear(typingctx, out, to, count):
+    """``out[to + i] = 0`` for i below `count`."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        there = _begin(context, builder, signature.args[0], args[0], args[1])
+        none = ir.Constant(_VECTOR, [0.0] * WIDE), ir.Constant(_FLOAT, 0.0)
+        _loop(builder, args[2], there, [], lambda _, wide: none[0] if wide else none[1], False)
+        return context.get_dummy_value()
+
+    return types.void(out, types.intp, types.intp), codegen

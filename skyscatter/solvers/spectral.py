@@ -1,0 +1,133 @@
+"""Fewer wavelengths for the costly solution: between them it is carried by the coarse one, which knows all.
+
+What a finer grid changes of a coarse solution is little, and changes slowly with the wavelength.  So the fine solution
+is made at some wavelengths; at each of the others its mean radiance is the coarse one's times their ratio, and every
+other moment, in units of the mean, the coarse one's plus their difference, ratio and difference being cubics in the
+wavelength.  The wavelengths are those from which the coarse solution itself, without any such help, follows well.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.grid import cubic_weights
+from skyscatter.solvers.sweeps import FLOOR, Problem, Solution, Sums
+
+if TYPE_CHECKING:
+    from skyscatter.scene import Scene
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+#: Wavelengths below which all are solved for; kernels do so many at a time.
+FEW = 8
+#: What may be missed of the coarse solution's pattern, in units of the tolerance; what is carried between wavelengths
+#: is a few hundredths of that pattern, and more only where light has fallen by many times.
+MISSED = 20.0
+#: Share of the wavelengths beyond which all are solved for.
+MOST = 0.7
+#: Values of the coarse solution that are looked at, for each wavelength.
+LOOKED_AT = 2000
+
+
+def needed(coarse: Solution, wavelengths: Array, tolerance: float) -> Numbers:
+    """Numbers of the wavelengths from which those between follow; all of them where they do not.
+
+    One after the other the wavelength is taken that follows worst from those that have been taken.
+    """
+    count = wavelengths.size
+    if count <= FEW or not coarse.sums.moments.any():
+        return np.arange(count)
+    pattern = _pattern(coarse)
+    chosen = np.unique(np.linspace(0, count - 1, FEW).astype(int))
+    while chosen.size < MOST * count:
+        apart = np.abs(_between(pattern[:, chosen], wavelengths[chosen], wavelengths) - pattern)
+        missed = (apart / (1 + np.abs(pattern))).max(axis=0)
+        # Kernels take eight at a time: some cost as much as eight.
+        if missed.max() < MISSED * tolerance and chosen.size % FEW == 0:
+            return chosen
+        chosen = np.union1d(chosen, np.argmax(missed))
+    return np.arange(count)
+
+
+def _pattern(coarse: Solution) -> Array:
+    """What the solution looks like at each wavelength, whatever the star's spectrum, (value, wavelength)."""
+    moments = coarse.sums.moments
+    level = np.log(np.maximum(moments[:, :, 0], FLOOR)).reshape(-1, moments.shape[3])
+    seen = level > level.max(axis=0) - 20.0
+    level = level - np.where(seen, level, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    rest = (moments[:, :, 1:] / np.maximum(moments[:, :, :1], FLOOR)).reshape(-1, moments.shape[3])
+    both = np.concatenate([level[seen.all(axis=1)], np.clip(rest, -1.0, 1.0)])
+    return np.asarray(both[:: max(len(both) // LOOKED_AT, 1)])
+
+
+def _between(values: Array, known: Array, wavelengths: Array) -> Array:
+    """Values (..., known) at other wavelengths, (..., wavelength)."""
+    return np.moveaxis(_blended(np.moveaxis(values, -1, 0), *cubic_weights(known, wavelengths)), 0, -1)
+
+
+def _blended(values: Array, number: Numbers, weight: Array) -> Array:
+    """Values (node, ...) at points, of which number and weight (point, 4) are those of `cubic_weights`."""
+    out = np.zeros((len(number), *values.shape[1:]))
+    for k in range(number.shape[1]):
+        out += values[number[:, k]] * weight[:, k].reshape(-1, *[1] * (values.ndim - 1))
+    return out
+
+
+def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers) -> Problem:
+    """A problem for some of its wavelengths, on the same grid and with the same moments."""
+    diffuse = problem.diffuse
+    spectral = ("sigma_t", "greek", "peaks", "emission", "light", "share")
+    some: dict[str, Any] = {name: np.ascontiguousarray(getattr(diffuse, name)[..., chosen]) for name in spectral}
+    return dataclasses.replace(
+        problem, table=compile_scene(scene, wavelengths[chosen]), diffuse=diffuse._replace(**some),
+        cut=np.ascontiguousarray(problem.cut[..., chosen]), whole=np.ascontiguousarray(problem.whole[..., chosen]),
+        level_peaks=problem.level_peaks[chosen],
+    )  # fmt: skip
+
+
+def at_all(some: Sums, problem: Problem, coarse: Solution, wavelengths: Array, chosen: Numbers) -> Sums:
+    """Sums on the grid of a problem at all wavelengths, from those at some and a coarse solution."""
+    mean, rest, flux = _on_grid(coarse, problem)
+    known = wavelengths[chosen]
+
+    def carried(values: Array, guide: Array) -> Array:
+        """Logarithms (..., chosen) at all wavelengths, by those of the guide (..., wavelength)."""
+        return guide + _between(values - guide[..., chosen], known, wavelengths)
+
+    level = np.log(np.maximum(some.moments[:, :, 0], FLOOR))
+    moments = np.empty((*some.moments.shape[:3], wavelengths.size))
+    moments[:, :, 0] = np.exp(carried(level, mean))
+    there = {key: k for k, key in enumerate(_keys(coarse.problem))}
+    for k, key in enumerate(_keys(problem)):
+        if k > 0:
+            values = some.moments[:, :, k] / np.maximum(some.moments[:, :, 0], FLOOR)
+            guide = rest[:, :, there[key] - 1] if key in there else np.zeros_like(mean)
+            moments[:, :, k] = carried(values, guide) * moments[:, :, 0]
+    return Sums(moments, np.exp(carried(np.log(np.maximum(some.flux, FLOOR)), flux)), some.orders)
+
+
+def _keys(problem: Problem) -> list[tuple[int, int, int]]:
+    """Kind, degree and order of the moments."""
+    table = problem.moments
+    return [(int(a), int(b), int(c)) for a, b, c in zip(table.kind, table.degree, table.order, strict=True)]
+
+
+def _on_grid(coarse: Solution, problem: Problem) -> tuple[Array, Array, Array]:
+    """Logarithm of the mean radiance, ratios of the other moments to it, logarithm of the fluxes, on another grid."""
+    moments = coarse.sums.moments
+    theirs, ours = coarse.problem.grid, problem.grid
+    height, sun = cubic_weights(theirs.altitudes, ours.altitudes), cubic_weights(theirs.sun_zenith, ours.sun_zenith)
+
+    def moved(values: Array) -> Array:
+        """(node, sun, ...) on the other grid."""
+        return _blended(_blended(values, *height).swapaxes(0, 1), *sun).swapaxes(0, 1)
+
+    mean = np.maximum(moments[:, :, :1], FLOOR)
+    flux = np.log(np.maximum(coarse.sums.flux, FLOOR)).swapaxes(1, 2)
+    return moved(np.log(mean[:, :, 0])), moved(np.clip(moments[:, :, 1:] / mean, -1, 1)), moved(flux).swapaxes(1, 2)
