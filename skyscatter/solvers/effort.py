@@ -13,8 +13,10 @@ from skyscatter.solvers.sweeps import Problem
 
 #: Orders and minutes of one processor beyond which a solution is refused.
 MOST_ORDERS, MOST_MINUTES = 1000, 60
-#: Seconds for a moment or a Fourier part of one Sun, wavelength and point of a line; measured, with caution.
-SECONDS = 8e-10
+#: Seconds for a point of a line, and for a wavelength there; for a moment of one Sun and wavelength at it, in the first
+#: orders; measured, with caution.  And how many orders with all moments the others, which have few left, are worth.
+POINT, OF_WAVELENGTH, OF_MOMENT = 5e-7, 3e-8, 4.5e-10
+FIRST_ORDERS, LATER_SHARE = 4, 0.05
 #: Points of a line for each row of the field.
 POINTS = 1.5
 
@@ -43,13 +45,12 @@ def expected_orders(problem: Problem, tolerance: float) -> Array:
 
 
 def expected_minutes(problem: Problem, orders: float) -> float:
-    """Minutes of one processor for so many orders; more than it takes, mostly, by up to seven times for thin air."""
-    grid, moments = problem.grid, problem.moments
-    lines = grid.altitudes.size * grid.directions.shape[1] * POINTS * grid.rows.size
-    fourier = int(moments.order.max()) + 1
-    gathered = 4 * grid.sun_zenith.size * grid.azimuths.size * fourier
-    at_a_point = grid.fine_sun_zenith.size * moments.degree.size + gathered
-    return float(SECONDS / 60 * orders * lines * at_a_point * problem.diffuse.sigma_t.shape[1] * problem.stokes)
+    """Minutes of one processor for so many orders; more than it takes, mostly, by up to four times."""
+    grid, wavelengths = problem.grid, problem.diffuse.sigma_t.shape[1]
+    points = grid.altitudes.size * grid.directions.shape[1] * POINTS * grid.rows.size
+    moments = grid.sun_zenith.size * problem.moments.degree.size * wavelengths * problem.stokes
+    whole = min(orders, FIRST_ORDERS) + LATER_SHARE * orders
+    return float(points / 60 * (orders * (POINT + OF_WAVELENGTH * wavelengths) + whole * OF_MOMENT * moments))
 
 
 def check_memory(problem: Problem) -> None:

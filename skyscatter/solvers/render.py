@@ -182,6 +182,8 @@ def _picture(
     from skyscatter.image.spectral import SpectralImage
 
     def spread(values: Array) -> Array:
+        if inside.all() and state.done.all():
+            return values.reshape(*inside.shape, values.shape[-1])
         cube = np.full((*inside.shape, values.shape[-1]), np.nan)
         cube[inside] = np.where(state.done[:, None], values, np.nan)
         return cube

@@ -26,9 +26,11 @@ Numbers = NDArray[np.int64]
 
 #: Wavelengths below which all are solved for; kernels do so many at a time.
 FEW = 8
+#: Wavelengths that are chosen to begin with, evenly.
+FIRST = 4
 #: What may be missed of the coarse solution's pattern, in units of the tolerance; what is carried between wavelengths
 #: is a few hundredths of that pattern, and more only where light has fallen by many times.
-MISSED = 20.0
+MISSED = 10.0
 #: Share of the wavelengths beyond which all are solved for.
 MOST = 0.7
 #: Values of the coarse solution that are looked at, for each wavelength.
@@ -44,7 +46,7 @@ def needed(coarse: Solution, wavelengths: Array, tolerance: float) -> Numbers:
     if count <= FEW or not coarse.sums.moments.any():
         return np.arange(count)
     pattern = _pattern(coarse)
-    chosen = np.unique(np.linspace(0, count - 1, FEW).astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, FIRST).astype(int))
     while chosen.size < MOST * count:
         apart = np.abs(_between(pattern[:, chosen], wavelengths[chosen], wavelengths) - pattern)
         missed = (apart / (1 + np.abs(pattern))).max(axis=0)

@@ -65,11 +65,11 @@ DEEP = 4.5
 #: of what is left of the day's light at the end of astronomical twilight.
 FLOOR, FAINTEST = 1e-35, 1e-10
 #: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow.
-LEAST_STRENGTH = 0.1
+LEAST_STRENGTH = 0.3
 #: The same for a moment at one point, against the isotropic part of the source there.
-LEAST_SHARE = 0.1
+LEAST_SHARE = 0.05
 #: Distance of stations in units of the least distance between two Sun nodes.
-STATION = 0.6
+STATION = 0.45
 #: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
 HAIR = 1e-6
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.

@@ -1,0 +1,84 @@
+"""Sums of rows as vector code: the numbers of numpy, bit for bit, whatever their length and place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyscatter.kernels import rows
+from skyscatter.kernels.jit import entry
+
+F = np.float32
+
+
+@entry
+def product(out: Any, to: int, one: Any, at_one: int, two: Any, at_two: int, count: int) -> None:
+    rows.add_product(out, to, one, at_one, two, at_two, count)
+
+
+@entry
+def scaled(out: Any, to: int, factor: Any, row: Any, at: int, count: int) -> None:
+    rows.add_scaled(out, to, factor, row, at, count)
+
+
+@entry
+def four(out: Any, to: int, v: Any, row: Any, at: int, step: int, count: int, adds: bool) -> None:
+    if adds:
+        rows.add_sum_of_four(out, to, v[0], v[1], v[2], v[3], row, at, step, count)
+    else:
+        rows.set_sum_of_four(out, to, v[0], v[1], v[2], v[3], row, at, step, count)
+
+
+@entry
+def many(out: Any, to: int, factors: Any, first: int, terms: int, row: Any, at: int, step: int, count: int) -> None:
+    rows.add_rows(out, to, factors, first, terms, row, at, step, count)
+
+
+@entry
+def products(out: Any, to: int, numbers: Any, first: int, terms: int, one: Any, two: Any, at: int, count: int) -> None:
+    rows.add_products(out, to, numbers, first, terms, one, two, at, count)
+
+
+@entry
+def cleared(out: Any, to: int, count: int) -> None:
+    rows.clear(out, to, count)
+
+
+def random(*shape: int, seed: int = 0) -> Any:
+    return np.random.default_rng(seed).normal(size=shape).astype(F)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 16, 23, 32, 41])
+def test_rows_are_summed_as_numpy_does(count: int) -> None:
+    start, to, at = random(200), 5, 11
+    there = slice(to, to + count)
+    one, two, table = random(300, seed=1), random(20, 15, seed=2), random(30, count, seed=3)
+
+    def check(expected: Any, function: Any, *given: Any) -> None:
+        out = start.copy()
+        function(out, to, *given)
+        np.testing.assert_array_equal(out[there], expected)
+        np.testing.assert_array_equal(
+            np.delete(out, np.arange(to, to + count)), np.delete(start, np.arange(to, to + count))
+        )
+
+    flat = two.ravel()
+    check(start[there] + one[at : at + count] * flat[3 : 3 + count], product, one, at, two, 3, count)
+    check(start[there] + F(0.3) * flat[3 : 3 + count], scaled, F(0.3), two, 3, count)
+    v = random(4, seed=4)
+    terms = [v[k] * one[at + 50 * k : at + 50 * k + count] for k in range(4)]
+    total = (terms[0] + terms[1]) + (terms[2] + terms[3])
+    check(total, lambda out, to: four(out, to, v, one, at, 50, count, False))
+    check(start[there] + total, lambda out, to: four(out, to, v, one, at, 50, count, True))
+    expected = start[there].copy()
+    for k in range(6):
+        expected = expected + v[k % 4] * one[at + 45 * k : at + 45 * k + count]
+    check(expected, many, np.tile(v, 3), 4, 6, one, at, 45, count)
+    numbers = np.array([9, 9, 3, 0, 7], np.int64)
+    expected = start[there].copy()
+    for k in numbers[2:]:
+        expected = expected + table[k] * random(30 * count + 2, seed=5)[2 + k * count : 2 + (k + 1) * count]
+    check(expected, products, numbers, 2, 3, table, random(30 * count + 2, seed=5), 2, count)
+    check(np.zeros(count, F), cleared, count)
