@@ -15,7 +15,7 @@ from skyscatter.solvers.sweeps import Problem
 MOST_ORDERS, MOST_MINUTES = 1000, 60
 #: Seconds for a point of a line, and for a wavelength there; for a moment of one Sun and wavelength at it, in the first
 #: orders; measured, with caution.  And how many orders with all moments the others, which have few left, are worth.
-POINT, OF_WAVELENGTH, OF_MOMENT = 5e-7, 3e-8, 4.5e-10
+POINT, OF_WAVELENGTH, OF_MOMENT = 1e-6, 3e-8, 4.5e-10
 FIRST_ORDERS, LATER_SHARE = 4, 0.05
 #: Points of a line for each row of the field.
 POINTS = 1.5

@@ -21,6 +21,8 @@ MOST_ORDERS = 5000
 FINE_SHARE = 0.9
 #: Share of the tolerance that the sum over the orders may miss.
 ORDERS_SHARE = 0.3
+#: Orders from which the end of a slow series is found from several of the last ones, and how many those are.
+SLOW, RECENT = 8, 6
 
 
 class Series(NamedTuple):
@@ -34,14 +36,19 @@ class Series(NamedTuple):
     moments: Array  #: of the last order
     flux: Array
     ratio: Array  #: of the last order to the one before; (node, sun, wavelength)
-    #: Number of the last order, its greatest relative change of the sum, that change in units of the one before, and
-    #: the share that is expected to be missing.
+    #: Number of the last order; of the sum with its end: its greatest relative change, that change in units of the one
+    #: before, and the share that is expected to be missing; the same three where the end is found from several orders.
     steps: Array
+    recent: Array  #: moments of several last orders, the last one last; (order, node, sun, moment, wavelength)
+    recent_flux: Array  #: (order, node, 2, sun, wavelength)
+    strength: Array  #: of the moments of the order before the last, see `sweeps.strengths`; (moment,)
 
     @classmethod
     def first(cls, moments: Array, flux: Array) -> Series:
         """The first order alone."""
-        return cls(moments, flux, moments, flux, np.zeros_like(moments[:, :, 0]), np.array([1.0, 1.0, 1.0, 1.0]))
+        none = np.empty((0, *moments.shape)), np.empty((0, *flux.shape))
+        return cls(moments, flux, moments, flux, np.zeros_like(moments[:, :, 0]), np.ones(7), *none,
+                   np.zeros(moments.shape[2]))  # fmt: skip
 
     @property
     def order(self) -> int:
@@ -51,7 +58,37 @@ class Series(NamedTuple):
     @property
     def left(self) -> float:
         """Share of the light that is expected to be missing."""
-        return float(self.steps[3])
+        return float(min(self.steps[3], self.steps[6]))
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether there are enough orders for its end to be found from several."""
+        return len(self.recent) > RECENT
+
+    def shares(self) -> Array:
+        """What each of the recent orders counts once more for those that are to come, (order, wavelength).
+
+        Deep in a thick medium light decays in several modes.  Sums S_j of the orders so far are weighed so that what
+        the next orders add to them, sum c_j m_j+1 with sum c_j = 1, is least (reduced rank extrapolation: Eddy 1979;
+        Sidi 2017, Vector Extrapolation Methods, chapter 2), in units of the light that is there.
+        """
+        mean = self.total[:, :, 0]
+        scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
+        steps = (self.recent[:, :, :, 0] * scale).reshape(len(self.recent), -1, mean.shape[-1])
+        out = np.empty((len(steps), mean.shape[-1]))
+        for w in range(mean.shape[-1]):
+            norm = np.linalg.norm(steps[:, :, w], axis=1).max()
+            rows = steps[:, :, w] / (norm if norm > 0 else 1.0)
+            # With c_n = 1 - sum of the others it is an ordinary least-squares problem.
+            found = np.linalg.lstsq((rows[:-1] - rows[-1]).T, -rows[-1], rcond=1e-10)[0]
+            out[:, w] = -np.concatenate([[0.0], np.cumsum(found)])
+        return out
+
+    def extrapolated(self) -> tuple[Array, Array]:
+        """Moments and fluxes, with the rest as several recent orders tell."""
+        shares = self.shares()
+        moments = self.total + np.einsum("jw,jnsmw->nsmw", shares, self.recent)
+        return moments, self.total_flux + np.einsum("jw,jnfsw->nfsw", shares, self.recent_flux)
 
     def extended(self) -> tuple[Array, Array]:
         """Mean radiance and fluxes, with the rest as a geometric series."""
@@ -62,6 +99,8 @@ class Series(NamedTuple):
     def share(self, goal: float) -> float:
         """Share of the orders that have been made of those until no more than `goal` is missing; 0 where unknown."""
         change, shrinks = float(self.steps[1]), float(self.steps[2])
+        if self.steps[6] < self.steps[3]:
+            change, shrinks = float(self.steps[4]), float(self.steps[5])
         if self.left <= goal:
             return 1.0
         if change >= 1.0 or not 0.0 < shrinks < 1.0:
@@ -72,7 +111,14 @@ class Series(NamedTuple):
         """With one order more; how much is missing is found where the series has to settle."""
         steps = self.steps.copy()
         steps[0] += 1
-        more = Series(self.total + moments, self.total_flux + flux, moments, flux, self.ratio, steps)
+        recent, recent_flux = self.recent, self.recent_flux
+        if settles and steps[0] >= SLOW:
+            recent = np.concatenate([recent[-RECENT:], moments[None]])
+            recent_flux = np.concatenate([recent_flux[-RECENT:], flux[None]])
+        more = Series(
+            self.total + moments, self.total_flux + flux, moments, flux, self.ratio, steps, recent, recent_flux,
+            self.strength,
+        )  # fmt: skip
         if not settles:
             return more
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -83,11 +129,12 @@ class Series(NamedTuple):
             raise ConvergenceError(
                 f"orders: the sum is no number after {more.order} orders of scattering; use solver path"
             )
-        # The series of these sums converges too: what is left is smaller than the last step by its own ratio.
-        # The worse of two: after one step that was huge, because an order outshone the one before, the next
-        # is small beside it and means nothing.
-        shrinks = change / self.steps[1]
-        steps[1:] = change, shrinks, change * min(max(shrinks, self.steps[2]), 1.0)
+        steps[1:4] = _settling(change, self.steps[1:4])
+        if self.is_slow and more.is_slow:
+            before, now = self.extrapolated(), more.extrapolated()
+            change = _change((before[0][:, :, 0], before[1]), (now[0][:, :, 0], now[1]))
+            # These do not fall evenly: the larger of two changes is what may be missing.
+            steps[4:] = change, change / self.steps[4], max(change, self.steps[4])
         return more
 
     def whole(self, max_order: int | None) -> Sums:
@@ -96,10 +143,23 @@ class Series(NamedTuple):
             return Sums(np.zeros_like(self.total), np.zeros_like(self.total_flux), self.order)
         if max_order is not None:
             return Sums(self.total, self.total_flux, self.order)
+        if self.steps[6] < self.steps[3]:
+            return Sums(*self.extrapolated(), self.order)
         tail = self.ratio / (1 - self.ratio)
         return Sums(
             self.total + self.moments * tail[:, :, None], self.total_flux + self.flux * tail[:, None], self.order
         )
+
+
+def _settling(change: float, before: Array) -> tuple[float, float, float]:
+    """A change of the sum, that in units of the one before, and the share that is expected to be missing.
+
+    The sums converge as a geometric series does.  The worse of two rates counts: after one step that was huge, because
+    an order outshone the one before, the next is small beside it and means nothing.
+    """
+    shrinks = change / before[0]
+    rate = min(max(shrinks, before[1]), 0.999)
+    return change, shrinks, change * rate / (1 - rate)
 
 
 def _change(before: tuple[Array, Array], now: tuple[Array, Array]) -> float:
@@ -154,9 +214,9 @@ def sum_orders(
         while series.order < last and not series.left < goal:
             if checkpoint is not None:
                 checkpoint.put(name, series._asdict())
-            sweeper.narrow(series.moments, series.total)
+            strength = sweeper.narrow(series.moments, series.total, series.strength)
             moments, flux = sweeper.next(pool, series.moments, series.flux)
-            series = series.add(moments, flux, max_order is None)
+            series = series._replace(strength=strength).add(moments, flux, max_order is None)
             if progress is not None:
                 progress(FINE_SHARE * (series.share(goal) if max_order is None else series.order / last))
     if max_order is None and not series.left < goal:

@@ -64,8 +64,9 @@ DEEP = 4.5
 #: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth
 #: of what is left of the day's light at the end of astronomical twilight.
 FLOOR, FAINTEST = 1e-35, 1e-10
-#: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow.
-LEAST_STRENGTH = 0.3
+#: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow;
+#: and the slowest decay from order to order for which what they would have had of it is reckoned.
+LEAST_STRENGTH, SLOWEST = 0.3, 0.99
 #: The same for a moment at one point, against the isotropic part of the source there.
 LEAST_SHARE = 0.05
 #: Distance of stations in units of the least distance between two Sun nodes.
@@ -407,16 +408,31 @@ class Sweeper:
         for _ in range(self.threads):
             self.scratch.put(make_sweep_scratch(stage.diffuse, stage.field, self.problem.stokes, rays))
 
-    def narrow(self, moments: Array, total: Array) -> None:
-        """Leave out of the orders to come what has become too small in the last one to matter.
+    def narrow(self, moments: Array, total: Array, before: Array) -> Array:
+        """Leave out of the orders to come what has become too small in the last one, and all after it, to matter.
 
         Light that was scattered often is smooth: after a few orders a few moments are left, and few angles do.
+
+        Parameters
+        ----------
+        moments, total : (node, sun, moment, wavelength)
+            Of the last order, and of the sum.
+        before : (moment,)
+            Strengths of the order before.
+
+        Returns
+        -------
+        ndarray, shape (moment,)
+            Strengths of the last order.
         """
-        strength = strengths(self.problem, moments, total)[self.stage.kept]
-        matters = strength > LEAST_STRENGTH * self.problem.tolerance
+        strength = strengths(self.problem, moments, total)
+        decay = np.where(before > 0, strength / np.where(before > 0, before, 1.0), 0.0)
+        still = strength / (1 - np.clip(decay, 0.0, SLOWEST))
+        matters = still[self.stage.kept] > LEAST_STRENGTH * self.problem.tolerance
         matters[0] = True
         if not matters.all():
             self._begin(Stage.of(self.problem, self.stage.kept[matters]))
+        return strength
 
     @contextmanager
     def _a_scratch(self) -> Iterator[Any]:
