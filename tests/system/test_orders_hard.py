@@ -147,12 +147,31 @@ def test_a_narrow_peak_is_followed() -> None:
     assert np.all((answer.standard_error > 0) & (answer.standard_error < 0.05 * answer.radiance))
 
 
+@pytest.mark.parametrize("depth", [10.0, *(pytest.param(d, marks=pytest.mark.slow) for d in (30.0, 60.0))])
+def test_a_white_cloud_sends_on_all_that_it_takes(depth: float) -> None:
+    """What comes out above and below a cloud that absorbs nothing over black ground is what went in.
+
+    What comes through is known as well, for depths from some ten on: K(mu0) / (3/4 (1 - g) t + 1.07), with the escape
+    function K(mu) = 3/7 (1 + 2 mu) good to 2 % (King 1987, J. Atmos. Sci. 44, 1734; van de Hulst 1980, chapter 12).
+    """
+    g, height, elevation = 0.86, 1000.0, 40.0
+    cloud = layer(Uniform(base=0.0, top=height), depth, HenyeyGreenstein(g=g))
+    flat = scene(cloud, sun=elevation, albedo=0.0, radius=1e6 * height)
+    fluxes = skyscatter.solve(flat, [550.0], sun_elevations_deg=(elevation, elevation)).fluxes([0.0, height])
+    mu0 = np.sin(np.radians(elevation))
+    through = (fluxes.direct + fluxes.diffuse_down)[0, 0] / mu0
+    back = fluxes.diffuse_up[1, 0] / mu0
+    assert through + back == pytest.approx(1.0, abs=DEFAULT_TOLERANCE)
+    known = 3 / 7 * (1 + 2 * mu0) / (0.75 * (1 - g) * depth + 1.07)
+    assert through == pytest.approx(known, rel=0.03)
+
+
 def test_what_cannot_be_solved_is_refused_before_the_work() -> None:
     up = np.array([0.0, 0.0, R])
     spike = scene(layer(Uniform(base=500.0, top=1500.0), 0.5, HenyeyGreenstein(g=0.999)), AIR)
     message = complaint(lambda: skyscatter.radiance(spike, up, [0.0, 0.0, 1.0], [550.0]))
     assert all(word in message for word in ("components[0]", "peak", "solver path"))
-    for depth in (60.0, 100.0):
+    for depth in (200.0, 400.0):
         cloud = scene(layer(Uniform(base=500.0, top=1500.0), depth, HenyeyGreenstein(g=0.86)), AIR)
         message = complaint(lambda cloud=cloud: skyscatter.radiance(cloud, up, [0.0, 0.0, 1.0], [550.0]))
         assert all(word in message for word in ("optical depth", "550 nm", "orders of scattering", "solver path"))
