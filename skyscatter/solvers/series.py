@@ -41,14 +41,12 @@ class Series(NamedTuple):
     steps: Array
     recent: Array  #: moments of several last orders, the last one last; (order, node, sun, moment, wavelength)
     recent_flux: Array  #: (order, node, 2, sun, wavelength)
-    strength: Array  #: of the moments of the order before the last, see `sweeps.strengths`; (moment,)
 
     @classmethod
     def first(cls, moments: Array, flux: Array) -> Series:
         """The first order alone."""
         none = np.empty((0, *moments.shape)), np.empty((0, *flux.shape))
-        return cls(moments, flux, moments, flux, np.zeros_like(moments[:, :, 0]), np.ones(7), *none,
-                   np.zeros(moments.shape[2]))  # fmt: skip
+        return cls(moments, flux, moments, flux, np.zeros_like(moments[:, :, 0]), np.ones(7), *none)
 
     @property
     def order(self) -> int:
@@ -59,6 +57,11 @@ class Series(NamedTuple):
     def left(self) -> float:
         """Share of the light that is expected to be missing."""
         return float(min(self.steps[3], self.steps[6]))
+
+    @property
+    def rate(self) -> float:
+        """By how much the sum's changes fall from order to order; 0 as long as that is unknown."""
+        return float(self.steps[2]) if self.order > 2 else 0.0
 
     @property
     def is_slow(self) -> bool:
@@ -116,9 +119,8 @@ class Series(NamedTuple):
             recent = np.concatenate([recent[-RECENT:], moments[None]])
             recent_flux = np.concatenate([recent_flux[-RECENT:], flux[None]])
         more = Series(
-            self.total + moments, self.total_flux + flux, moments, flux, self.ratio, steps, recent, recent_flux,
-            self.strength,
-        )  # fmt: skip
+            self.total + moments, self.total_flux + flux, moments, flux, self.ratio, steps, recent, recent_flux
+        )
         if not settles:
             return more
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -214,9 +216,9 @@ def sum_orders(
         while series.order < last and not series.left < goal:
             if checkpoint is not None:
                 checkpoint.put(name, series._asdict())
-            strength = sweeper.narrow(series.moments, series.total, series.strength)
+            sweeper.narrow(series.moments, series.total, series.rate)
             moments, flux = sweeper.next(pool, series.moments, series.flux)
-            series = series._replace(strength=strength).add(moments, flux, max_order is None)
+            series = series.add(moments, flux, max_order is None)
             if progress is not None:
                 progress(FINE_SHARE * (series.share(goal) if max_order is None else series.order / last))
     if max_order is None and not series.left < goal:

@@ -65,7 +65,7 @@ DEEP = 4.5
 #: of what is left of the day's light at the end of astronomical twilight.
 FLOOR, FAINTEST = 1e-35, 1e-10
 #: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow;
-#: and the slowest decay from order to order for which what they would have had of it is reckoned.
+#: and the slowest decay from order to order that is reckoned with.
 LEAST_STRENGTH, SLOWEST = 0.3, 0.99
 #: The same for a moment at one point, against the isotropic part of the source there.
 LEAST_SHARE = 0.05
@@ -408,7 +408,7 @@ class Sweeper:
         for _ in range(self.threads):
             self.scratch.put(make_sweep_scratch(stage.diffuse, stage.field, self.problem.stokes, rays))
 
-    def narrow(self, moments: Array, total: Array, before: Array) -> Array:
+    def narrow(self, moments: Array, total: Array, rate: float) -> None:
         """Leave out of the orders to come what has become too small in the last one, and all after it, to matter.
 
         Light that was scattered often is smooth: after a few orders a few moments are left, and few angles do.
@@ -417,22 +417,14 @@ class Sweeper:
         ----------
         moments, total : (node, sun, moment, wavelength)
             Of the last order, and of the sum.
-        before : (moment,)
-            Strengths of the order before.
-
-        Returns
-        -------
-        ndarray, shape (moment,)
-            Strengths of the last order.
+        rate : float
+            By how much orders fall from one to the next: the later ones have rate / (1 - rate) of the last.
         """
-        strength = strengths(self.problem, moments, total)
-        decay = np.where(before > 0, strength / np.where(before > 0, before, 1.0), 0.0)
-        still = strength / (1 - np.clip(decay, 0.0, SLOWEST))
-        matters = still[self.stage.kept] > LEAST_STRENGTH * self.problem.tolerance
+        strength = strengths(self.problem, moments, total) / (1 - min(rate, SLOWEST))
+        matters = strength[self.stage.kept] > LEAST_STRENGTH * self.problem.tolerance
         matters[0] = True
         if not matters.all():
             self._begin(Stage.of(self.problem, self.stage.kept[matters]))
-        return strength
 
     @contextmanager
     def _a_scratch(self) -> Iterator[Any]:
