@@ -12,8 +12,9 @@ from skyscatter.errors import DomainError
 OF_PIXEL = 200
 #: Cubes beside those of the answer: what files are made of.
 OF_FILES = 2
-#: Orders of scattering in memory at once: the sum and the last one, the next ones, and what is kept and made of them.
-ORDERS = 8
+#: Orders of scattering in memory at once: the sum and the last one, the next ones, what is kept and made of them, and
+#: those from which the end of a slow series is found.
+ORDERS = 15
 #: Numbers of a point at which photons are gathered, beside its spectrum: with up to a dozen sorts of matter.
 OF_POINT = 40
 _CGROUPS = (
