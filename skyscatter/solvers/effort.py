@@ -45,7 +45,11 @@ def expected_orders(problem: Problem, tolerance: float) -> Array:
 
 
 def expected_minutes(problem: Problem, orders: float) -> float:
-    """Minutes of one processor for so many orders; more than it takes, mostly, by up to four times."""
+    """Minutes of one processor for so many orders.
+
+    About right for thin air, four times too many at optical depth 30 and up to seventeen times at 100, where the sum
+    ends sooner than is expected.
+    """
     grid, wavelengths = problem.grid, problem.diffuse.sigma_t.shape[1]
     points = grid.altitudes.size * grid.directions.shape[1] * POINTS * grid.rows.size
     moments = grid.sun_zenith.size * problem.moments.degree.size * wavelengths * problem.stokes

@@ -87,11 +87,11 @@ class Series(NamedTuple):
             out[:, w] = -np.concatenate([[0.0], np.cumsum(found)])
         return out
 
-    def extrapolated(self) -> tuple[Array, Array]:
-        """Moments and fluxes, with the rest as several recent orders tell."""
+    def extrapolated(self, moments: slice = slice(None)) -> tuple[Array, Array]:
+        """Moments, or some of them, and fluxes, with the rest as several recent orders tell."""
         shares = self.shares()
-        moments = self.total + np.einsum("jw,jnsmw->nsmw", shares, self.recent)
-        return moments, self.total_flux + np.einsum("jw,jnfsw->nfsw", shares, self.recent_flux)
+        found = self.total[:, :, moments] + np.einsum("jw,jnsmw->nsmw", shares, self.recent[:, :, :, moments])
+        return found, self.total_flux + np.einsum("jw,jnfsw->nfsw", shares, self.recent_flux)
 
     def extended(self) -> tuple[Array, Array]:
         """Mean radiance and fluxes, with the rest as a geometric series."""
@@ -133,8 +133,9 @@ class Series(NamedTuple):
             )
         steps[1:4] = _settling(change, self.steps[1:4])
         if self.is_slow and more.is_slow:
-            before, now = self.extrapolated(), more.extrapolated()
-            change = _change((before[0][:, :, 0], before[1]), (now[0][:, :, 0], now[1]))
+            mean = slice(0, 1)
+            (before, flux_before), (now, flux_now) = self.extrapolated(mean), more.extrapolated(mean)
+            change = _change((before[:, :, 0], flux_before), (now[:, :, 0], flux_now))
             # These do not fall evenly: the larger of two changes is what may be missing.
             steps[4:] = change, change / self.steps[4], max(change, self.steps[4])
         return more

@@ -469,7 +469,7 @@ class Sweeper:
         packed = np.clip(moments[:, :, self.stage.kept] / mean, -2.0, 2.0)
         packed[:, :, :1] = np.log(mean)
         field = self.stage.field
-        field.bound[:] = np.maximum(np.abs(packed).max(axis=(0, 1, 3)), 0.0)
+        field.bound[:] = np.abs(packed).max(axis=(0, 1, 3))
         field.bound[0] = 1.0
         suns = field.ground.shape[0]
         edges = np.linspace(0, suns, min(4 * self.threads, suns) + 1).astype(int)
