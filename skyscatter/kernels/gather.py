@@ -15,7 +15,14 @@ from skyscatter.kernels.bundle import place_rays, sun_reach
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.rows import add_product, add_products, add_rows, add_scaled, clear, set_sum_of_four
-from skyscatter.kernels.stations import first_station, lay_stations, station_number, station_place, station_weight
+from skyscatter.kernels.stations import (
+    first_station,
+    lay_stations,
+    reach_of_three,
+    station_number,
+    station_place,
+    station_weight,
+)
 
 #: Light that counts as none.
 DARKEST = np.float32(1e-37)
@@ -288,24 +295,18 @@ def gather(diffuse, field, line, n, rays, course, bundle):
     suns = field.moments.shape[1]
     clear(bundle.gathered, 0, rays * bundle.gathered.shape[1] * bundle.gathered.shape[2])
     stations = lay_stations(line, course.t[0], course.t[n - 1], field.station)
-    given, opened = 0, 0  # stations that the rays have; stations that have been opened
+    opened = 0
     for s in range(n):
         x = station_number(stations, line, course.t[s])
         base = first_station(stations, x)
-        last = min(base + 2, stations.many - 1)
-        while given < min(base, opened):
-            _give_to_rays(diffuse, line, stations, given, suns, rays, bundle)
-            given += 1
-        given, opened = max(given, base), max(opened, base)
-        low, high = suns, 0
-        for b in range(base, last + 1):
-            if b == opened:
-                _open_station(diffuse, line, stations, b, suns, rays, bundle)
-                opened += 1
-            low, high = min(low, bundle.reach[b % 3, 0]), max(high, bundle.reach[b % 3, 1])
+        while opened < min(base + 3, stations.many):
+            if opened >= 3:
+                _give_to_rays(diffuse, line, stations, opened - 3, suns, rays, bundle)
+            _open_station(diffuse, line, stations, opened, suns, rays, bundle)
+            opened += 1
+        low, high = reach_of_three(bundle.reach, base, stations)
         orders = _source_at(field, course, s, low, high, line.hits_ground and s == n - 1, bundle)
-        for b in range(base, last + 1):
+        for b in range(base, min(base + 3, stations.many)):
             _add_to_station(b, station_weight(stations, x - base, b - base), orders, bundle)
-    while given < opened:
-        _give_to_rays(diffuse, line, stations, given, suns, rays, bundle)
-        given += 1
+    for b in range(max(opened - 3, 0), opened):
+        _give_to_rays(diffuse, line, stations, b, suns, rays, bundle)

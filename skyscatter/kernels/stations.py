@@ -5,7 +5,8 @@ planet's centre between a point and the first one: on nothing else do they depen
 is not handed to the rays point by point, but put together at a few stations, even in psi, as a parabola through three
 of them takes it.  Where a course climbs steeply they are far fewer than its points; straight up one serves all.
 
-Points come one after the other, and three stations are open at a time: station b is kept at place b % 3.
+Points come one after the other, and three stations are open at a time: station b is kept at place b % 3, and given to
+the rays when station b + 3 is opened there.
 """
 
 from __future__ import annotations
@@ -72,3 +73,12 @@ def station_weight(stations, x, k):
     if k == 1:
         return x * (2.0 - x)
     return 0.5 * (1.0 - x) * (2.0 - x) if k == 0 else 0.5 * x * (x - 1.0)
+
+
+@inlined
+def reach_of_three(reach, base, stations):
+    """First and last Sun node of the open stations from `base` on; ``reach[b % 3]`` begins with those of station b."""
+    low, high = reach[base % 3, 0], reach[base % 3, 1]
+    for b in range(base + 1, min(base + 3, stations.many)):
+        low, high = min(low, reach[b % 3, 0]), max(high, reach[b % 3, 1])
+    return low, high

@@ -12,7 +12,14 @@ from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.lookup import columns_to_light
 from skyscatter.kernels.optics import phase_at, transmittance
 from skyscatter.kernels.rows import add_product, add_sum_of_four, clear
-from skyscatter.kernels.stations import first_station, lay_stations, station_number, station_place, station_weight
+from skyscatter.kernels.stations import (
+    first_station,
+    lay_stations,
+    reach_of_three,
+    station_number,
+    station_place,
+    station_weight,
+)
 
 #: Cosine of the Sun's zenith angle above which the disk acts as its middle.
 HIGH_SUN = 0.12
@@ -247,28 +254,22 @@ def light_node(columns, diffuse, sun_mu, distance, line, n, rays, course, bundle
     if points == 0:
         return
     stations = lay_stations(line, course.gauss[0, 0], course.gauss[points - 1, 0], distance)
-    given, opened = 0, 0  # stations that the rays have; stations that have been opened
+    opened = 0
     for k in range(points):
         x = station_number(stations, line, course.gauss[k, 0])
         base = first_station(stations, x)
-        last = min(base + 2, stations.many - 1)
-        while given < min(base, opened):
-            _give_lit(diffuse, line, stations, given, suns, rays, bundle)
-            given += 1
-        given, opened = max(given, base), max(opened, base)
-        low, high = suns, 0
-        for b in range(base, last + 1):
-            if b == opened:
-                _open_lit(diffuse, line, stations, b, suns, rays, bundle)
-                opened += 1
-            low, high = min(low, bundle.reach[b % 3, 0]), max(high, bundle.reach[b % 3, 1])
+        while opened < min(base + 3, stations.many):
+            if opened >= 3:
+                _give_lit(diffuse, line, stations, opened - 3, suns, rays, bundle)
+            _open_lit(diffuse, line, stations, opened, suns, rays, bundle)
+            opened += 1
+        low, high = reach_of_three(bundle.reach, base, stations)
         for j in range(low, high + 1):
             _sunlight(columns, diffuse, course.gauss[k, 1], sun_mu[j], work, bundle.sunlight[j])
-        for b in range(base, last + 1):
+        for b in range(base, min(base + 3, stations.many)):
             _add_to_lit(diffuse, k, b, station_weight(stations, x - base, b - base), course, bundle)
-    while given < opened:
-        _give_lit(diffuse, line, stations, given, suns, rays, bundle)
-        given += 1
+    for b in range(max(opened - 3, 0), opened):
+        _give_lit(diffuse, line, stations, b, suns, rays, bundle)
 
 
 @kernel

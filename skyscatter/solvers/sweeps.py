@@ -85,7 +85,6 @@ class Problem:
     diffuse: Diffuse
     grid: grids.Grid
     moments: MomentTable
-    recurrence: Array  #: of the angular functions
     cut: Array  #: phase function (and b1) times scattering, without its peak; (use, component, angle, wavelength)
     whole: Array  #: the same with its peak
     stokes: int  #: Stokes parameters: 1, 3 or 4
@@ -211,11 +210,9 @@ def make_problem(
         tilt=tilt, share=share, shell=grid.rows, sun_index=grid.index,
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
-    orders = int(moments.order.max())
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
     level_peaks = (peak * level).sum(axis=0)
-    functions = grids.recurrence(kept, orders)
-    return Problem(table, diffuse, grid, moments, functions, cut, whole, kinds, tolerance, level_peaks)
+    return Problem(table, diffuse, grid, moments, cut, whole, kinds, tolerance, level_peaks)
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:
