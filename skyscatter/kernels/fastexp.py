@@ -8,11 +8,8 @@ below -700 give 1e-304, which is zero for every purpose here.
 
 from __future__ import annotations
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
-from skyscatter.kernels.jit import merged
+from skyscatter.kernels.jit import intrinsic, merged
+from skyscatter.kernels.later import ir, types
 
 LOG2_E = 1.4426950408889634
 #: ln 2 in two parts, the first with trailing zero bits, so that n * LN2_HIGH is exact.

@@ -13,16 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from skyscatter.kernels.jit import intrinsic
+from skyscatter.kernels.later import cgutils, ir, types
 
 #: Numbers in a vector.
 WIDE = 8
 
-_FLOAT = ir.FloatType()
-_VECTOR = ir.VectorType(_FLOAT, WIDE)
+
+def _vector() -> Any:
+    """Type of so many numbers side by side."""
+    return ir.VectorType(ir.FloatType(), WIDE)
 
 
 def _begin(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
@@ -32,9 +32,9 @@ def _begin(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any
 
 def _spread(builder: Any, number: Any) -> Any:
     """A vector of one number."""
-    vector = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+    vector = builder.insert_element(ir.Constant(_vector(), ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
     mask = ir.Constant(ir.VectorType(ir.IntType(32), WIDE), [0] * WIDE)
-    return builder.shuffle_vector(vector, ir.Constant(_VECTOR, ir.Undefined), mask)
+    return builder.shuffle_vector(vector, ir.Constant(_vector(), ir.Undefined), mask)
 
 
 def _loop(builder: Any, count: Any, out: Any, rows: Sequence[Any], value: Callable[..., Any], adds: bool) -> None:
@@ -44,7 +44,7 @@ def _loop(builder: Any, count: Any, out: Any, rows: Sequence[Any], value: Callab
 
     def at(pointer: Any, index: Any, vector: bool) -> Any:
         place = builder.gep(pointer, [index])
-        return builder.bitcast(place, _VECTOR.as_pointer()) if vector else place
+        return builder.bitcast(place, _vector().as_pointer()) if vector else place
 
     def step(index: Any, vector: bool) -> None:
         found = value([builder.load(at(row, index, vector), align=4) for row in rows], vector)
@@ -131,7 +131,7 @@ def _sum_terms(builder: Any, count: Any, there: Any, terms: Any, term: Callable[
     zero, one = ir.Constant(count.type, 0), ir.Constant(count.type, 1)
     wide = ir.Constant(count.type, WIDE)
     whole = builder.mul(builder.sdiv(count, wide), wide)
-    for kind, begin, end, stride in ((_VECTOR, zero, whole, wide), (_FLOAT, whole, count, one)):
+    for kind, begin, end, stride in ((_vector(), zero, whole, wide), (ir.FloatType(), whole, count, one)):
         with cgutils.for_range_slice(builder, begin, end, stride) as (index, _):
             place = builder.bitcast(builder.gep(there, [index]), kind.as_pointer())
             total = cgutils.alloca_once(builder, kind)
@@ -157,7 +157,7 @@ def add_rows(typingctx, out, to, factors, at_factors, terms, row, at, step, coun
         def term(k: Any, index: Any, kind: Any) -> Any:
             factor = builder.load(builder.gep(given, [k]))
             here = builder.add(builder.mul(k, args[7]), index)
-            return builder.fmul(_spread(builder, factor) if kind is _VECTOR else factor,
+            return builder.fmul(_spread(builder, factor) if kind == _vector() else factor,
                                 _numbers(builder, first, here, kind))  # fmt: skip
 
         _sum_terms(builder, args[8], there, args[4], term)
@@ -197,7 +197,7 @@ def clear(typingctx, out, to, count):
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         there = _begin(context, builder, signature.args[0], args[0], args[1])
-        none = ir.Constant(_VECTOR, [0.0] * WIDE), ir.Constant(_FLOAT, 0.0)
+        none = ir.Constant(_vector(), [0.0] * WIDE), ir.Constant(ir.FloatType(), 0.0)
         _loop(builder, args[2], there, [], lambda _, wide: none[0] if wide else none[1], False)
         return context.get_dummy_value()
 

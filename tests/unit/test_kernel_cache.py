@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 from numba.core.caching import NullCache
-from numba.core.dispatcher import Dispatcher
 
 import skyscatter
-from skyscatter.kernels import columns, jit
+from skyscatter.kernels import columns, stamps
+from skyscatter.kernels.jit import Kernel
 
 PACKAGE = Path(skyscatter.__file__).parent
 #: Every folder of kernels, with a constant that its own kernels read across files.
@@ -27,44 +27,44 @@ CONSTANTS = {
 }
 
 
-def dispatchers() -> dict[str, Dispatcher]:
+def kernels() -> dict[str, Kernel]:
     """Every compiled function of the package, whichever folder it stands in."""
     found = {}
     for info in pkgutil.walk_packages([str(PACKAGE)], "skyscatter."):
         module = importlib.import_module(info.name)
         for name, value in vars(module).items():
-            if isinstance(value, Dispatcher) and value.py_func.__module__ == module.__name__:
+            if isinstance(value, Kernel) and value.py_func.__module__ == module.__name__:
                 found[f"{info.name}.{name}"] = value
     return found
 
 
-DISPATCHERS = dispatchers()
+KERNELS = kernels()
 
 
-def file_of(kernel: Dispatcher) -> Path:
+def file_of(kernel: Kernel) -> Path:
     return Path(str(sys.modules[kernel.py_func.__module__].__file__))
 
 
 def test_kernels_are_found() -> None:
     solvers = {"columns.exact_columns", "single.single_rays", "path.path_rays", "fastexp.fast_exp"}
     others = {"kernels.raster.correct.correct", "kernels.adjoint.march.image_rays"}
-    assert {f"skyscatter.kernels.{name}" for name in solvers} <= DISPATCHERS.keys()
-    assert {f"skyscatter.{name}" for name in others} <= DISPATCHERS.keys()
+    assert {f"skyscatter.kernels.{name}" for name in solvers} <= KERNELS.keys()
+    assert {f"skyscatter.{name}" for name in others} <= KERNELS.keys()
 
 
 def test_every_folder_of_kernels_is_tried() -> None:
-    folders = {Path(*name.split(".")[1:-2]).as_posix() for name in DISPATCHERS}
+    folders = {Path(*name.split(".")[1:-2]).as_posix() for name in KERNELS}
     assert folders == set(CONSTANTS)
 
 
-@pytest.mark.parametrize("name", DISPATCHERS)
+@pytest.mark.parametrize("name", KERNELS)
 def test_cache_carries_the_stamp_of_all_its_sources(name: str) -> None:
-    cache = DISPATCHERS[name]._cache
+    cache = KERNELS[name].compiled._cache
     if isinstance(cache, NullCache):
         # Not cached at all: allowed only for what is inlined into its callers.
-        assert DISPATCHERS[name].targetoptions.get("inline") == "always", name
+        assert KERNELS[name].targetoptions.get("inline") == "always", name
     else:
-        assert cache._cache_file._source_stamp == jit.source_stamp(file_of(DISPATCHERS[name])), name
+        assert cache._cache_file._source_stamp == stamps.source_stamp(file_of(KERNELS[name])), name
 
 
 def loaded(module: str) -> set[Path]:
@@ -77,17 +77,17 @@ def loaded(module: str) -> set[Path]:
             continue
         seen.add(name)
         for value in vars(sys.modules[name]).values():
-            function = value.py_func if isinstance(value, Dispatcher) else value
+            function = value.py_func if isinstance(value, Kernel) else value
             source = function.__name__ if type(value) is type(sys) else getattr(function, "__module__", None)
             if isinstance(source, str) and source in sys.modules:
                 waiting.append(source)
     return {Path(str(sys.modules[name].__file__)) for name in seen}
 
 
-@pytest.mark.parametrize("module", sorted({d.py_func.__module__ for d in DISPATCHERS.values()}))
+@pytest.mark.parametrize("module", sorted({d.py_func.__module__ for d in KERNELS.values()}))
 def test_the_closure_holds_all_that_a_module_uses(module: str) -> None:
     """Found by reading the imports; held against where the module's names come from at run time."""
-    assert loaded(module) <= set(jit.closure(Path(str(sys.modules[module].__file__))))
+    assert loaded(module) <= set(stamps.closure(Path(str(sys.modules[module].__file__))))
 
 
 def copy_of_the_kernels(root: Path) -> None:
@@ -116,7 +116,7 @@ def test_no_edit_runs_old_code(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
     def ask() -> list[str]:
-        say = "print(m.probe(1.0), sum(m.probe.stats.cache_hits.values()))"
+        say = "print(m.probe(1.0), sum(m.probe.compiled.stats.cache_hits.values()))"
         names = [f"skyscatter.{folder.replace('/', '.')}.probe_cache" for folder in CONSTANTS]
         calls = "; ".join(f"import {name} as m; {say}" for name in names)
         run = subprocess.run(
@@ -145,7 +145,7 @@ def test_no_edit_runs_old_code(tmp_path: Path) -> None:
 
 def test_an_edit_elsewhere_compiles_nothing_anew(tmp_path: Path) -> None:
     copy_of_the_kernels(tmp_path)
-    stamp = jit.source_stamp.__wrapped__
+    stamp = stamps.source_stamp.__wrapped__
     kernels = tmp_path / "skyscatter/kernels"
     names = (kernels / "columns.py", kernels / "surfaces/walks.py")
     plain, rooms = (stamp(name, tmp_path) for name in names)
@@ -165,14 +165,14 @@ def test_imports_in_every_form_are_followed(tmp_path: Path) -> None:
     (package / "first.py").write_text(
         "import skyscatter.a.b\nfrom skyscatter.a import c\n\ndef late():\n    from . import d\n"
     )
-    found = {path.name for path in jit.closure(package / "first.py", tmp_path)}
+    found = {path.name for path in stamps.closure(package / "first.py", tmp_path)}
     assert found == {"first.py", "__init__.py", "b.py", "c.py", "d.py", "e.py"}
 
 
 def test_a_users_own_kernel_depends_on_ours(tmp_path: Path) -> None:
     own = tmp_path / "mine.py"
     own.write_text("from skyscatter.kernels.columns import EXPONENTIAL\n")
-    assert {path.name for path in jit.closure(own)} >= {"mine.py", "columns.py", "jit.py"}
+    assert {path.name for path in stamps.closure(own)} >= {"mine.py", "columns.py", "jit.py"}
 
 
 def test_a_stale_index_is_not_used(tmp_path: Path) -> None:
@@ -183,4 +183,4 @@ def test_a_stale_index_is_not_used(tmp_path: Path) -> None:
     old.save("signature", "machine code")
     assert IndexDataCacheFile(str(tmp_path), "kernel", "stamp 1").load("signature") == "machine code"
     assert IndexDataCacheFile(str(tmp_path), "kernel", "stamp 2").load("signature") is None
-    assert isinstance(columns.exact_columns._cache._cache_file, IndexDataCacheFile)
+    assert isinstance(columns.exact_columns.compiled._cache._cache_file, IndexDataCacheFile)

@@ -75,7 +75,7 @@ def test_only_what_python_calls_has_machine_code(module_of, values):
     module = module_of(OURS.format(innermost="kernel"))
     module.outer(values, np.empty_like(values))
     functions = module.innermost, module.inner, module.outer
-    libraries = [next(iter(function.overloads.values())).library for function in functions]
+    libraries = [next(iter(function.compiled.overloads.values())).library for function in functions]
     assert [type(library) for library in libraries] == [_Part, _Part, _Entry]
     for part in libraries[:2]:
         assert not list(part.get_defined_functions())
@@ -86,7 +86,7 @@ def test_only_what_python_calls_has_machine_code(module_of, values):
 def test_kernels_that_make_arrays_keep_numbas_own_library():
     made = allocating(lambda n: np.arange(n) * 2.0)
     np.testing.assert_array_equal(made(4), [0.0, 2.0, 4.0, 6.0])
-    assert not isinstance(next(iter(made.overloads.values())).library, (_Entry, _Part))
+    assert not isinstance(next(iter(made.compiled.overloads.values())).library, (_Entry, _Part))
 
 
 SCRIPT = """
@@ -95,7 +95,7 @@ sys.path.insert(0, sys.argv[1])
 import numpy as np, made_0
 out = np.empty(3)
 getattr(made_0, sys.argv[2])(np.array([1.0, 2.0, 4.0]), out)
-print(out[2], sum(made_0.inner.stats.cache_hits.values()))
+print(out[2], sum(made_0.inner.compiled.stats.cache_hits.values()))
 """
 
 

@@ -1,0 +1,59 @@
+"""What numba makes of a kernel, kept on disk under a stamp of all sources that it is made of."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+
+from skyscatter.kernels import tables  # noqa: F401  (what numba has to know of tables in memory)
+from skyscatter.kernels.pipeline import OnceOptimised
+from skyscatter.kernels.signals import postponed
+from skyscatter.kernels.stamps import PACKAGE, source_stamp
+
+
+def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Numba's dispatcher of a function, with these options of numba's."""
+    compiled = njit(nogil=True, error_model="numpy", pipeline_class=OnceOptimised, **options)(function)
+    try:
+        compiled.enable_caching()
+    except RuntimeError:  # no folder that numba knows of may be written to
+        _say_uncached("no folder may be written to")
+        return compiled
+    # The index of the cache compares this stamp and starts over when it differs.
+    compiled._cache._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename))
+    load, save = compiled._cache.load_overload, compiled._cache.save_overload
+
+    def load_undisturbed(signature: Any, context: Any) -> Any:
+        with postponed():
+            return load(signature, context)
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        try:
+            save(signature, data)
+        except OSError as error:  # such as a full disk
+            _say_uncached(error.strerror or str(error))
+
+    compiled._cache.load_overload, compiled._cache.save_overload = load_undisturbed, save_if_possible
+    return compiled
+
+
+@cache
+def _say_uncached(reason: str) -> None:
+    """Say once why every run will compile anew."""
+    remedy = "every run compiles for up to a minute; name a folder for them in NUMBA_CACHE_DIR"
+    logging.getLogger(PACKAGE).warning("compiled kernels cannot be kept (%s): %s", reason, remedy)
+
+
+def intrinsic_type(function: Callable[..., Any]) -> Any:
+    """Numba's type of an intrinsic."""
+    known = intrinsic(function)
+    context = cpu_target.typing_context
+    context.refresh()
+    return context.resolve_value_type(known)
