@@ -16,7 +16,6 @@ from __future__ import annotations
 import operator
 import struct
 import sys
-from collections.abc import Iterator
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -25,7 +24,7 @@ import numpy as np
 WORD = 8
 
 #: The marked classes.
-MARKED: list[type] = []
+MARKED: set[type] = set()
 
 T = TypeVar("T", bound=type)
 
@@ -35,7 +34,7 @@ def by_address(cls: T) -> T:
 
     Kernels may take it and read its fields, and not make one.
     """
-    MARKED.append(cls)
+    MARKED.add(cls)
     known = sys.modules.get("skyscatter.kernels.tables")
     if known is not None:
         known.register(cls)
@@ -50,24 +49,70 @@ class _Packed(NamedTuple):
     table: Any  #: whose arrays are meant
 
 
-def _numbers(value: Any) -> Iterator[tuple[str, Any]]:
-    """Words of a value: how `struct` writes each, and what."""
-    if isinstance(value, np.ndarray):
-        yield "Q", value.__array_interface__["data"][0]
-        yield "q", value.size
-        for number in (*value.shape, *value.strides):
-            yield "q", number
-    elif isinstance(value, tuple):
-        for item in value:
-            yield from _numbers(item)
-    elif isinstance(value, (float, np.floating)):
-        yield "d", value
-    elif value is not None:
-        yield "q", operator.index(value)
+class Words:
+    """Values laid out one after the other: their kinds as text, how `struct` writes each word, and the words."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+        self.form: list[str] = []
+        self.numbers: list[Any] = []
+
+    def add(self, value: Any) -> None:
+        """Lay out one value; TypeError where that is not known how."""
+        if isinstance(value, np.ndarray):
+            self._add_array(value)
+        elif isinstance(value, tuple):
+            cls = type(value)
+            self.kinds.append("(" if cls is tuple else f"{cls.__module__}.{cls.__qualname__}(")
+            for item in value:
+                self.add(item)
+            self.kinds.append(")")
+        elif value is None:
+            self.kinds.append("n")
+        else:
+            self._add_number(value)
+
+    def _add_array(self, array: np.ndarray) -> None:
+        flags = array.flags
+        layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+        locked = "" if flags.writeable else "r"
+        self.kinds.append(f"{array.dtype.str}{layout}{array.ndim}{locked}{'' if flags.aligned else 'u'}")
+        self.form.append(f"Q{1 + 2 * array.ndim}q")
+        self.numbers += (array.__array_interface__["data"][0], array.size, *array.shape, *array.strides)
+
+    def _add_number(self, value: Any) -> None:
+        if isinstance(value, (float, np.floating)):
+            kind, form = "f4" if isinstance(value, np.float32) else "f8", "d"
+        elif isinstance(value, (bool, np.bool_)):
+            kind, form, value = "b", "q", int(value)
+        else:
+            kind, form = value.dtype.str[1:] if isinstance(value, np.integer) else "i8", "q"
+            value = operator.index(value)
+            if not -(2**63) <= value < 2**63:
+                kind, form = "u8", "Q"
+        self.kinds.append(kind)
+        self.form.append(form)
+        self.numbers.append(value)
+
+    def packed(self) -> bytes:
+        """The words in memory."""
+        return struct.pack("".join(self.form), *self.numbers)
 
 
 def pack(table: Any) -> _Packed:
     """Lay a table out in memory."""
-    kinds, values = zip(*_numbers(table), strict=True)
-    block = np.frombuffer(struct.pack("".join(kinds), *values), np.uint8)
+    words = Words()
+    words.add(tuple(table))
+    block = np.frombuffer(words.packed(), np.uint8)
     return _Packed(block.__array_interface__["data"][0], block, table)
+
+
+def lay_out(arguments: tuple[Any, ...]) -> tuple[str, bytes] | None:
+    """Kinds and words of the arguments of a call; None where one is nothing that has words."""
+    words = Words()
+    try:
+        for argument in arguments:
+            words.add(argument)
+        return " ".join(words.kinds), words.packed()
+    except (TypeError, struct.error):
+        return None

@@ -1,7 +1,8 @@
 """How kernels are marked: each is compiled when it is first called, serial and without the GIL, and kept on disk.
 
 The marks name no compiler, which takes half a second to load: `skyscatter.kernels.compiling` is imported when there is
-something to compile or to load.
+something to compile or to load.  An entry whose machine code came with the installation (`skyscatter.kernels.ahead`)
+never needs it.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from typing import Any
+
+from skyscatter.kernels import ahead
 
 _one_at_a_time = threading.RLock()
 
@@ -41,15 +44,44 @@ class Kernel:
     def _numba_type_(self) -> Any:
         return self.compiled._numba_type_
 
-    def __call__(self, *arguments: Any) -> Any:
-        """Call it from Python, which only entries allow."""
-        return self.compiled(*arguments)
-
     def __reduce__(self) -> Any:
-        return Kernel, (self.py_func, self.targetoptions)
+        return type(self), (self.py_func, self.targetoptions)
 
     def __repr__(self) -> str:
         return f"<kernel {self.__module__}.{self.__qualname__}>"
+
+
+class Entry(Kernel):
+    """A kernel that Python calls: by machine code that is there for arguments of these kinds, or by the compiler's."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(function, options)
+        self.name = f"{function.__module__}:{function.__qualname__}"
+        self._call: Callable[..., Any] | None = None
+        _entries[self.name] = self
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it; what it writes, it writes into arrays that are given."""
+        if self._call is None:
+            has_machine_code = not isinstance(ahead.machine(), str)
+            self._call = ahead.Caller(self.name, self._compile_and_call) if has_machine_code else self.compiled
+        return self._call(*arguments)
+
+    def _compile_and_call(self, *arguments: Any) -> Any:
+        return self.compiled(*arguments)
+
+    @property
+    def forms(self) -> list[tuple[Any, ...]]:
+        """Numba's types of the arguments that it has been compiled for by this process."""
+        return [] if self._compiled is None else list(self._compiled.overloads)
+
+
+_entries: dict[str, Entry] = {}
+
+
+def entries() -> dict[str, Entry]:
+    """All entries of the modules that have been imported, by "module:name"."""
+    return dict(_entries)
 
 
 class Intrinsic:
@@ -109,12 +141,7 @@ def merged(function: Callable[..., Any]) -> Any:
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python may call; it too must not make arrays."""
-    return Kernel(function, _OUTER)
-
-
-def allocating(function: Callable[..., Any]) -> Any:
-    """Like `entry`, for a kernel that makes arrays of its own."""
-    return Kernel(function, {})
+    return Entry(function, _OUTER)
 
 
 def intrinsic(function: Callable[..., Any]) -> Any:

@@ -26,16 +26,12 @@ from skyscatter.kernels.signals import postponed
 ENVIRONMENT = "_ZN08NumbaEnv"
 
 
-class _Whole(JITCodeLibrary):
-    """As Numba makes it, undisturbed."""
+class _Entry(JITCodeLibrary):
+    """Of a function that Python calls."""
 
     def _finalize_final_module(self) -> None:
         with postponed():
             super()._finalize_final_module()
-
-
-class _Entry(_Whole):
-    """Of a function that Python calls, which counts no references."""
 
     def _optimize_final_module(self) -> None:
         made = self._codegen._module_pass_manager()
@@ -43,7 +39,7 @@ class _Entry(_Whole):
         manager.run(self._final_module, *builder)
 
 
-class _Part(_Whole):
+class _Part(_Entry):
     """Of a function that only compiled functions call: code to be linked, and none to be run."""
 
     _final_module: Any
@@ -80,7 +76,7 @@ class _ChooseLibrary(LoweringPass):
         LoweringPass.__init__(self)
 
     def run_pass(self, state: Any) -> bool:
-        kind = _Whole if state.flags.nrt else _Part if state.flags.no_cpython_wrapper else _Entry
+        kind = _Part if state.flags.no_cpython_wrapper else _Entry
         state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         return False

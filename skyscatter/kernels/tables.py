@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ from numba import types
 from numba.core import cgutils
 from numba.core.pythonapi import NativeValue
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.np.numpy_support import as_dtype
 from numba.extending import lower_getattr_generic, models, register_model, typeof_impl, unbox
 
 from skyscatter.kernels.byaddress import MARKED, WORD, pack
@@ -31,7 +33,7 @@ class Table(types.Type):
     def member(self, name: str) -> tuple[Any, int]:
         """Type of a field, and the word at which it begins."""
         k = self.names.index(name)
-        return self.members[k], sum(_words(member) for member in self.members[:k])
+        return self.members[k], sum(words(member) for member in self.members[:k])
 
 
 def register(cls: Any) -> None:
@@ -50,13 +52,37 @@ def _can_be_laid_out(kind: Any) -> bool:
     return isinstance(kind, (Table, types.Array, types.NoneType, types.Boolean, types.Integer, types.Float))
 
 
-def _words(kind: Any) -> int:
+def words(kind: Any) -> int:
     """Words that a value of a type takes."""
-    if isinstance(kind, Table):
-        return sum(_words(member) for member in kind.members)
+    if isinstance(kind, (Table, types.BaseTuple)):
+        return sum(words(member) for member in members(kind))
     if isinstance(kind, types.Array):
         return 2 + 2 * kind.ndim
     return 0 if isinstance(kind, types.NoneType) else 1
+
+
+def kinds(kind: Any) -> str | None:
+    """What `skyscatter.kernels.byaddress.Words` calls the kind of a value of a type; None for what it does not know."""
+    if isinstance(kind, types.NoneType):
+        return "n"
+    if isinstance(kind, types.Boolean):
+        return "b"
+    if isinstance(kind, (types.Integer, types.Float)):
+        return str(as_dtype(kind).str[1:])
+    if isinstance(kind, types.Array):
+        locked = "" if kind.mutable else "r"
+        return f"{as_dtype(kind.dtype).str}{kind.layout}{kind.ndim}{locked}{'' if kind.aligned else 'u'}"
+    if isinstance(kind, (Table, types.BaseTuple)):
+        inner = [kinds(member) for member in members(kind)]
+        cls = getattr(kind, "cls", None) or getattr(kind, "instance_class", tuple)
+        begin = "(" if cls is tuple else f"{cls.__module__}.{cls.__qualname__}("
+        return None if None in inner else " ".join([begin, *map(str, inner), ")"])
+    return None
+
+
+def members(kind: Any) -> tuple[Any, ...]:
+    """Types of what a table or a tuple holds."""
+    return kind.members if isinstance(kind, Table) else tuple(kind)
 
 
 register_model(Table)(models.OpaqueModel)
@@ -86,14 +112,22 @@ class _Members(AttributeTemplate):
 
 
 @lower_getattr_generic(Table)
-def _read(context: Any, builder: Any, kind: Table, pointer: Any, name: str) -> Any:
-    member, word = kind.member(name)
-    if isinstance(member, types.NoneType):
+def _read_field(context: Any, builder: Any, kind: Table, pointer: Any, name: str) -> Any:
+    return read(context, builder, *kind.member(name), pointer)
+
+
+def read(context: Any, builder: Any, kind: Any, word: int, pointer: Any) -> Any:
+    """A value of a type that begins at a word of what lies at an address."""
+    if isinstance(kind, types.NoneType):
         return context.get_dummy_value()
+    if isinstance(kind, types.BaseTuple):
+        places = itertools.accumulate(map(words, kind), initial=word)
+        values = [read(context, builder, member, place, pointer) for member, place in zip(kind, places, strict=False)]
+        return context.make_tuple(builder, kind, values)
     at = builder.gep(pointer, [ir.Constant(_INT64, WORD * word)], source_etype=_BYTE)
-    if isinstance(member, Table):
+    if isinstance(kind, Table):
         return at
-    return builder.call(_reader(context, builder.module, member), [at])
+    return builder.call(_reader(context, builder.module, kind), [at])
 
 
 def _reader(context: Any, module: Any, member: Any) -> ir.Function:

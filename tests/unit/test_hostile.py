@@ -126,8 +126,8 @@ def test_kernels_compile_without_a_folder_to_keep_them(tmp_path: Path) -> None:
     code = (
         "from numba.core import caching\n"
         "caching.CacheImpl._locator_classes = []\n"
-        "from skyscatter.kernels.jit import allocating\n"
-        "twice, thrice = allocating(lambda x: 2 * x), allocating(lambda x: 3 * x)\n"
+        "from skyscatter.kernels.jit import entry\n"
+        "twice, thrice = entry(lambda x: 2 * x), entry(lambda x: 3 * x)\n"
         "assert (twice(2), thrice(2)) == (4, 6)\n"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

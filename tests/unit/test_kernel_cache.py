@@ -47,7 +47,7 @@ def file_of(kernel: Kernel) -> Path:
 
 def test_kernels_are_found() -> None:
     solvers = {"columns.exact_columns", "single.single_rays", "path.path_rays", "fastexp.fast_exp"}
-    others = {"kernels.raster.correct.correct", "kernels.adjoint.march.image_rays"}
+    others = {"kernels.raster.correct.spread", "kernels.adjoint.march.image_rays"}
     assert {f"skyscatter.kernels.{name}" for name in solvers} <= KERNELS.keys()
     assert {f"skyscatter.{name}" for name in others} <= KERNELS.keys()
 

@@ -9,7 +9,6 @@ import sys
 import numpy as np
 import pytest
 
-from skyscatter.kernels.jit import allocating
 from skyscatter.kernels.pipeline import _Entry, _Part
 
 OURS = "from skyscatter.kernels.jit import entry as top, kernel as middle, {innermost} as lowest\n"
@@ -81,12 +80,6 @@ def test_only_what_python_calls_has_machine_code(module_of, values):
         assert not list(part.get_defined_functions())
         assert list(part._get_module_for_linking().functions)
     assert any("outer" in function.name for function in libraries[2].get_defined_functions())
-
-
-def test_kernels_that_make_arrays_keep_numbas_own_library():
-    made = allocating(lambda n: np.arange(n) * 2.0)
-    np.testing.assert_array_equal(made(4), [0.0, 2.0, 4.0, 6.0])
-    assert not isinstance(next(iter(made.compiled.overloads.values())).library, (_Entry, _Part))
 
 
 SCRIPT = """

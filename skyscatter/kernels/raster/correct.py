@@ -10,10 +10,9 @@ import math
 
 import numpy as np
 
-from skyscatter.kernels.jit import allocating
+from skyscatter.kernels.jit import entry
 
 
-@allocating
 def correct(values, row0, col0, size, gain, offset, bend, out, clipped):
     """Surface reflectance of a window; what would be negative is set to 0 and marked.
 
@@ -34,11 +33,18 @@ def correct(values, row0, col0, size, gain, offset, bend, out, clipped):
     clipped : bool (y, x)
         Set where a band was negative.
     """
+    width = values.shape[2]
+    row, column, share = np.zeros((3, gain.shape[2] + 1), np.float32), np.empty(width, int), np.empty(width, np.float32)
+    correct_rows(values, row0, col0, size, gain, offset, bend, row, column, share, out, clipped)
+
+
+@entry
+def correct_rows(values, row0, col0, size, gain, offset, bend, row, column, share, out, clipped):
+    """The same, with room for gains, offsets and bends (3, column + 1) of a row, and for where its pixels lie."""
     bands, height, width = values.shape
     rows, cols = gain.shape[1], gain.shape[2]
-    g, o, q = np.empty(cols + 1, np.float32), np.empty(cols + 1, np.float32), np.zeros(cols + 1, np.float32)
+    g, o, q = row[0], row[1], row[2]
     bends = bend.shape[1] > 0
-    column, share = np.empty(width, np.int64), np.empty(width, np.float32)
     for x in range(width):
         place = min(max((col0 + x + 0.5) / size - 0.5, 0.0), cols - 1.0)
         column[x] = int(place)
@@ -65,7 +71,7 @@ def correct(values, row0, col0, size, gain, offset, bend, out, clipped):
                 out[b, y, x] = rho
 
 
-@allocating
+@entry
 def spread(values, row0, col0, size, gain, offset, bend, haze, model, floor, relative, out):
     """Standard deviation of what `correct` gives.
 
