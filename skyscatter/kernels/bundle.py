@@ -113,9 +113,12 @@ def cubic(v, part):
 
 @inlined
 def sun_number(diffuse, cosine):
-    """Number of the field's Sun node, with fraction, for a cosine of the Sun's zenith angle."""
+    """Number of the field's Sun node, with fraction, for a cosine of the Sun's zenith angle.
+
+    It is tabulated over the angle: over the cosine no table follows it near the zenith.
+    """
     steps = diffuse.sun_index.size - 1
-    y = (cosine + 1.0) * 0.5 * steps
+    y = math.acos(min(max(cosine, -1.0), 1.0)) / math.pi * steps
     k = min(int(y), steps - 1)
     return diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
 

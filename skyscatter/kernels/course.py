@@ -52,7 +52,7 @@ class Diffuse(NamedTuple):
     tilt: np.ndarray  #: (7, 2): cosine and sine of zenith offsets: the Sun's middle; two that stand for its disk; four
     share: np.ndarray  #: (7, wavelength) irradiance that each carries in its rule [W m-2 nm-1]
     shell: np.ndarray  #: (row,) altitudes at which the field is known, rising, from the ground to the top [m]
-    sun_index: np.ndarray  #: number of the field's Sun node over the Sun's cosine, on even steps from -1 to 1
+    sun_index: np.ndarray  #: number of the field's Sun node over the Sun's zenith angle, even from 0 to pi
     max_angle: float  #: largest angle at the planet's centre that a cell spans [rad]
     max_depth: float  #: largest optical depth of a cell from which light arrives
 

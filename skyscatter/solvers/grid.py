@@ -37,7 +37,7 @@ LEAST_NODES, MOST_NODES, MOST_BREAKS, SPARE = 6, 160, 12, 0.2
 ROW_REFINEMENT = 2
 #: Sum of the absolute weights of a cubic beyond which it is none: 1.6 at most for even nodes, 4 beside a gap of 3 to 1.
 WILDEST = 8.0
-#: Steps in the table of Sun nodes over the Sun's cosine.
+#: Steps in the table of Sun nodes over the Sun's zenith angle.
 INDEX_STEPS = 8192
 
 
@@ -51,7 +51,7 @@ class Grid:
     rows : (row,) heights to which they are interpolated, the nodes among them [m].
     sun_zenith : (sun,) zenith angles of the Sun at the nodes [rad], rising.
     fine_sun_zenith : (fine sun,) those at which sunlight is computed for the first order [rad].
-    index : (step,) number of the Sun node, with fraction, over the Sun's cosine from -1 to 1.
+    index : (step,) number of the Sun node, with fraction, over the Sun's zenith angle from 0 to pi.
     directions : (node, direction, 2) zenith cosines and weights; weights sum to 2.
     azimuths : (angle,) midpoints of equal steps over half a turn [rad].
     angular : tolerance for which directions and azimuths were chosen.
@@ -146,8 +146,7 @@ def sun_nodes(
     count = max(int(np.ceil(number[-1])), 4)
     coarse = np.interp(np.linspace(0, number[-1], count + 1), number, angle)
     fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)
-    mu = np.linspace(-1, 1, INDEX_STEPS + 1)
-    index = np.interp(np.arccos(mu), fine, np.arange(fine.size) / SUN_REFINEMENT)
+    index = np.interp(np.linspace(0, np.pi, INDEX_STEPS + 1), fine, np.arange(fine.size) / SUN_REFINEMENT)
     return coarse, fine, index
 
 

