@@ -14,6 +14,9 @@ from typing import Any
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
+# For the same reason no process has helpers that compile for it.
+os.environ.setdefault("SKYSCATTER_HELPER", "1")
+
 # A shell ignores Ctrl-C in what it starts in the background, and so would all that tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

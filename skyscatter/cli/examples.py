@@ -35,6 +35,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "models reference": ("skyscatter models reference", "skyscatter models reference tabulated"),
     "models show": ("skyscatter models show mars", "skyscatter models show titan --plot titan.png"),
     "models check": ("skyscatter models check mine.toml", "skyscatter models check mine.toml --plot mine.svg"),
+    "warm": ("skyscatter warm sky", "skyscatter warm all --progress log"),
     "info": ("skyscatter info", "skyscatter info > report.txt"),
 }
 

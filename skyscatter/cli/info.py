@@ -43,10 +43,19 @@ def info() -> None:
         ("platform", platform.platform()),
         ("threads", str(processors())),
         ("package", str(Path(skyscatter.__file__).parent)),
+        ("machine code", machine_code()),
         ("kernel cache", kernel_cache()),
     ]
     for name, value in rows:
         typer.echo(f"{name:<16}{value}")
+
+
+def machine_code() -> str:
+    """Whether kernels come as machine code, and for which processors."""
+    from skyscatter.kernels import ahead
+
+    found = ahead.machine()
+    return f"{found}: kernels are compiled when first called" if isinstance(found, str) else f"{found.level}, in use"
 
 
 def kernel_cache() -> str:

@@ -1,7 +1,8 @@
 """Kernels that a wheel carries as machine code: found by the types of their arguments, called without the compiler.
 
-A folder `machine` beside this file holds, for each level of x86-64 (or for whatever else the building machine was), a
-shared library, and one list of what is in it: entry, kinds of arguments, name of the symbol, kinds of the result.  It
+A folder `machine` beside this file, or one that the variable SKYSCATTER_MACHINE_CODE names, holds a shared library for
+each level of x86-64 (or for whatever else the building machine was), and one list of what is in it: entry, kinds of
+arguments, name of the symbol, kinds of the result.  It
 is tied to the sources: where a single kernel's source differs from what the library was made of, none of it is used,
 and numba compiles as it does without one.  The same holds where the list, the library or the processor does not fit.
 
@@ -24,7 +25,7 @@ from typing import Any, NamedTuple
 
 from skyscatter.kernels.byaddress import WORD, lay_out
 
-#: Where libraries and their list lie, and the variable that switches them off ("0").
+#: Where libraries and their list lie; the variable that names another folder, or with "0" none.
 FOLDER = Path(__file__).parent / "machine"
 LIST = "list.json"
 SWITCH = "SKYSCATTER_MACHINE_CODE"
@@ -79,24 +80,26 @@ class Machine(NamedTuple):
 @cache
 def machine() -> Machine | str:
     """The library for this processor, or in a few words why there is none."""
-    if os.environ.get(SWITCH) == "0":
+    chosen = os.environ.get(SWITCH, "")
+    if chosen == "0":
         return f"switched off by {SWITCH}"
+    folder = Path(chosen) if chosen else FOLDER
     try:
-        said = json.loads((FOLDER / LIST).read_text(encoding="utf-8"))
+        said = json.loads((folder / LIST).read_text(encoding="utf-8"))
+        sources, there, entries = said["sources"], said["levels"], said["entries"]
     except OSError:
-        return "none in this installation"
-    except ValueError:
-        return "its list cannot be read"
-    if said["sources"] != sources_stamp(Path(__file__).parent):
-        return "made of other sources"
-    for level in levels():
-        file = FOLDER / f"{level}.so"
-        if level in said["levels"] and file.is_file():
-            try:
-                return Machine(level, ctypes.CDLL(str(file)), said["entries"])
-            except OSError as error:  # such as another C library
-                return f"cannot be loaded: {error}"
-    return f"none for {levels()[0]}"
+        return f"none in {chosen}" if chosen else "none in this installation"
+    except (ValueError, KeyError, TypeError):
+        return f"{folder / LIST} cannot be read"
+    if sources != sources_stamp(Path(__file__).parent):
+        return f"that of {folder} is made of other sources" if chosen else "made of other sources"
+    level = next((level for level in levels() if level in there), None)
+    if level is None:
+        return f"none for {levels()[0]}"
+    try:
+        return Machine(level, ctypes.CDLL(str((folder / f"{level}.so").resolve())), entries)
+    except OSError as error:  # such as another C library
+        return f"cannot be loaded: {error}"
 
 
 def find(entry: str, kinds: str) -> Callable[[bytes], Any] | None:
@@ -135,6 +138,7 @@ class Caller:
         self._known: dict[str, Callable[[bytes], Any] | None] = {}
 
     def __call__(self, *arguments: Any) -> Any:
+        """Call it."""
         laid = lay_out(arguments)
         if laid is None:
             return self.other(*arguments)

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core import event
 from numba.core.registry import cpu_target
+from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
-from skyscatter.kernels import tables  # noqa: F401  (what numba has to know of tables in memory)
+from skyscatter.kernels import crew, tables  # noqa: F401  (tables: what numba has to know of those in memory)
 from skyscatter.kernels.pipeline import OnceOptimised
 from skyscatter.kernels.signals import postponed
 from skyscatter.kernels.stamps import PACKAGE, source_stamp
@@ -30,9 +32,19 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     compiled._cache._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename))
     load, save = compiled._cache.load_overload, compiled._cache.save_overload
 
+    is_entry = not options.get("no_cpython_wrapper")
+    name = f"{function.__module__}:{function.__qualname__}"
+
     def load_undisturbed(signature: Any, context: Any) -> Any:
         with postponed():
-            return load(signature, context)
+            found = load(signature, context)
+        if found is None and is_entry:
+            with event.trigger_event("numba:compile"):  # as far as those go who listen
+                ready = crew.helped(name, normalize_signature(signature)[0])
+            if ready:
+                with postponed():
+                    return load(signature, context)
+        return found
 
     def save_if_possible(signature: Any, data: Any) -> None:
         try:

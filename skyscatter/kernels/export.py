@@ -1,57 +1,36 @@
 """Machine code of kernels for a wheel: objects by LLVM, a shared library by the C compiler, and a list of both.
 
 `skyscatter.kernels.ahead` finds and calls what is made here.
+
+    python -m skyscatter.kernels.export FOLDER
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
 import subprocess
-from collections.abc import Iterable, Iterator
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import types
 
-from skyscatter.kernels import jit
-from skyscatter.kernels.ahead import LIST, sources_stamp
+from skyscatter.kernels import forms
+from skyscatter.kernels.ahead import LEVELS, LIST, sources_stamp
 from skyscatter.kernels.byaddress import WORD
-from skyscatter.kernels.tables import kinds, read, words
+from skyscatter.kernels.crew import HELPER
+from skyscatter.kernels.forms import Form, compile_form
+from skyscatter.kernels.tables import parse, read, words
 
 #: Code of a result by its type.
 RESULTS = ((types.Float, "f"), (types.Boolean, "b"), (types.Integer, "i"))
-
-
-class Form(NamedTuple):
-    """An entry with arguments of certain types."""
-
-    entry: str
-    arguments: tuple[Any, ...]
-
-    @property
-    def kinds(self) -> str | None:
-        """Text by which a call finds it; None where a call's arguments have no words."""
-        each = [kinds(kind) for kind in self.arguments]
-        return None if None in each else " ".join(map(str, each))
-
-    @property
-    def symbol(self) -> str:
-        """Name in the library."""
-        return "sk_" + hashlib.sha256(f"{self.entry} {self.kinds}".encode()).hexdigest()[:16]
-
-
-def compiled() -> Iterator[Form]:
-    """The forms of all entries that this process has compiled so far."""
-    for name, kernel in jit.entries().items():
-        for arguments in kernel.forms:
-            form = Form(name, arguments)
-            if form.kinds is not None:
-                yield form
 
 
 def result_kind(kind: Any) -> str:
@@ -65,9 +44,8 @@ def result_kind(kind: Any) -> str:
 
 def make(form: Form, level: str) -> tuple[bytes, str]:
     """Object code of a form for a processor, and the kind of its result."""
-    made = jit.entries()[form.entry].compiled
-    made.compile(form.arguments)
-    result = made.overloads[form.arguments]
+    arguments = parse(form.kinds)
+    result = compile_form(form).overloads[arguments]
     module = llvm.parse_assembly(result.library.get_llvm_str())
     module.link_in(llvm.parse_assembly(str(_door(result, form.symbol))))
     _hide_all_but(module, form.symbol)
@@ -133,12 +111,70 @@ def link(objects: Iterable[Path], library: Path) -> None:
     subprocess.run([*command, "-Wl,-s", "-Wl,--no-undefined"], check=True)
 
 
-def write_list(folder: Path, levels: Iterable[str], entries: dict[str, dict[str, tuple[str, str]]]) -> None:
-    """Write down what the libraries in a folder hold and which sources they are made of."""
+def export(folder: Path, workers: int, wanted: Sequence[Form] = (), levels: Sequence[str] = ()) -> None:
+    """Fill a folder with a library for each level of this sort of machine, and the list of what they hold.
+
+    Numba makes code for one processor in a process, so each level has processes of its own, which share out the forms.
+
+    Parameters
+    ----------
+    folder : Path
+    workers : int
+        Processes at a time.
+    wanted : sequence of Form, optional
+        All that are listed, if none.
+    levels : sequence of str, optional
+        Of those that `skyscatter.kernels.ahead.LEVELS` names; all, if none.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    is_x86 = platform.machine() in ("x86_64", "AMD64")
+    levels = levels or (list(LEVELS) if is_x86 else [platform.machine()])
+    chosen = list(wanted) or forms.every()
+    entries: dict[str, dict[str, tuple[str, str]]] = {}
+    with tempfile.TemporaryDirectory() as place:
+        tasks = [(level, chosen[part::workers]) for level in levels for part in range(workers)]
+        with ThreadPoolExecutor(workers) as pool:
+            made = list(pool.map(lambda task: _run_part(Path(place), *task), tasks))
+        for form, result in sorted(item for results in made for item in results.items()):
+            entries.setdefault(form.entry, {})[form.kinds] = (form.symbol, result)
+        for level in levels:
+            link(sorted((Path(place) / level).glob("*.o")), folder / f"{level}.so")
     said = {"sources": sources_stamp(Path(__file__).parent), "levels": list(levels), "entries": entries}
     (folder / LIST).write_text(json.dumps(said, indent=0, sort_keys=True), encoding="utf-8")
 
 
-def own_level() -> str:
-    """What code is made for where there are no levels to choose from."""
-    return platform.machine()
+def _run_part(place: Path, level: str, part: Sequence[Form]) -> dict[Form, str]:
+    """Make the objects of some forms in a process of its own; the kinds of their results."""
+    (place / level).mkdir(exist_ok=True)
+    # What is read from a cache has no text that could be compiled again.
+    environment = {**os.environ, HELPER: "1", "NUMBA_CACHE_DIR": tempfile.mkdtemp(dir=place)}
+    if level in LEVELS:
+        environment |= {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ""}
+    command = [sys.executable, "-m", "skyscatter.kernels.export", "--part", level, str(place / level)]
+    said = subprocess.run(
+        command, env=environment, input=json.dumps(part), check=True, stdout=subprocess.PIPE, text=True
+    ).stdout
+    return {Form(entry, kinds): result for entry, kinds, result in json.loads(said)}
+
+
+def make_part(level: str, part: Iterable[Form], place: Path) -> list[tuple[str, str, str]]:
+    """Write the objects of forms; the kinds of their results."""
+    results = []
+    for form in part:
+        code, result = make(form, level if level in LEVELS else "")
+        (place / f"{form.symbol}.o").write_bytes(code)
+        results.append((form.entry, form.kinds, result))
+    return results
+
+
+def main() -> None:
+    """Fill the folder that the command names, or make a part of it."""
+    if sys.argv[1] == "--part":
+        part = [Form(*pair) for pair in json.load(sys.stdin)]
+        print(json.dumps(make_part(sys.argv[2], part, Path(sys.argv[3]))))
+    else:
+        export(Path(sys.argv[1]), os.cpu_count() or 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -58,7 +58,6 @@ class Entry(Kernel):
         super().__init__(function, options)
         self.name = f"{function.__module__}:{function.__qualname__}"
         self._call: Callable[..., Any] | None = None
-        _entries[self.name] = self
 
     def __call__(self, *arguments: Any) -> Any:
         """Call it; what it writes, it writes into arrays that are given."""
@@ -69,19 +68,6 @@ class Entry(Kernel):
 
     def _compile_and_call(self, *arguments: Any) -> Any:
         return self.compiled(*arguments)
-
-    @property
-    def forms(self) -> list[tuple[Any, ...]]:
-        """Numba's types of the arguments that it has been compiled for by this process."""
-        return [] if self._compiled is None else list(self._compiled.overloads)
-
-
-_entries: dict[str, Entry] = {}
-
-
-def entries() -> dict[str, Entry]:
-    """All entries of the modules that have been imported, by "module:name"."""
-    return dict(_entries)
 
 
 class Intrinsic:

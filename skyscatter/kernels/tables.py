@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.pythonapi import NativeValue
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.np.numpy_support import as_dtype
 from numba.extending import lower_getattr_generic, models, register_model, typeof_impl, unbox
+from numba.np.numpy_support import from_dtype
 
 from skyscatter.kernels.byaddress import MARKED, WORD, pack
+
+#: How the kind of an array is written.
+_ARRAY = re.compile(r"([<>|=][a-z]\d+)([CFA])(\d+)(r?)(u?)")
 
 _INT64, _BYTE = ir.IntType(64), ir.IntType(8)
 
@@ -61,23 +67,33 @@ def words(kind: Any) -> int:
     return 0 if isinstance(kind, types.NoneType) else 1
 
 
-def kinds(kind: Any) -> str | None:
-    """What `skyscatter.kernels.byaddress.Words` calls the kind of a value of a type; None for what it does not know."""
-    if isinstance(kind, types.NoneType):
-        return "n"
-    if isinstance(kind, types.Boolean):
-        return "b"
-    if isinstance(kind, (types.Integer, types.Float)):
-        return str(as_dtype(kind).str[1:])
-    if isinstance(kind, types.Array):
-        locked = "" if kind.mutable else "r"
-        return f"{as_dtype(kind.dtype).str}{kind.layout}{kind.ndim}{locked}{'' if kind.aligned else 'u'}"
-    if isinstance(kind, (Table, types.BaseTuple)):
-        inner = [kinds(member) for member in members(kind)]
-        cls = getattr(kind, "cls", None) or getattr(kind, "instance_class", tuple)
-        begin = "(" if cls is tuple else f"{cls.__module__}.{cls.__qualname__}("
-        return None if None in inner else " ".join([begin, *map(str, inner), ")"])
-    return None
+def parse(kinds: str) -> tuple[Any, ...]:
+    """Numba's types of values whose kinds are written as `skyscatter.kernels.byaddress.Words` does."""
+    return tuple(_parsed(iter(kinds.split())))
+
+
+def _parsed(marks: Iterator[str]) -> Iterator[Any]:
+    """Types, one after the other, up to the end or to the bracket that closes them."""
+    for mark in marks:
+        if mark == ")":
+            return
+        if mark.endswith("("):
+            yield _of_members(mark[:-1], tuple(_parsed(marks)))
+        elif found := _ARRAY.fullmatch(mark):
+            dtype, layout, ndim, locked, astray = found.groups()
+            number = from_dtype(np.dtype(dtype))
+            yield types.Array(number, int(ndim), layout, readonly=bool(locked), aligned=not astray)
+        else:
+            yield {"n": types.none, "b": types.boolean}.get(mark) or from_dtype(np.dtype(mark))
+
+
+def _of_members(name: str, held: tuple[Any, ...]) -> Any:
+    """Type of a table or a tuple of that class, which is none for a plain tuple."""
+    if not name:
+        return types.BaseTuple.from_types(held)
+    module, _, cls = name.rpartition(".")
+    known = getattr(import_module(module), cls)
+    return Table(known, held) if known in MARKED else types.BaseTuple.from_types(held, known)
 
 
 def members(kind: Any) -> tuple[Any, ...]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.errorkind import kind_of
 from skyscatter.errors import DomainError
+from skyscatter.kernels.forms import expect
 from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
@@ -79,6 +80,7 @@ def load_solver(name: str, scene: AnyScene) -> Any:
     modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
     if name not in modules:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
+    expect(modules[name])
     return import_module(f"skyscatter.solvers.{modules[name]}")
 
 

@@ -1,0 +1,128 @@
+"""Processes that compile for this one: the compiler has one lock for all threads of a process."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from skyscatter.kernels import forms
+from skyscatter.kernels.forms import Form
+
+#: Set in the environment of a helper, which has none of its own.
+HELPER = "SKYSCATTER_HELPER"
+
+
+class Crew:
+    """Helpers that take forms from a list, the first one first, and compile them into the cache."""
+
+    def __init__(self, wanted: Iterable[Form], size: int, done: Callable[[Form], object] = lambda form: None) -> None:
+        self._waiting = deque(wanted)
+        self._ready = {form: threading.Event() for form in self._waiting}
+        self._lock, self._done, self._closed = threading.Lock(), done, False
+        self._processes: list[subprocess.Popen[str]] = []
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(min(size, len(self._ready)))]
+        for thread in self._threads:
+            thread.start()
+        atexit.register(self.close)
+
+    def _next(self) -> Form | None:
+        with self._lock:
+            return self._waiting.popleft() if self._waiting and not self._closed else None
+
+    def _serve(self) -> None:
+        """Hand one form after the other to a process of one's own."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", forms.__name__], env={**os.environ, HELPER: "1"}, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        self._processes.append(process)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with process:
+            while (form := self._next()) is not None:
+                try:
+                    process.stdin.write(f"{form.symbol}\n")
+                    process.stdin.flush()
+                    ended = not process.stdout.readline()
+                except OSError:
+                    ended = True
+                self._ready[form].set()
+                if ended:
+                    return
+                self._done(form)
+
+    def claim(self, form: Form) -> bool:
+        """Take a form over that nobody has begun; wait where a helper is at it.  Whether a helper has had it."""
+        with self._lock:
+            if form in self._waiting:
+                self._waiting.remove(form)
+                return False
+        if form not in self._ready:
+            return False
+        while not self._ready[form].wait(0.2):
+            if not any(thread.is_alive() for thread in self._threads):
+                break
+        return True
+
+    def join(self) -> None:
+        """Wait for all of them."""
+        for thread in self._threads:
+            while thread.is_alive():
+                thread.join(0.2)
+
+    def close(self) -> None:
+        """End the helpers, whatever they are at."""
+        self._closed = True
+        for process in self._processes:
+            process.kill()
+
+
+def compile_all(wanted: Iterable[Form], size: int, done: Callable[[Form], object]) -> list[Form]:
+    """Compile forms into the cache by so many processes, and hear of each; those that could not be."""
+    left = list(wanted)
+
+    def note(form: Form) -> None:
+        left.remove(form)
+        done(form)
+
+    crew = Crew(left, size, note)
+    try:
+        crew.join()
+    finally:
+        crew.close()
+    return left
+
+
+_crews: dict[str, Crew] = {}
+
+
+def helped(entry: str, arguments: tuple[Any, ...]) -> bool:
+    """Whether helpers have compiled an entry for arguments of these types.
+
+    The first call of a family that finds nothing calls them, and they begin with what is called last.
+    """
+    if HELPER in os.environ:
+        return False
+    family, form = forms.family_of(entry), _form(entry, arguments)
+    if family not in _crews:
+        listed = forms.listed().get(family, ())
+        _crews[family] = Crew([other for other in reversed(listed) if other != form], _others())
+        return False
+    return form is not None and _crews[family].claim(form)
+
+
+def _form(entry: str, arguments: tuple[Any, ...]) -> Form | None:
+    from skyscatter.kernels.tables import parse
+
+    return next((form for form in forms.every() if form.entry == entry and parse(form.kinds) == arguments), None)
+
+
+def _others() -> int:
+    """Processors that are left."""
+    return len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) - 1

@@ -1,0 +1,112 @@
+"""Processes that compile for another: what they make is found by it, and they end with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from skyscatter.cli import warm
+from skyscatter.cli.main import main
+from skyscatter.kernels import crew, forms
+from skyscatter.kernels.forms import Form
+
+
+def small() -> list[Form]:
+    """Two forms that compile at once."""
+    names = ("lookup:outward_columns_at", "voxels:box_extremes")
+    found = [form for form in forms.every() if form.entry.removeprefix("skyscatter.kernels.") in names]
+    assert len(found) >= 2
+    return found[:2]
+
+
+LOAD = """
+from skyscatter.kernels import forms
+for form in forms.every():
+    if form.symbol in {symbols}:
+        print(sum(forms.compile_form(form).stats.cache_hits.values()))
+"""
+
+
+def test_what_helpers_make_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    heard: list[Form] = []
+    assert crew.compile_all(small(), 2, heard.append) == []
+    assert set(heard) == set(small())
+    code = LOAD.format(symbols={form.symbol for form in small()})
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1", "1"]
+
+
+def test_a_form_that_is_claimed_is_left_to_who_claims_it() -> None:
+    held = crew.Crew([], 1)
+    held._waiting.extend(small())
+    held._ready = {form: crew.threading.Event() for form in small()}
+    assert not held.claim(small()[0])
+    assert list(held._waiting) == [small()[1]]
+    held._waiting.clear()  # as if a helper had begun with it, and ended without a word
+    assert held.claim(small()[1])
+
+
+def test_what_cannot_be_compiled_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    unknown = Form("skyscatter.kernels.optics:absent", "f8")
+    assert crew.compile_all([unknown], 1, lambda form: None) == [unknown]
+
+
+PARENT = """
+import sys
+from skyscatter.kernels import crew, forms
+held = crew.Crew(forms.every(), 1)
+while not held._processes:
+    pass
+print(held._processes[0].pid, flush=True)
+held.join()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
+def test_a_helper_ends_with_its_parent(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True, env=environment) as parent:
+        assert parent.stdout is not None
+        helper = int(parent.stdout.readline())
+        parent.send_signal(signal.SIGKILL)
+    for _ in range(100):
+        state = Path(f"/proc/{helper}/stat")
+        if not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z":
+            return
+        time.sleep(0.1)
+    os.kill(helper, signal.SIGKILL)
+    pytest.fail("the helper lives on")
+
+
+def test_warm_compiles_and_says_where(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.delenv(crew.HELPER)
+    monkeypatch.setattr(warm, "wanted", lambda what: small())
+    assert main(["warm", "sky", "--threads", "1", "-q"]) == 0
+    assert "2 kernels for sky ready" in capsys.readouterr().out
+    assert list(tmp_path.rglob("*.nbc"))
+
+
+def test_every_command_has_forms_to_warm() -> None:
+    every = warm.wanted(warm.What.all)
+    for what in warm.What:
+        assert warm.wanted(what)
+        assert set(warm.wanted(what)) <= set(every)
+    assert any("sweep_height" in form.entry for form in warm.wanted(warm.What.sky))
+    assert any("volume_path_rays" in form.entry for form in warm.wanted(warm.What.nebula))
+
+
+@pytest.mark.parametrize(("arguments", "word"), [(["warm", "fog"], "fog"), (["warm", "--threads", "0"], "threads")])
+def test_what_is_wrong_is_named(arguments: list[str], word: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    assert word in capsys.readouterr().err
