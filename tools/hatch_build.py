@@ -1,6 +1,7 @@
 """The wheel with machine code: SKYSCATTER_COMPILE=1 python -m build --wheel.
 
-Without the variable the wheel is one for every machine, and kernels are compiled when they are first called.
+Instead of 1 the variable may name levels of processors, with commas between (x86-64-v3).  Without it the wheel is one
+for every machine, and kernels are compiled when they are first called.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 FOLDER = "skyscatter/kernels/machine"
+VARIABLE = "SKYSCATTER_COMPILE"
 
 
 def is_wanted() -> bool:
     """Whether machine code shall be made."""
-    return os.environ.get("SKYSCATTER_COMPILE", "0") not in ("", "0")
+    return os.environ.get(VARIABLE, "0") not in ("", "0")
 
 
 class MachineCode(BuildHookInterface[Any]):
@@ -38,7 +40,9 @@ class MachineCode(BuildHookInterface[Any]):
             return
         environment = {**os.environ, "PYTHONPATH": self.root, "PYTHONDONTWRITEBYTECODE": "1"}
         folder = Path(self.root) / FOLDER
-        subprocess.run([sys.executable, "-m", "skyscatter.kernels.export", str(folder)], env=environment, check=True)
+        levels = [level for level in os.environ[VARIABLE].split(",") if level != "1"]
+        command = [sys.executable, "-m", "skyscatter.kernels.export", str(folder), *levels]
+        subprocess.run(command, env=environment, check=True)
         build_data["artifacts"] += [f"/{FOLDER}/*"]
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"

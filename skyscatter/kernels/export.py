@@ -2,7 +2,7 @@
 
 `skyscatter.kernels.ahead` finds and calls what is made here.
 
-    python -m skyscatter.kernels.export FOLDER
+    python -m skyscatter.kernels.export FOLDER [LEVEL ...]
 """
 
 from __future__ import annotations
@@ -28,6 +28,15 @@ from skyscatter.kernels.byaddress import WORD
 from skyscatter.kernels.crew import HELPER
 from skyscatter.kernels.forms import Form, compile_form
 from skyscatter.kernels.tables import parse, read, words
+
+#: What numba calls by names of its own, in C; what else kernels call is in the mathematical library.
+HELPERS = """
+#include <math.h>
+double numba_ldexp(double x, int n) { return ldexp(x, n); }
+float numba_ldexpf(float x, int n) { return ldexpf(x, n); }
+double numba_frexp(double x, int *n) { return frexp(x, n); }
+float numba_frexpf(float x, int *n) { return frexpf(x, n); }
+"""
 
 #: Code of a result by its type.
 RESULTS = ((types.Float, "f"), (types.Boolean, "b"), (types.Integer, "i"))
@@ -107,8 +116,9 @@ def _target(level: str) -> Any:
 
 def link(objects: Iterable[Path], library: Path) -> None:
     """Make a shared library of objects, with the C compiler that CC names."""
-    command = [os.environ.get("CC", "cc"), "-shared", "-o", str(library), *map(str, objects), "-lm"]
-    subprocess.run([*command, "-Wl,-s", "-Wl,--no-undefined"], check=True)
+    command = [os.environ.get("CC", "cc"), "-O2", "-fPIC", "-shared", "-o", str(library), *map(str, objects)]
+    options = ["-x", "c", "-", "-lm", "-Wl,-s", "-Wl,--no-undefined"]
+    subprocess.run([*command, *options], input=HELPERS, text=True, check=True)
 
 
 def export(folder: Path, workers: int, wanted: Sequence[Form] = (), levels: Sequence[str] = ()) -> None:
@@ -173,7 +183,7 @@ def main() -> None:
         part = [Form(*pair) for pair in json.load(sys.stdin)]
         print(json.dumps(make_part(sys.argv[2], part, Path(sys.argv[3]))))
     else:
-        export(Path(sys.argv[1]), os.cpu_count() or 1)
+        export(Path(sys.argv[1]), os.cpu_count() or 1, levels=sys.argv[2:])
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from skyscatter.kernels import ahead
+
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = {
     "sky": ["sky", "earth", "--size", "32x16"],
@@ -41,7 +43,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tree = folder / "tree"
     ignored = shutil.ignore_patterns("__pycache__", ".git", ".venv", "gallery", ".*_cache")
     shutil.copytree(ROOT, tree, ignore=ignored)
-    environment = {**os.environ, "SKYSCATTER_COMPILE": "1"}
+    environment = {**os.environ, "SKYSCATTER_COMPILE": ahead.levels()[0]}
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     done = subprocess.run(build, cwd=tree, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -70,11 +72,10 @@ def picture(installed: Path, folder: Path, name: str, **variables: str) -> tuple
 
 def test_it_is_for_this_sort_of_machine_and_small(wheel: Path) -> None:
     assert platform.machine() in wheel.name
-    assert wheel.stat().st_size < 20e6
+    assert wheel.stat().st_size < 15e6  # with one level; two more may take 5 MB
     names = zipfile.ZipFile(wheel).namelist()
     assert "skyscatter/kernels/machine/list.json" in names
-    if platform.machine() == "x86_64":
-        assert {f"skyscatter/kernels/machine/x86-64{v}.so" for v in ("", "-v3", "-v4")} <= set(names)
+    assert f"skyscatter/kernels/machine/{ahead.levels()[0]}.so" in names
 
 
 @pytest.mark.parametrize("name", COMMANDS)
