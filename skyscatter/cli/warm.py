@@ -59,6 +59,11 @@ def warm(
     """
     mode = common.talk(quiet, False, progress)
     size = parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more") or processors()
+    run(what, size, mode)
+
+
+def run(what: What, size: int, mode: str) -> None:
+    """Compile by so many processes."""
     missing = [form for form in wanted(what) if ahead.find(form.entry, form.kinds) is None]
     if not missing:
         typer.echo("nothing to compile: machine code came with the installation")
