@@ -2,9 +2,9 @@
 
 A folder `machine` beside this file, or one that the variable SKYSCATTER_MACHINE_CODE names, holds a shared library for
 each level of x86-64 (or for whatever else the building machine was), and one list of what is in it: entry, kinds of
-arguments, name of the symbol, kinds of the result.  It
-is tied to the sources: where a single kernel's source differs from what the library was made of, none of it is used,
-and numba compiles as it does without one.  The same holds where the list, the library or the processor does not fit.
+arguments, name of the symbol, kinds of the result.  It is tied to the sources: where a single kernel's source differs
+from what the library was made of, none of it is used, and numba compiles as it does without one.  The same holds where
+the list, the library or the processor does not fit.
 
 A symbol takes the address of its arguments, laid out in words as `skyscatter.kernels.byaddress` does for tables, and
 the address of the words of its result.

@@ -46,7 +46,7 @@ def expect(family: str) -> None:
 
 def family_of(entry: str) -> str:
     """What an entry is being called for."""
-    return OF_FOLDERS.get(entry.split(".")[2], _expected)
+    return next((family for folder, family in OF_FOLDERS.items() if f".kernels.{folder}." in entry), _expected)
 
 
 @cache

@@ -59,6 +59,25 @@ def test_what_cannot_be_compiled_is_told(tmp_path: Path, monkeypatch: pytest.Mon
     assert crew.compile_all([unknown], 1, lambda form: None) == [unknown]
 
 
+OWN = """
+from skyscatter.kernels.jit import entry
+
+@entry
+def twice(x):
+    return 2.0 * x
+"""
+
+
+def test_a_users_own_entry_needs_no_helper(tmp_path: Path) -> None:
+    """Where helpers are allowed, and nothing has been compiled before."""
+    (tmp_path / "mine.py").write_text(OWN)
+    environment = {name: value for name, value in os.environ.items() if name != crew.HELPER}
+    environment |= {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    run = [sys.executable, "-c", "from mine import twice; print(twice(2.0))"]
+    done = subprocess.run(run, capture_output=True, text=True, env=environment)
+    assert (done.stdout, done.stderr) == ("4.0\n", "")
+
+
 PARENT = """
 import sys
 from skyscatter.kernels import crew, forms
