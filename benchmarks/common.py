@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from skyscatter.workers import processors
+from skyscatter.kernels.processors import processors
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 WAVELENGTHS = np.linspace(380.0, 780.0, 32)  #: vacuum wavelengths of all benchmarks [nm]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
+
+from skyscatter.kernels.processors import processors
 
 #: Seconds for which running work is waited for after Ctrl-C, before it is left behind.
 GRACE = 2.0
@@ -19,13 +20,6 @@ class Workers(ThreadPoolExecutor):
     ) -> None:
         wanted = kind is None or issubclass(kind, Exception)
         self.shutdown(wait=wanted, cancel_futures=not wanted)
-
-
-def processors() -> int:
-    """Processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def in_parts(work: Callable[[slice], object], count: int, part: int) -> None:

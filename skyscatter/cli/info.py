@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 
 import skyscatter
-from skyscatter.workers import processors
+from skyscatter.kernels.processors import processors
 
 PACKAGES = (
     "numpy",

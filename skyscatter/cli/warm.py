@@ -14,8 +14,8 @@ from skyscatter.cli.info import kernel_cache
 from skyscatter.errors import DomainError
 from skyscatter.kernels import ahead, crew, forms
 from skyscatter.kernels.forms import Form
+from skyscatter.kernels.processors import processors
 from skyscatter.progress import Progress, format_seconds
-from skyscatter.workers import processors
 
 
 class What(StrEnum):

@@ -13,6 +13,7 @@ from typing import Any
 
 from skyscatter.kernels import forms
 from skyscatter.kernels.forms import Form
+from skyscatter.kernels.processors import processors
 
 #: Set in the environment of a helper, which has none of its own.
 HELPER = "SKYSCATTER_HELPER"
@@ -112,7 +113,7 @@ def helped(entry: str, arguments: tuple[Any, ...]) -> bool:
     family, form = forms.family_of(entry), _form(entry, arguments)
     if family not in _crews:
         listed = forms.listed().get(family, ())
-        _crews[family] = Crew([other for other in reversed(listed) if other != form], _others())
+        _crews[family] = Crew([other for other in reversed(listed) if other != form], processors() - 1)
         return False
     return form is not None and _crews[family].claim(form)
 
@@ -121,8 +122,3 @@ def _form(entry: str, arguments: tuple[Any, ...]) -> Form | None:
     from skyscatter.kernels.tables import parse
 
     return next((form for form in forms.every() if form.entry == entry and parse(form.kinds) == arguments), None)
-
-
-def _others() -> int:
-    """Processors that are left."""
-    return len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) - 1

@@ -27,6 +27,7 @@ from skyscatter.kernels.ahead import LEVELS, LIST, sources_stamp
 from skyscatter.kernels.byaddress import WORD
 from skyscatter.kernels.crew import HELPER
 from skyscatter.kernels.forms import Form, compile_form
+from skyscatter.kernels.processors import processors
 from skyscatter.kernels.tables import parse, read, words
 
 #: What numba calls by names of its own, in C; what else kernels call is in the mathematical library.
@@ -183,7 +184,7 @@ def main() -> None:
         part = [Form(*pair) for pair in json.load(sys.stdin)]
         print(json.dumps(make_part(sys.argv[2], part, Path(sys.argv[3]))))
     else:
-        export(Path(sys.argv[1]), os.cpu_count() or 1, levels=sys.argv[2:])
+        export(Path(sys.argv[1]), processors(), levels=sys.argv[2:])
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from skyscatter.dehaze.rasters.base import RasterSource, Window
 from skyscatter.dehaze.rasters.handles import environment
 from skyscatter.dehaze.rasters.sinks import RasterSink
 from skyscatter.errors import DomainError
-from skyscatter.workers import processors
+from skyscatter.kernels.processors import processors
 
 #: Values [byte] of one window, where no size is asked for.
 _WINDOW_BYTES = 48 << 20
