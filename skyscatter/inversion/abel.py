@@ -90,7 +90,7 @@ class AbelResult(Brief):
 def abel_project(
     radius: ArrayLike, density: ArrayLike, impact: ArrayLike | None = None, edge: float | None = None
 ) -> Array:
-    """Projection of a spherically (or, in a slice, cylindrically) symmetric density along straight lines, (A1).
+    """Projection of a spherically (or, in a slice, cylindrically) symmetric density along straight lines, equation 119.
 
     Parameters
     ----------

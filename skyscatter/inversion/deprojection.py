@@ -24,7 +24,7 @@ class Deprojection(Brief):
     ----------
     inclination_deg, axis_ratio, depth : tuple of float
         Mean and standard deviation of the posterior; the axis ratio is polar over equatorial radius c / a, the depth a
-        c / b of (A6) in units of the equatorial radius, by which `brightness` is to be divided for a density.
+        c / b of equation 125 in units of the equatorial radius, by which `brightness` is to be divided for a density.
     inclination_range, axis_ratio_range : tuple of float
         From the 2.5th to the 97.5th percentile.
     correlation : float

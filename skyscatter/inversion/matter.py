@@ -3,7 +3,7 @@
 A line of hydrogen gives off j = alpha_eff(T) h nu n_e n_p / (4 pi) per volume and solid angle (case B), so that the
 density inverted from its image is j; with n_e = n_p, which counts no electrons of helium,
 
-    n_e = (4 pi j / (alpha_eff h nu))^(1/2).                                                           (A8)
+    n_e = (4 pi j / (alpha_eff h nu))^(1/2)          (127 of docs/theory/abel.md).
 
 Extinction counts dust, A_V = 1.0857 sigma_V N_H with sigma_V the extinction per hydrogen nucleon at 550 nm; the mixture
 says how much dust comes with a hydrogen nucleon, and how much gas with dust.
@@ -121,7 +121,7 @@ class DustCloud(Brief):
 def electrons_from_emissivity(
     emissivity: ArrayLike, line: str = "halpha", *, temperature: float = 1e4, filling_factor: float = 1.0
 ) -> Array:
-    """Electron density of gas that gives off so much light of a recombination line, (A8).
+    """Electron density of gas that gives off so much light of a recombination line, equation 127 of the theory.
 
     Parameters
     ----------

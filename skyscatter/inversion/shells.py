@@ -4,8 +4,8 @@ A density that is constant on similar ellipsoids, rho(m), is seen as a function 
 of the sky (Stark 1977, ApJ 213, 368; Binney 1985, MNRAS 212, 767).  For a spheroid with equatorial radius a and polar
 radius c, its axis inclined by i to the line of sight,
 
-    N = (a c / b) F(q),  F(q) = 2 integral of rho(m) m / sqrt(m^2 - q^2) dm from q,                    (A6)
-    q^2 = X^2 / a^2 + Y^2 / b^2,  b^2 = a^2 cos^2 i + c^2 sin^2 i,                                     (A7)
+    N = (a c / b) F(q),  F(q) = 2 integral of rho(m) m / sqrt(m^2 - q^2) dm from q,  (125 of docs/theory/abel.md)
+    q^2 = X^2 / a^2 + Y^2 / b^2,  b^2 = a^2 cos^2 i + c^2 sin^2 i,                       (126)
 
 with Y along the projected axis.  So one image tells the ellipse (a, b), never c and i apart: `deproject` says what
 remains possible, given what is known otherwise.
@@ -48,7 +48,7 @@ class ShellFit(Brief):
         `x`, `y`: centre [pixel].  `major`, `minor`: semi-axes of the ellipse in which the shell's outer surface
         ("uniform") or ridge ("gaussian") is seen [unit of `pixel_size`].  `position_angle_deg`: of the major axis, from
         up (north) anticlockwise (through east, on the left), 0 to below 180.  `thickness`: (outer - inner) / outer, or
-        standard deviation over the ridge's radius.  `brightness`: density times a c / b of (A6), so that the image is
+        standard deviation over the ridge's radius.  `brightness`: density times a c / b of (125), so that the image is
         `brightness` F(q) + `background` [unit of the image].  With a gradient `gradient_x`, `gradient_y`: relative rise
         of the column to the right and upwards [1 / unit of `pixel_size`].
     errors : dict of str to float
@@ -83,7 +83,7 @@ class ShellFit(Brief):
 
 
 def shell_column(q: ArrayLike, thickness: float, profile: Profile = "uniform") -> Array:
-    """F(q) of (A6) for a shell of density 1 (on its ridge) whose outer surface (ridge) is m = 1.
+    """F(q) of equation 125 for a shell of density 1 (on its ridge) whose outer surface (ridge) is m = 1.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 A spherically symmetric density f(r) that ends at R is seen at the distance y from its centre as
 
-    F(y) = 2 integral of f(r) r / sqrt(r^2 - y^2) dr from y to R                         (A1)
+    F(y) = 2 integral of f(r) r / sqrt(r^2 - y^2) dr from y to R     (119 of docs/theory/abel.md)
 
 (Abel 1826, J. reine angew. Math. 1, 153).  On a stretch where f is a cubic the integrals are elementary.
 """
@@ -62,7 +62,7 @@ def spline_pieces(nodes: Array) -> Array:
 
 
 def projection_matrix(nodes: Array, impact: Array) -> Array:
-    """Projections (A1) of the splines that are 1 at one node and 0 at the others.
+    """Projections, equation 119 of the theory, of the splines that are 1 at one node and 0 at the others.
 
     Parameters
     ----------

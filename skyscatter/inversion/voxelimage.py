@@ -4,9 +4,10 @@ Single scattering, emission and absorption in components given on one grid of ce
 
     L = int [sum_c rho_c (j_c + sigma_s,c sum_s I_s / d_s^2 p_c(cos) exp(-tau_s))] exp(-tau) dt + B exp(-tau_end),
 
-all wavelengths together (docs/theory.md).  Density is trilinear between the middles of cells and falls to zero half a
-cell outside, as `fields.VoxelGrid` has it, or is constant within cells (`interpolation`).  Maps of columns, optical
-depths and transmittances are special cases of the optics: `VoxelOptics.columns`, `.depths`, `.transmittances`.
+all wavelengths together (docs/theory/tomography.md, 135).  Density is trilinear between the middles of cells and falls
+to zero half a cell outside, as `fields.VoxelGrid` has it, or is constant within cells (`interpolation`).  Maps of
+columns, optical depths and transmittances are special cases of the optics: `VoxelOptics.columns`, `.depths`,
+`.transmittances`.
 """
 
 from __future__ import annotations

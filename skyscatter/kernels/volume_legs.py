@@ -1,6 +1,6 @@
 """Legs of walks in three dimensions: strata, what each of them should hand on, and points drawn from them.
 
-See `kernels.volume_walks` for what they are for, and docs/theory.md, equations 32 and 36.
+See `kernels.volume_walks` for what they are for, and docs/theory/nebulae.md, equations 44 and 48.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """New directions of walks in three dimensions: the phase function times a guess of the light that comes from there.
 
-See docs/theory.md, equation 35.
+See docs/theory/nebulae.md, equation 47.
 """
 
 from __future__ import annotations

@@ -15,6 +15,15 @@ class Everywhere(SpatialField):
 
     It has no end, and so no column by which an optical depth could be meant: its component's optics are given by
     coefficients.  Kernels know it as a number for each component, not as a term of the table of fields.
+
+    Examples
+    --------
+    >>> from skyscatter import fields
+    >>> fog = fields.Everywhere()
+    >>> fog.density([[0, 0, 0], [1e6, 0, 0]]).tolist()
+    [1.0, 1.0]
+    >>> float(fog.column([0, 0, 0], [3, 4, 0]))  # m, the length of the segment
+    5.0
     """
 
     kind: Literal["everywhere"] = "everywhere"

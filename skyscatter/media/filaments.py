@@ -35,6 +35,23 @@ class Filament(Shape):
         Distance beyond which there is nothing [m]; 10 widths for ``"plummer"`` when not given.
     smooth : bool
         A Catmull-Rom (1974) spline through the points, in 8 straight pieces between two of them; else straight lines.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A bent filament.  Its course goes through the points, and the column across it is sqrt(2 pi) widths:
+
+    >>> from skyscatter import fields
+    >>> filament = fields.Filament(points=((-1, 0, 0), (0, 0.2, 0), (1, 0, 0)), width=0.05)
+    >>> float(filament.density([0, 0.2, 0]))
+    1.0
+    >>> round(float(filament.column([0, 0.2, -1], [0, 0.2, 1])) / filament.width, 3)
+    2.507
     """
 
     kind: Literal["filament"] = "filament"

@@ -28,6 +28,21 @@ class Front(Shape):
     opening_deg : float
         Half angle of a cone about the own z axis that the rows fill instead of all directions, the last one at its rim;
         outside the cone there is nothing.  Above 0 and below 90, or 180.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A surface that lies 2 m from the middle at the poles and 1 m at the equator, with an edge of 5 cm:
+
+    >>> from skyscatter import fields
+    >>> front = fields.Front(radii=((2,) * 8, (1,) * 8, (2,) * 8), width="5 cm")
+    >>> front.density([[0, 0, 1.8], [1, 0, 0], [1.8, 0, 0]]).round(2).tolist()  # inside, on the edge, outside
+    [1.0, 0.5, 0.0]
     """
 
     kind: Literal["front"] = "front"

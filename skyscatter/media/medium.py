@@ -58,6 +58,20 @@ class Component(Record):
         Factor on all its coefficients; 0 switches it off, 2 doubles it.
     emission : float or SpectralTable
         Light that one unit of density gives off by itself [W m-3 sr-1 nm-1]; zero for air.
+
+    Examples
+    --------
+    A layer of ozone, and its optical depth straight up from the ground: small in the blue, largest near 600 nm.
+
+    >>> import skyscatter
+    >>> ozone = skyscatter.Component(
+    ...     name="ozone",
+    ...     density={"kind": "gaussian", "peak": "22 km", "width": "5 km", "top": "60 km"},
+    ...     optics={"kind": "gas-absorption", "species": "o3", "column_du": 300},
+    ... )
+    >>> scene = skyscatter.Scene(medium=skyscatter.Medium(components=(ozone,), planet_radius="6371 km"))
+    >>> skyscatter.optical_depth(scene, [0, 0, 6371e3], [0, 0, 6431e3], [450, 600]).round(3)
+    array([0.002, 0.041])
     """
 
     name: str
@@ -75,6 +89,19 @@ class Medium(Record):
     components : tuple of Component
     planet_radius : length, optional
         Radius at which altitudes are 0 [m]; left out where the densities are fields in three dimensions.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> air = skyscatter.Component(name="air", density={"kind": "us-standard-1976"}, optics={"kind": "rayleigh-air"})
+    >>> haze = skyscatter.Component(
+    ...     name="haze",
+    ...     density={"kind": "exponential", "scale_height": "1.2 km", "top": "20 km"},
+    ...     optics={"kind": "particles", "optical_depth": 0.2, "phase": {"kind": "henyey-greenstein", "g": 0.7}},
+    ... )
+    >>> medium = skyscatter.Medium(components=(air, haze), planet_radius="6371 km")
+    >>> medium.top / 1e3, medium.without("air").top / 1e3  # km
+    (120.0, 20.0)
     """
 
     components: tuple[Component, ...]

@@ -58,6 +58,26 @@ class ParticleSet(ArrayRecord):
         which has the same mass, is faster, and whose error is stated there.  "auto": cells of half the median smoothing
         length, of up to the whole of it where more than 256 along a side would be needed, and exactly if those do not
         do.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A ValueError: if shapes do not agree, a number is not finite, a mass is negative or a smoothing length
+        is not above 0.
+    MissingDataError
+        When the file is first needed, if it cannot be read.
+
+    Examples
+    --------
+    Two particles that do not touch.  The density in the middle of the first is m / (pi h^3):
+
+    >>> from skyscatter import fields
+    >>> places = [[0, 0, 0], [4, 0, 0]]
+    >>> gas = fields.ParticleSet(positions=places, masses=[2, 1], smoothing_lengths=[1, 1], resolution=0)
+    >>> gas.mass  # integral of the density [m3]
+    3.0
+    >>> gas.density([[0, 0, 0], [2, 0, 0]]).round(4).tolist()
+    [0.6366, 0.0]
     """
 
     kind: Literal["sph-particles"] = "sph-particles"

@@ -30,6 +30,24 @@ class AroundPlanet(Shape):
         Of the planet, where altitudes are 0 [m].
     profile : field of spherical symmetry
         Density over altitude, such as ``{ kind = "exponential", scale_height = "8 km" }``.
+
+    Other Parameters
+    ----------------
+    axis, turn_deg, axes
+        As of every shape: the direction of its own z axis, a turn about it [degree] before that, and factors by which
+        it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    The air above a place on the ground.  Towards the horizon its column is 35 times that towards the zenith:
+
+    >>> from skyscatter import fields
+    >>> profile = {"kind": "exponential", "scale_height": "8 km"}
+    >>> air = fields.AroundPlanet(position=(0, 0, "-6371 km"), radius="6371 km", profile=profile)
+    >>> round(air.reference_column())  # m, vertical
+    8000
+    >>> round(float(air.column([0, 0, 0], [2e6, 0, 0])) / air.reference_column(), 1)
+    35.4
     """
 
     kind: Literal["around-planet"] = "around-planet"

@@ -151,6 +151,23 @@ class Sphere(_Round):
     ----------
     radius : length
         [m]
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A line that passes 1 m from the middle of a ball of 2 m:
+
+    >>> from skyscatter import fields
+    >>> ball = fields.Sphere(radius="2 m")
+    >>> ball.density([[0, 0, 1], [0, 0, 3]]).tolist()
+    [1.0, 0.0]
+    >>> round(float(ball.column([0, 1, -9], [0, 1, 9])), 3)  # m
+    3.464
     """
 
     kind: Literal["sphere"] = "sphere"
@@ -172,6 +189,23 @@ class GaussianSphere(_Round):
     ----------
     width : length
         Standard deviation [m].
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    The column through the middle is sqrt(2 pi) widths, and the density has fallen to one half at 1.177 widths:
+
+    >>> from skyscatter import fields
+    >>> core = fields.GaussianSphere(width="0.1 pc")
+    >>> round(core.reference_column() / core.width, 3)
+    2.507
+    >>> round(float(core.density([1.1774 * core.width, 0, 0])), 3)
+    0.5
     """
 
     kind: Literal["gaussian-sphere"] = "gaussian-sphere"
@@ -215,6 +249,22 @@ class Plummer(_PowerLawSphere):
         a [m].
     cut : length, optional
         Radius beyond which there is nothing [m]; 40 a (1e-8 of the middle) when not given.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    The column is 4/3 a in the middle, and a quarter of that at the distance a from it:
+
+    >>> from skyscatter import fields
+    >>> cluster = fields.Plummer(radius=1)
+    >>> columns = cluster.column([[0, 0, -50], [1, 0, -50]], [[0, 0, 50], [1, 0, 50]])  # m
+    >>> columns.round(3).tolist()
+    [1.333, 0.333]
     """
 
     kind: Literal["plummer"] = "plummer"
@@ -237,6 +287,22 @@ class King(_PowerLawSphere):
         a [m].
     cut : length
         Radius beyond which there is nothing [m].
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    At the core radius the column has fallen to one half, when the cut lies far out:
+
+    >>> from skyscatter import fields
+    >>> cluster = fields.King(core=1, cut=1000)
+    >>> columns = cluster.column([[0, 0, -2000], [1, 0, -2000]], [[0, 0, 2000], [1, 0, 2000]])  # m
+    >>> columns.round(3).tolist()
+    [2.0, 1.0]
     """
 
     kind: Literal["king"] = "king"
@@ -258,6 +324,23 @@ class PowerLaw(_PowerLawSphere):
         Far out the density falls as r^-exponent; above 0, at most 40.
     cut : length
         Radius beyond which there is nothing [m].
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A wind that has reached its final speed thins out as the inverse square of the distance:
+
+    >>> from skyscatter import fields
+    >>> wind = fields.PowerLaw(core=1, exponent=2, cut=1000)
+    >>> wind.density([[0, 0, 0], [0, 0, 10], [0, 0, 100]]).round(6).tolist()
+    [1.0, 0.009901, 0.0001]
+    >>> round(wind.reference_column(), 2)  # m; pi cores without the cut
+    3.14
     """
 
     kind: Literal["power-law"] = "power-law"
@@ -322,6 +405,24 @@ class BonnorEbert(_Round):
         this nor the next is given.
     pressure_contrast : float, optional
         Pressure in the middle over the outer pressure, in its place: above 1, at most 1e5.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    In the largest stable sphere the density in the middle is 14 times that at the edge.  A sphere with a contrast of 5
+    ends at a smaller dimensionless radius:
+
+    >>> from skyscatter import fields
+    >>> globule = fields.BonnorEbert(radius="0.1 pc")
+    >>> round(1 / float(globule.density([0.999999 * globule.radius, 0, 0])), 1)
+    14.0
+    >>> round(fields.BonnorEbert(radius="0.1 pc", pressure_contrast=5).xi_max, 2)
+    4.08
     """
 
     kind: Literal["bonnor-ebert"] = "bonnor-ebert"
@@ -383,6 +484,21 @@ class Shell(Shape):
     ----------
     inner, outer : length
         Radii of the hollow and of the whole [m]; the first lies below the second.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    Seen from outside, a shell is brightest along its inner rim, where the column is longest:
+
+    >>> from skyscatter import fields
+    >>> shell = fields.Shell(inner=0.8, outer=1)
+    >>> shell.column([[0, 0, -2], [0.8, 0, -2]], [[0, 0, 2], [0.8, 0, 2]]).round(3).tolist()  # m
+    [0.4, 1.2]
     """
 
     kind: Literal["shell"] = "shell"
@@ -416,6 +532,21 @@ class GaussianShell(Shape):
         Of the ridge [m].
     width : length
         Standard deviation across the ridge [m].
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A ring nebula: the column through the middle crosses the shell twice, the one along the ridge is longer:
+
+    >>> from skyscatter import fields
+    >>> shell = fields.GaussianShell(radius=1, width=0.05)
+    >>> shell.column([[0, 0, -2], [1, 0, -2]], [[0, 0, 2], [1, 0, 2]]).round(3).tolist()  # m
+    [0.251, 0.694]
     """
 
     kind: Literal["gaussian-shell"] = "gaussian-shell"

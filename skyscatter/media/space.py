@@ -44,7 +44,22 @@ class FieldTerm(NamedTuple):
 
 @contract
 class SpatialField(Record):
-    """Dimensionless density as a function of the position in the model's frame."""
+    """Dimensionless density as a function of the position in the model's frame.
+
+    Examples
+    --------
+    What every field can do: densities at points, columns along segments, and arithmetic that makes new fields.
+
+    >>> from skyscatter import fields
+    >>> ball = fields.Sphere(radius="1 m")
+    >>> pair = ball + 2 * ball.moved((3, 0, 0))
+    >>> isinstance(pair, fields.SpatialField)
+    True
+    >>> pair.density([[0, 0, 0], [3, 0, 0], [0, 0, 2]]).tolist()
+    [1.0, 2.0, 0.0]
+    >>> round(float(pair.column([-9, 0, 0], [9, 0, 0])), 3)  # m of unit density, 2 + 2 x 2
+    6.0
+    """
 
     def terms(self) -> tuple[FieldTerm, ...]:
         """The field as data for the kernels."""
@@ -88,7 +103,10 @@ class SpatialField(Record):
         return field_densities(self, np.asarray(points, float))
 
     def column(self, start: ArrayLike, end: ArrayLike) -> Array:
-        """Column along straight segments [m of unit density]; end points of shape (..., 3) [m], result (...)."""
+        """Column along straight segments [m of unit density].
+
+        End points [m] have the shape (..., 3) and are broadcast against each other; the result has the shape (...).
+        """
         from skyscatter.media.spacetables import field_columns
 
         return field_columns(self, np.asarray(start, float), np.asarray(end, float))

@@ -34,6 +34,24 @@ class FlaredDisk(Shape):
         Of the density in the middle plane.
     flaring : float
         Of the scale height: 1 is a wedge, above 1 it flares.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A disk around a young star.  At `radius` the column across it is sqrt(2 pi) scale heights; at twice that distance
+    the density in the middle plane is 2^-2.25 of that at `radius`:
+
+    >>> from skyscatter import fields
+    >>> disk = fields.FlaredDisk(radius="100 AU", height="10 AU", inner="1 AU", outer="400 AU")
+    >>> round(disk.reference_column() / disk.height, 3)
+    2.507
+    >>> round(float(disk.density([2 * disk.radius, 0, 0])), 3)
+    0.21
     """
 
     kind: Literal["flared-disk"] = "flared-disk"
@@ -93,6 +111,23 @@ class Cone(Shape):
         How the density falls with the distance from the tip; 0 is uniform.
     both_sides : bool
         Also about the opposite axis: a double cone.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    The width of an outflow 6 m from its tip is 2 x 6 m x tan(30 degrees):
+
+    >>> from skyscatter import fields
+    >>> outflow = fields.Cone(half_angle_deg=30, length=10)
+    >>> round(float(outflow.column([-9, 0, 6], [9, 0, 6])), 3)  # m
+    6.928
+    >>> outflow.density([[0, 0, 6], [0, 0, -6]]).tolist()
+    [1.0, 0.0]
     """
 
     kind: Literal["cone"] = "cone"
@@ -162,6 +197,23 @@ class BipolarLobes(Shape):
         Of a lobe where it is widest, from side to side [m].
     hollow : float
         Size of the empty part of each over its own, about the same middle; from 0 (full) to below 1.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    Hollow lobes, 2 m long and 1 m wide, of which a tenth on either side is wall:
+
+    >>> from skyscatter import fields
+    >>> lobes = fields.BipolarLobes(length=2, width=1, hollow=0.8)
+    >>> lobes.centre.tolist()  # the middle of the first lobe [m]
+    [0.0, 0.0, 1.0]
+    >>> round(float(lobes.column([-9, 0, 1], [9, 0, 1])), 3)  # m, across it
+    0.2
     """
 
     kind: Literal["bipolar-lobes"] = "bipolar-lobes"
@@ -228,6 +280,21 @@ class Box(_Cuboid):
     ----------
     half_sizes : three lengths
         From its middle to its faces along its own axes [m].
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    >>> from skyscatter import fields
+    >>> room = fields.Box(half_sizes=("1 m", "2 m", "3 m"))
+    >>> room.reference_column()  # m, along z
+    6.0
+    >>> round(float(room.column([-2, -2, -2], [2, 2, 2])), 3)  # m, obliquely through its middle
+    3.464
     """
 
     kind: Literal["box"] = "box"
@@ -238,7 +305,7 @@ class Box(_Cuboid):
 
 
 class Slab(_Cuboid):
-    """Density 1 where the own |z| is below the half thickness.
+    """Density 1 nearer to the own plane z = 0 than the half thickness.
 
     Parameters
     ----------
@@ -246,6 +313,23 @@ class Slab(_Cuboid):
         [m].
     half_width : length, optional
         From the middle to its sides in x and y [m]; 1e4 half thicknesses, in place of none, when not given.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    A layer of 2 m, seen vertically and at 60 degrees from its normal:
+
+    >>> import math
+    >>> from skyscatter import fields
+    >>> layer = fields.Slab(half_thickness=1)
+    >>> start = [[0, 0, 2], [-4 * math.sqrt(3), 0, 2]]
+    >>> layer.column(start, [0, 0, -2]).round(3).tolist()  # m
+    [2.0, 4.0]
     """
 
     kind: Literal["slab"] = "slab"

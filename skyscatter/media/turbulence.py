@@ -68,6 +68,23 @@ class Turbulence(Shape):
         Number of waves.
     half_sizes : three lengths, optional
         Of a box outside which there is nothing [m]; 1000 outer scales, in place of none, when not given.
+
+    Other Parameters
+    ----------------
+    position, axis, turn_deg, axes
+        As of every shape: its place [m], the direction of its own z axis, a turn about it [degree] before that, and
+        factors by which it is stretched along its own x, y and z.
+
+    Examples
+    --------
+    Mean density and scatter of ln n over a volume much wider than the longest wave:
+
+    >>> import numpy as np
+    >>> from skyscatter import fields
+    >>> gas = fields.Turbulence(outer_scale=1, inner_scale=0.1, deviation=0.8, seed=1)
+    >>> density = gas.density(np.random.default_rng(0).uniform(-50, 50, (20_000, 3)))
+    >>> f"{density.mean():.1f} {np.log(density).std():.1f}"
+    '1.0 0.8'
     """
 
     kind: Literal["turbulence"] = "turbulence"

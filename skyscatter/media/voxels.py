@@ -52,6 +52,25 @@ class VoxelGrid(ArrayRecord):
         outside the grid, or stay constant up to the grid's face.  Sharp is for a piece cut out of something larger.
     periodic : (bool, bool, bool)
         Along which axes the grid repeats, for a plane-parallel layer; 10 000 times to either side.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A ValueError: if values are negative or not finite, or the array has not three axes.
+    MissingDataError
+        When the file is first needed, if it cannot be read.
+
+    Examples
+    --------
+    Eight cells of 1 m, and the columns through two of them along z:
+
+    >>> import numpy as np
+    >>> from skyscatter import fields
+    >>> grid = fields.VoxelGrid(values=np.arange(8).reshape(2, 2, 2), spacing="1 m", interpolation="nearest")
+    >>> grid.density([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]]).tolist()
+    [0.0, 7.0]
+    >>> float(grid.column([0.5, 0.5, -2], [0.5, 0.5, 2]).round(3))  # m of unit density, 6 + 7
+    13.0
     """
 
     kind: Literal["voxels"] = "voxels"

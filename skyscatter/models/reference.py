@@ -63,10 +63,14 @@ def _documented(record: type[Record]) -> dict[str, str]:
     return found
 
 
+def before_sections(text: str) -> str:
+    """What a docstring says before its first section."""
+    return re.split(r"^.+\n-{3,}$", inspect.cleandoc(text), maxsplit=1, flags=re.MULTILINE)[0].strip()
+
+
 def summary(record: type[Record]) -> str:
-    """What a docstring says before its list of parameters."""
-    text, _, _ = inspect.cleandoc(record.__doc__ or "").partition("Parameters\n----------")
-    return text.strip()
+    """What a record's docstring says before its first section."""
+    return before_sections(record.__doc__ or "")
 
 
 def rows(record: type[Record]) -> list[Row]:

@@ -10,6 +10,7 @@ from pydantic.json_schema import models_json_schema
 from skyscatter.errors import DomainError
 from skyscatter.models.catalogue import sorts
 from skyscatter.models.kinds import SORTS, densities
+from skyscatter.models.reference import before_sections
 from skyscatter.record import Record
 
 #: The schema that editors know best; what pydantic writes is turned into it.
@@ -131,4 +132,7 @@ def _draft7(node: Any) -> Any:
     renamed = {"prefixItems": "items"}
     # The kind first: validators that go by the order then leave the branches of other kinds at once.
     ordered = {"kind": node["kind"], **node} if "kind" in node else node
-    return {renamed.get(key, key): _draft7(value) for key, value in ordered.items() if key != "discriminator"}
+    made = {renamed.get(key, key): _draft7(value) for key, value in ordered.items() if key != "discriminator"}
+    if isinstance(made.get("description"), str):
+        made["description"] = before_sections(made["description"])
+    return made

@@ -2,15 +2,15 @@
 
 The colour is the diffuse albedo A of a half space of the medium under diffuse light, without a refracting surface.  Van
 de Hulst (1980, Multiple Light Scattering, vol. 2, section 14.1) found it to depend on the single-scattering albedo
-omega and the asymmetry g through the similarity parameter gamma alone, as nearly as
+omega and the asymmetry g through the similarity parameter gamma alone, as nearly as (docs/theory/surfaces-scene.md)
 
-    gamma = sqrt((1 - omega) / (1 - g omega)),     A = (1 - gamma) (1 - 0.139 gamma) / (1 + 1.17 gamma).      (S-A1)
+    gamma = sqrt((1 - omega) / (1 - g omega)),     A = (1 - gamma) (1 - 0.139 gamma) / (1 + 1.17 gamma).      (65)
 
 Solved for gamma this is the inversion of Kulla & Conty Estevez (2017), Revisiting Physically Based Shading at
 Imageworks, SIGGRAPH course notes, which artists use:
 
-    gamma = 4.09712 + 4.20863 A - sqrt(9.59217 + 41.6808 A + 17.7126 A^2),                                    (S-A2)
-    omega = (1 - gamma^2) / (1 - g gamma^2).                                                                  (S-A3)
+    gamma = 4.09712 + 4.20863 A - sqrt(9.59217 + 41.6808 A + 17.7126 A^2),                                    (66)
+    omega = (1 - gamma^2) / (1 - g gamma^2).                                                                  (67)
 
 Its colour is met to 0.0021 for isotropic scattering (against the H function).  The fit to Monte Carlo of Chiang, Kutz &
 Burley (2016, SIGGRAPH talks, Practical and Controllable Subsurface Scattering for Production Path Tracing) agrees with
@@ -33,12 +33,12 @@ from skyscatter.units import Number, default
 
 Array = NDArray[np.float64]
 
-#: Coefficients of van de Hulst's formula (S-A1).
+#: Coefficients of van de Hulst's formula (65).
 _B, _C = 0.139, 1.17
 
 
 def diffuse_albedo(single_scattering_albedo: ArrayLike, g: ArrayLike = 0.0) -> Array:
-    """Albedo of a half space under diffuse light by (S-A1), from 0 to 1; shape of the inputs."""
+    """Albedo of a half space under diffuse light by (65), from 0 to 1; shape of the inputs."""
     omega, g = np.asarray(single_scattering_albedo, float), np.asarray(g, float)
     gamma = np.sqrt((1 - omega) / (1 - g * omega))
     albedo: Array = (1 - gamma) * (1 - _B * gamma) / (1 + _C * gamma)
@@ -46,7 +46,7 @@ def diffuse_albedo(single_scattering_albedo: ArrayLike, g: ArrayLike = 0.0) -> A
 
 
 def single_scattering_albedo(diffuse: ArrayLike, g: ArrayLike = 0.0) -> Array:
-    """The single-scattering albedo of which a half space has this albedo, by (S-A2) and (S-A3); shape of the inputs."""
+    """The single-scattering albedo of which a half space has this albedo, by (66) and (67); shape of the inputs."""
     a, g = np.asarray(diffuse, float), np.asarray(g, float)
     # The smaller root of B gamma^2 - (1 + B + C A) gamma + 1 - A, written without differences of like numbers.
     half = 0.5 * (1 + _B + _C * a)

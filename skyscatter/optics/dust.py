@@ -152,6 +152,19 @@ class Dust(OpticalModel):
     phase : {"henyey-greenstein", "draine"}
         Henyey-Greenstein with the tabulated mean cosine, or Draine (2003), ApJ 598, 1017, which matches
         the tabulated mean squared cosine too wherever `draine_parameters` can.
+
+    Examples
+    --------
+    A thousand hydrogen nucleons in a cubic centimetre with their dust: the mean free path of blue and of red light in
+    parsec, and the scattered part of the extinction.
+
+    >>> import skyscatter
+    >>> dust = skyscatter.Dust(hydrogen_density="1000 cm-3")
+    >>> scattering, absorption, _ = dust.coefficients([450, 650], column_m=0.0)  # m-1; the column counts with A_V only
+    >>> (1 / (scattering + absorption) / 3.0857e16).round(2)
+    array([0.52, 0.84])
+    >>> (scattering / (scattering + absorption)).round(2)
+    array([0.66, 0.67])
     """
 
     kind: Literal["dust"] = "dust"

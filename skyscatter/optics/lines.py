@@ -129,6 +129,17 @@ class GasLines(OpticalModel):
         another distribution can carry them as a component of its own.
     line_width : float
         Full width at half maximum of every line [nm].  The default, 0.05 nm, is hydrogen's thermal width at 10000 K.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> gas = skyscatter.GasLines(electron_density="100 cm-3", temperature=8000, ratios={"oiii_5007": 3.0})
+    >>> gas.line_names
+    ('hbeta', 'oiii_4959', 'oiii_5007', 'halpha')
+    >>> f"{gas.line_emissivity('hbeta'):.1e} W m-3 sr-1"
+    '1.2e-23 W m-3 sr-1'
+    >>> round(gas.line_emissivity("halpha") / gas.line_emissivity("hbeta"), 2)  # the Balmer decrement
+    2.91
     """
 
     kind: Literal["gas-lines"] = "gas-lines"

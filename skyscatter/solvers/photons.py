@@ -3,7 +3,7 @@
 Walks from the camera leave visibility points; photons are traced from the lamps, and what passes near the points, or
 is scattered there, is gathered.  Every pass has walks, points and photons of its own, and nothing of it is kept but the
 radiance of its rays.  The radius of gathering falls from pass to pass, so that bias and noise vanish together (Knaus &
-Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see docs/theory-surfaces-photons.md.
+Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see docs/theory/photons.md.
 
 Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (29 + components +
 wavelengths) bytes each, the cells around them (`kernels.surfaces.neighbours`), and one radiance per ray; photons are

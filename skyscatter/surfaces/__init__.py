@@ -1,4 +1,14 @@
-"""Surfaces, what they are made of, the media between them, and lamps: the parts of a scene that light meets."""
+"""Surfaces, what they are made of, the media between them, and lamps: the parts of a scene that light meets.
+
+Examples
+--------
+The share of light that water reflects straight back.
+
+>>> from skyscatter import surfaces
+>>> index = surfaces.refractive_index("water", [550])
+>>> (((index - 1) / (index + 1)) ** 2).round(3)
+array([0.021])
+"""
 
 from __future__ import annotations
 
@@ -6,38 +16,38 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
-    "AreaLamp": "lamps",
-    "Body": "scene",
-    "Box": "shapes",
-    "CityLobe": "lobes",
-    "Conductor": "materials",
-    "ConeLobe": "lobes",
-    "CosinePowerLobe": "lobes",
-    "Dielectric": "materials",
-    "Disk": "shapes",
-    "Interface": "materials",
-    "IsotropicLobe": "lobes",
-    "Lambert": "materials",
-    "LambertLobe": "lobes",
-    "Led": "lamps",
-    "Mesh": "meshes",
-    "Mirror": "materials",
-    "ParallelLamp": "lamps",
-    "Plane": "shapes",
-    "PointLamp": "lamps",
-    "Rectangle": "shapes",
-    "Sphere": "shapes",
-    "SpotLamp": "lamps",
-    "SurfaceMedium": "scene",
-    "SurfaceModel": "model",
-    "SurfaceScene": "scene",
-    "Surroundings": "lamps",
-    "TabulatedLobe": "lobes",
-    "Viewpoint": "scene",
-    "Turned": "meshes",
-    "lamp_names": "power",
-    "lamp_spectrum": "power",
-    "refractive_index": "indices",
+    "AreaLamp": "skyscatter.surfaces.lamps",
+    "Body": "skyscatter.surfaces.scene",
+    "Box": "skyscatter.surfaces.shapes",
+    "CityLobe": "skyscatter.surfaces.lobes",
+    "Conductor": "skyscatter.surfaces.materials",
+    "ConeLobe": "skyscatter.surfaces.lobes",
+    "CosinePowerLobe": "skyscatter.surfaces.lobes",
+    "Dielectric": "skyscatter.surfaces.materials",
+    "Disk": "skyscatter.surfaces.shapes",
+    "Interface": "skyscatter.surfaces.materials",
+    "IsotropicLobe": "skyscatter.surfaces.lobes",
+    "Lambert": "skyscatter.surfaces.materials",
+    "LambertLobe": "skyscatter.surfaces.lobes",
+    "Led": "skyscatter.surfaces.lamps",
+    "Mesh": "skyscatter.surfaces.meshes",
+    "Mirror": "skyscatter.surfaces.materials",
+    "ParallelLamp": "skyscatter.surfaces.lamps",
+    "Plane": "skyscatter.surfaces.shapes",
+    "PointLamp": "skyscatter.surfaces.lamps",
+    "Rectangle": "skyscatter.surfaces.shapes",
+    "Sphere": "skyscatter.surfaces.shapes",
+    "SpotLamp": "skyscatter.surfaces.lamps",
+    "SurfaceMedium": "skyscatter.surfaces.scene",
+    "SurfaceModel": "skyscatter.models.surfaces",
+    "SurfaceScene": "skyscatter.surfaces.scene",
+    "Surroundings": "skyscatter.surfaces.lamps",
+    "TabulatedLobe": "skyscatter.surfaces.lobes",
+    "Viewpoint": "skyscatter.surfaces.scene",
+    "Turned": "skyscatter.surfaces.meshes",
+    "lamp_names": "skyscatter.surfaces.power",
+    "lamp_spectrum": "skyscatter.surfaces.power",
+    "refractive_index": "skyscatter.surfaces.indices",
 }
 
 __all__ = list(_HOME)
@@ -81,7 +91,7 @@ if not TYPE_CHECKING:  # it would accept any name
 
     def __getattr__(name: str) -> Any:
         if name in _HOME:
-            value = getattr(import_module(f"skyscatter.surfaces.{_HOME[name]}"), name)
+            value = getattr(import_module(_HOME[name]), name)
             globals()[name] = value
             return value
         raise AttributeError(f"module 'skyscatter.surfaces' has no attribute {name!r}")

@@ -81,6 +81,27 @@ class PointLamp(_PointSource):
     ----------
     lobe : lobe
         How its light is spread over directions, by kind.
+
+    Other Parameters
+    ----------------
+    name, position, target, axis
+        How lists and errors call it; its place [m]; the point [m] or the direction towards which its axis points, up
+        (0, 0, 1) when neither is given.
+    power, watts, lumens, spectrum
+        One of power [W nm-1], watts or lumens, into all directions together; the last two with a `spectrum`.
+
+    Examples
+    --------
+    A bulb of 800 lm: the illuminance on a surface that faces it 2 m away, and its power in watts of light.
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> bulb = surfaces.PointLamp(position=(0, 0, "2 m"), lumens=800, spectrum="led-4000k")
+    >>> round(bulb.lumens * float(bulb.distribution.value(1.0)) / 2**2, 1)  # lx
+    15.9
+    >>> wavelengths = np.arange(380, 781, 5)
+    >>> round(float(np.trapezoid(bulb.spectral_amount(wavelengths), wavelengths)), 1)  # W
+    2.5
     """
 
     kind: Literal["point"] = "point"
@@ -101,6 +122,27 @@ class SpotLamp(_PointSource):
         From the axis to the middle of the cone's edge [degree], above 0 and up to 180.
     edge_deg : float
         Width of the soft edge [degree]; 0 makes it sharp.
+
+    Other Parameters
+    ----------------
+    name, position, target, axis
+        How lists and errors call it; its place [m]; the point [m] or the direction towards which its axis points, up
+        (0, 0, 1) when neither is given.
+    power, watts, lumens, spectrum
+        One of power [W nm-1], watts or lumens, into all directions together; the last two with a `spectrum`.
+
+    Examples
+    --------
+    A lamp at the ceiling that shines down into a cone of 20 degrees across, and its intensity within that:
+
+    >>> from skyscatter import surfaces
+    >>> spot = surfaces.SpotLamp(
+    ...     position=(0, 0, "3 m"), target=(0, 0, 0), half_angle_deg=10, lumens=500, spectrum="led-2700k"
+    ... )
+    >>> spot.direction.tolist()
+    [0.0, 0.0, -1.0]
+    >>> round(spot.lumens * float(spot.distribution.value(1.0)))  # cd
+    5238
     """
 
     kind: Literal["spot"] = "spot"
@@ -125,6 +167,24 @@ class Led(_PointSource):
     ----------
     half_angle_deg : float
         Angle from the axis at which the intensity is half of that on the axis [degree], 0.05 to below 90.
+
+    Other Parameters
+    ----------------
+    name, position, target, axis
+        How lists and errors call it; its place [m]; the point [m] or the direction towards which its axis points, up
+        (0, 0, 1) when neither is given.
+    power, watts, lumens, spectrum
+        One of power [W nm-1], watts or lumens, into all directions together; the last two with a `spectrum`.
+
+    Examples
+    --------
+    The intensity on the axis, and 30 degrees from it where it is half of that:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> led = surfaces.Led(position=(0, 0, 0), half_angle_deg=30, lumens=100, spectrum="led-4000k")
+    >>> (led.lumens * led.distribution.value(np.cos(np.radians([0, 30])))).round(1).tolist()  # cd
+    [92.6, 46.3]
     """
 
     kind: Literal["led"] = "led"
@@ -150,6 +210,20 @@ class AreaLamp(Powered):
         Instead of the power: the radiance along the normal [W m-2 sr-1 nm-1].
     lobe : lobe
         About the normal; Lambert's (the same radiance from all sides) when not given.
+
+    Other Parameters
+    ----------------
+    power, watts, lumens, spectrum
+        One of power [W nm-1], watts or lumens, of the whole surface; the last two with a `spectrum`.
+
+    Examples
+    --------
+    A panel of 2 m2 whose radiance is 1 W m-2 sr-1 nm-1 from all sides sends out pi times its area:
+
+    >>> from skyscatter import surfaces
+    >>> panel = surfaces.AreaLamp(radiance=1.0)
+    >>> panel.spectral_power([450, 550], area=2.0).round(3).tolist()  # W nm-1
+    [6.283, 6.283]
     """
 
     radiance: OptionalSpectral[Radiance] = default(None)
@@ -192,6 +266,22 @@ class ParallelLamp(Shining):
         On a surface that faces the light [W m-2 nm-1].
     watts_per_m2, lux : float, optional
         The same in all, with a `spectrum`, such as "sun".
+
+    Other Parameters
+    ----------------
+    spectrum : SpectralTable or str
+        Shape of the spectrum that goes with `watts_per_m2` or `lux`: a table in any unit per nm, or a name.
+
+    Examples
+    --------
+    The Sun 30 degrees above the horizon, towards +x:
+
+    >>> from skyscatter import surfaces
+    >>> sun = surfaces.ParallelLamp(azimuth_deg=90, elevation_deg=30, watts_per_m2=1361, spectrum="sun")
+    >>> sun.towards.round(3).tolist()
+    [0.866, 0.0, 0.5]
+    >>> sun.spectral_amount([450, 550, 650]).round(1).tolist()  # W m-2 nm-1
+    [1.9, 1.9, 1.6]
     """
 
     _spectral: ClassVar[str] = "irradiance"
@@ -236,6 +326,21 @@ class Surroundings(Shining):
         [W m-2 sr-1 nm-1]
     watts_per_m2_sr, candela_per_m2 : float, optional
         The same in all, with a `spectrum`.
+
+    Other Parameters
+    ----------------
+    spectrum : SpectralTable or str
+        Shape of the spectrum that goes with `watts_per_m2_sr` or `candela_per_m2`: a table in any unit per nm, or a
+        name.
+
+    Examples
+    --------
+    A white sky of 3000 cd m-2:
+
+    >>> from skyscatter import surfaces
+    >>> sky = surfaces.Surroundings(candela_per_m2=3000, spectrum="sun")
+    >>> sky.spectral_amount([450, 550, 650]).round(3).tolist()  # W m-2 sr-1 nm-1
+    [0.042, 0.042, 0.036]
     """
 
     _spectral: ClassVar[str] = "radiance"

@@ -57,7 +57,14 @@ class Lobe(Record):
 
 
 class IsotropicLobe(Lobe):
-    """The same in all directions."""
+    """The same in all directions.
+
+    Examples
+    --------
+    >>> from skyscatter import surfaces
+    >>> round(float(surfaces.IsotropicLobe().value(1.0)), 4)  # sr-1, 1 / (4 pi)
+    0.0796
+    """
 
     kind: Literal["isotropic"] = "isotropic"
 
@@ -67,7 +74,16 @@ class IsotropicLobe(Lobe):
 
 
 class LambertLobe(Lobe):
-    """As the cosine of the angle: what a surface of equal radiance from all sides sends out."""
+    """As the cosine of the angle: what a surface of equal radiance from all sides sends out.
+
+    Examples
+    --------
+    On the axis, 60 degrees from it, and backwards:
+
+    >>> from skyscatter import surfaces
+    >>> surfaces.LambertLobe().value([1.0, 0.5, -0.5]).round(4).tolist()  # sr-1, 1 / pi on the axis
+    [0.3183, 0.1592, 0.0]
+    """
 
     kind: Literal["lambert"] = "lambert"
 
@@ -85,6 +101,16 @@ class CosinePowerLobe(Lobe):
     ----------
     half_angle_deg : float
         Angle from the axis at which the intensity is half of that on the axis [degree]; 60 is Lambert's lobe.
+
+    Examples
+    --------
+    The intensity 0, 20 and 40 degrees from the axis, relative to that on the axis:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> lobe = surfaces.CosinePowerLobe(half_angle_deg=20)
+    >>> (lobe.value(np.cos(np.radians([0, 20, 40]))) / lobe.value(1.0)).round(2).tolist()
+    [1.0, 0.5, 0.05]
     """
 
     kind: Literal["cosine-power"] = "cosine-power"
@@ -116,6 +142,16 @@ class ConeLobe(Lobe):
         From the axis to the middle of the edge [degree].
     edge_deg : float
         Width of the edge [degree]; 0 makes it sharp.
+
+    Examples
+    --------
+    Within a sharp cone the intensity is one over its solid angle, 2 pi (1 - cos 20 degrees):
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> lobe = surfaces.ConeLobe(half_angle_deg=20)
+    >>> lobe.value(np.cos(np.radians([0, 19, 21]))).round(2).tolist()  # sr-1
+    [2.64, 2.64, 0.0]
     """
 
     kind: Literal["cone"] = "cone"
@@ -156,6 +192,16 @@ class TabulatedLobe(TableRecord, Lobe):
         from its folder.
     column : str, optional
         Which column of the file has the intensities, where there are several.
+
+    Examples
+    --------
+    Three measured angles, in any unit; the lobe is normalised to a power of 1:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> lobe = surfaces.TabulatedLobe(angles_deg=(0, 30, 60), intensities=(100, 80, 0))
+    >>> lobe.value(np.cos(np.radians([0, 30, 60]))).round(2).tolist()  # sr-1
+    [0.6, 0.48, 0.0]
     """
 
     columns: ClassVar[dict[str, Wanted]] = {
@@ -198,6 +244,18 @@ class CityLobe(Lobe):
         G; Garstang took 0.15.
     direct_share : float
         F; Garstang took 0.15.
+
+    Examples
+    --------
+    The share of its light that a city sends upwards, and how that is spread over zenith angles of 0, 60 and 85 degrees:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> city = surfaces.CityLobe(ground_albedo=0.15, direct_share=0.15)
+    >>> f"{city.escaping:.0%}"
+    '28%'
+    >>> city.value(np.cos(np.radians([0, 60, 85]))).round(2).tolist()  # sr-1
+    [0.15, 0.13, 0.24]
     """
 
     kind: Literal["city"] = "city"

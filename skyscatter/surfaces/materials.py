@@ -28,7 +28,25 @@ LEAST_ROUGHNESS = 1e-3
 
 
 class Interface(Record):
-    """A boundary of a medium that light does not notice: fog in a box, the edge of a cloud."""
+    """A boundary of a medium that light does not notice: fog in a box, the edge of a cloud.
+
+    Examples
+    --------
+    A ball of black smoke, 2 m across, under a uniform sky: with a mean free path of 1 m it lets exp(-2) of the light
+    through.
+
+    >>> import skyscatter
+    >>> from skyscatter import surfaces
+    >>> soot = skyscatter.Component(
+    ...     name="soot", density={"kind": "everywhere"}, optics={"kind": "artist", "colour": 0.0, "distance": "1 m"}
+    ... )
+    >>> media = (surfaces.SurfaceMedium(name="air"), surfaces.SurfaceMedium(name="smoke", components=(soot,)))
+    >>> ball = surfaces.Body(shape=surfaces.Sphere(radius="1 m"), material=surfaces.Interface(), inside="smoke")
+    >>> scene = surfaces.SurfaceScene(media=media, bodies=(ball,), lamps=(surfaces.Surroundings(radiance=1.0),))
+    >>> result = skyscatter.radiance(scene, (0, 0, 5), (0, 0, -1), [550], solver="path", samples=16)
+    >>> result.radiance.round(2).tolist()  # W m-2 sr-1 nm-1
+    [0.14]
+    """
 
     kind: Literal["interface"] = "interface"
 
@@ -40,6 +58,14 @@ class Lambert(Record):
     ----------
     albedo : float or SpectralTable or str
         Reflected share of the light, 0 to 1, or the name of a surface of the shipped table (``"snow"``, ...).
+
+    Examples
+    --------
+    Leaves are greenish, and bright in the near infrared:
+
+    >>> from skyscatter import surfaces
+    >>> surfaces.Lambert(albedo="vegetation").reflectance([450, 550, 650, 850]).round(2).tolist()
+    [0.08, 0.13, 0.07, 0.53]
     """
 
     kind: Literal["lambert"] = "lambert"
@@ -62,6 +88,18 @@ class Mirror(Record):
     ----------
     reflectance : float or SpectralTable
         0 to 1.
+
+    Examples
+    --------
+    A mirror under a uniform sky shows its share of the sky's radiance:
+
+    >>> import skyscatter
+    >>> from skyscatter import surfaces
+    >>> floor = surfaces.Body(shape=surfaces.Plane(), material=surfaces.Mirror(reflectance=0.9))
+    >>> scene = surfaces.SurfaceScene(bodies=(floor,), lamps=(surfaces.Surroundings(radiance=1.0),))
+    >>> result = skyscatter.radiance(scene, (0, 0, 1), (0, 0.8, -0.6), [550], solver="path", samples=4)
+    >>> result.radiance.round(2).tolist()  # W m-2 sr-1 nm-1
+    [0.9]
     """
 
     kind: Literal["mirror"] = "mirror"
@@ -83,6 +121,19 @@ class Dielectric(Record):
     ----------
     roughness : float
         Alpha of the GGX distribution of slopes (about the root mean square slope over sqrt 2); 0 for a smooth surface.
+
+    Examples
+    --------
+    In the middle of a clear ball the sky's radiance is n^2 times that outside:
+
+    >>> import skyscatter
+    >>> from skyscatter import surfaces
+    >>> media = (surfaces.SurfaceMedium(name="air"), surfaces.SurfaceMedium(name="water", index="water"))
+    >>> drop = surfaces.Body(shape=surfaces.Sphere(), material=surfaces.Dielectric(), inside="water")
+    >>> scene = surfaces.SurfaceScene(media=media, bodies=(drop,), lamps=(surfaces.Surroundings(radiance=1.0),))
+    >>> result = skyscatter.radiance(scene, (0, 0, 0), (0, 0, 1), [589], solver="path", samples=16)
+    >>> result.radiance.round(2).tolist(), (surfaces.refractive_index("water", [589]) ** 2).round(2).tolist()
+    ([1.78], [1.78])
     """
 
     kind: Literal["dielectric"] = "dielectric"
@@ -105,6 +156,26 @@ class Conductor(Record):
         Real and imaginary part of the index, instead of `metal`.
     roughness : float
         As for `Dielectric`.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A ValueError: if the metal is unknown, or both its name and an index are given.
+
+    Notes
+    -----
+    Gold, silver and copper: Johnson & Christy (1972), Phys. Rev. B 6, 4370, from 188 to 1937 nm.  Aluminium, without
+    oxide: Rakic (1995), Appl. Opt. 34, 4755, from 207 to 2066 nm.  Linear between their wavelengths; `index` raises a
+    `DomainError` beyond them.
+
+    Examples
+    --------
+    Gold at normal incidence keeps the blue and reflects the red:
+
+    >>> from skyscatter import surfaces
+    >>> n, k = surfaces.Conductor(metal="gold").index([450, 550, 650])
+    >>> (((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)).round(2).tolist()
+    [0.41, 0.79, 0.96]
     """
 
     kind: Literal["conductor"] = "conductor"

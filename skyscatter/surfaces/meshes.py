@@ -152,6 +152,19 @@ class Mesh(Faceted):
         Rotation about its own z axis before that.
     inside_out : bool
         Take the back of the triangles for their front.
+
+    Examples
+    --------
+    A closed corner of a cube of 1 cm, given in centimetres, and its volume:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> mesh = surfaces.Mesh(vertices=corners, faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], scale=0.01)
+    >>> mesh.check_volume()  # nothing to complain about: a medium can be inside
+    >>> a, b, c = np.moveaxis(mesh.triangles.corners, 1, 0)
+    >>> round(float((a * np.cross(b, c)).sum()) / 6 * 1e6, 3)  # cm3
+    0.167
     """
 
     kind: Literal["mesh"] = "mesh"
@@ -198,10 +211,22 @@ class Turned(Faceted):
     profile : pairs of lengths
         Radius and height [m] of the corners, one after the other, before `scale`.
     segments : int
-        Flat facets on the way around; the corners lie on the round body, which is larger by 1.6 / segments^2 of its
+        Flat facets on the way around; the corners lie on the round body, which is larger by 3.3 / segments^2 of its
         radius in the mean.
     scale, position, axis, turn_deg, inside_out
         See `Mesh`.
+
+    Examples
+    --------
+    A glass of 6 cm across and 10 cm high, as a full cylinder; its facets leave it a little slimmer than the round one:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> glass = surfaces.Turned(profile=((0, 0), ("3 cm", 0), ("3 cm", "10 cm"), (0, "10 cm")), segments=64)
+    >>> a, b, c = np.moveaxis(glass.triangles.corners, 1, 0)
+    >>> volume = float((a * np.cross(b, c)).sum()) / 6
+    >>> round(volume / (np.pi * 0.03**2 * 0.10), 4)
+    0.9984
     """
 
     kind: Literal["turned"] = "turned"

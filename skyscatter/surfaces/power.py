@@ -33,17 +33,48 @@ _SUN = "sun"
 
 
 def lamp_names() -> tuple[str, ...]:
-    """Names of the shipped spectra of lamps, and of the Sun's."""
+    """Names of the shipped spectra of lamps, and of the Sun's.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> from skyscatter import surfaces
+    >>> [name for name in surfaces.lamp_names() if name.startswith("led")]
+    ['led-2700k', 'led-4000k']
+    """
     return (*(name for name in read_table(_LAMPS) if name != "wavelength_nm"), _SUN)
 
 
 def lamp_spectrum(name: str) -> SpectralTable:
     """A shipped spectrum of a lamp by its name, in any unit per nm; origins are in data/README.md.
 
+    Parameters
+    ----------
+    name : str
+        One of `lamp_names`.
+
+    Returns
+    -------
+    SpectralTable
+        From 380 to 780 nm with an integral of 1; of "sun" the irradiance above the atmosphere [W m-2 nm-1] from 280 to
+        4000 nm (ASTM G173-03).
+
     Raises
     ------
     DomainError
         For a name that is not among `lamp_names`.
+
+    Examples
+    --------
+    Where a lamp of low-pressure sodium shines:
+
+    >>> from skyscatter import surfaces
+    >>> table = surfaces.lamp_spectrum("low-pressure-sodium")
+    >>> table.wavelengths[table.values.index(max(table.values))]  # nm
+    589.0
     """
     if name not in lamp_names():
         raise DomainError("spectrum", name, nearest(name, lamp_names()))

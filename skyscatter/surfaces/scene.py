@@ -44,6 +44,18 @@ class SurfaceMedium(Record):
         Refractive index; by name "water", "bk7" or "fused-silica", see `skyscatter.surfaces.indices`.
     priority : int
         Where bodies overlap, the medium of highest priority is the one that is there (of equals the one entered last).
+
+    Examples
+    --------
+    Fog that scatters 30 times in a kilometre, in which one sees some 130 m (Koschmieder's 3.912 mean free paths).
+
+    >>> import skyscatter
+    >>> drops = skyscatter.Particles(extinction="30 km-1", phase={"kind": "henyey-greenstein", "g": 0.85})
+    >>> fog = skyscatter.SurfaceMedium(
+    ...     name="fog", components=(skyscatter.Component(name="drops", density={"kind": "everywhere"}, optics=drops),)
+    ... )
+    >>> round(3.912 / fog.components[0].optics.extinction)  # m
+    130
     """
 
     name: str
@@ -77,6 +89,23 @@ class Body(Record):
         Name of the medium that fills it.
     lamp : AreaLamp, optional
         What makes it shine, outwards (a rectangle or a disk: to the side of its normal).
+
+    Examples
+    --------
+    A ball of water, of which the scene's media say what it is, and a panel of 800 lumens that shines to the side of its
+    normal, with its power at 550 nm [mW nm-1].
+
+    >>> import skyscatter
+    >>> from skyscatter.surfaces import AreaLamp, Dielectric, Lambert, Rectangle, Sphere
+    >>> drop = skyscatter.Body(name="drop", shape=Sphere(radius="2 cm"), material=Dielectric(), inside="water")
+    >>> panel = skyscatter.Body(
+    ...     name="panel",
+    ...     shape=Rectangle(position=(0, 0, 1), normal=(0, 0, -1), size=(0.5, 0.5)),
+    ...     material=Lambert(albedo=0),
+    ...     lamp=AreaLamp(lumens=800, spectrum="led-4000k"),
+    ... )
+    >>> (1e3 * panel.lamp.spectral_power([550], area=0.25)).round(1)
+    array([11.4])
     """
 
     name: str = "body"
@@ -119,6 +148,16 @@ class Viewpoint(Record):
         [m]; in the middle of a picture is the target.
     up : three floats
         The direction that is upwards in the picture, of any length, not along the line of sight.
+
+    Examples
+    --------
+    From a height of 2 m one looks down on a target 10 m ahead.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> sight = skyscatter.Viewpoint(position=(0, 0, "2 m"), target=(0, "10 m", 0)).sight
+    >>> round(float(np.degrees(np.arcsin(sight.forward[2]))), 1)  # elevation of the middle of the picture [degree]
+    -11.3
     """
 
     position: Place = default((0.0, 0.0, 0.0))
@@ -155,6 +194,19 @@ class SurfaceScene(Record):
     lamps : tuple of lamps
         Beside those bodies that shine.
     viewpoint : Viewpoint
+
+    Examples
+    --------
+    A white table under the Sun: its radiance is albedo times irradiance over pi, 0.8 x 1.5 x sin 30 deg / pi.
+
+    >>> import skyscatter
+    >>> from skyscatter.surfaces import Lambert, ParallelLamp, Plane
+    >>> table = skyscatter.Body(name="table", shape=Plane(), material=Lambert(albedo=0.8))
+    >>> sun = ParallelLamp(elevation_deg=30, azimuth_deg=180, irradiance=1.5)  # W m-2 nm-1
+    >>> scene = skyscatter.SurfaceScene(bodies=(table,), lamps=(sun,))
+    >>> seen = skyscatter.radiance(scene, [0, 0, 1], [0, 0, -1], [550], solver="path", samples=16)
+    >>> seen.radiance.round(3)  # W m-2 sr-1 nm-1
+    array([0.191])
     """
 
     media: tuple[SurfaceMedium, ...] = (SurfaceMedium(name="outside"),)

@@ -73,6 +73,13 @@ class Sphere(Surface):
         Its middle [m].
     radius : length
         [m]
+
+    Examples
+    --------
+    >>> from skyscatter import surfaces
+    >>> ball = surfaces.Sphere(position=(0, 0, "1 m"), radius="10 cm")
+    >>> [corner.round(3).tolist() for corner in ball.bounds]  # m
+    [[-0.1, -0.1, 0.9], [0.1, 0.1, 1.1]]
     """
 
     kind: Literal["sphere"] = "sphere"
@@ -98,6 +105,16 @@ class Plane(Surface):
         Any of its points [m].
     normal : three numbers
         Of any length.
+
+    Examples
+    --------
+    A slope that rises towards +y, 20 degrees from the horizontal:
+
+    >>> import math
+    >>> from skyscatter import surfaces
+    >>> slope = surfaces.Plane(normal=(0, -math.tan(math.radians(20)), 1))
+    >>> slope.unit_normal.round(3).tolist()
+    [0.0, -0.342, 0.94]
     """
 
     kind: Literal["plane"] = "plane"
@@ -136,6 +153,19 @@ class Rectangle(Surface):
         normal is along z.
     corner, first_edge, second_edge : three lengths each, optional
         Instead of all of the above: a corner and the two edges from it, at right angles; the normal is first x second.
+
+    Examples
+    --------
+    A panel at the ceiling that looks down, given by its middle and its sides:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> panel = surfaces.Rectangle(position=(0, 0, "2.5 m"), normal=(0, 0, -1), size=("1.2 m", "30 cm"))
+    >>> corner, first, second = panel.edges
+    >>> round(float(np.cross(first, second)[2]), 3)  # m2; downwards, as the normal
+    -0.36
+    >>> panel.holds_volume  # no medium can be inside
+    False
     """
 
     holds_volume: ClassVar[bool] = False
@@ -205,6 +235,16 @@ class Box(Surface):
         Direction of its own z axis, of any length; x and y follow on the shortest way (for the opposite of z: about x).
     turn_deg : float
         Rotation about its own z axis before that.
+
+    Examples
+    --------
+    A cube of 1 m, turned by 45 degrees about the vertical, needs more room:
+
+    >>> from skyscatter import surfaces
+    >>> cube = surfaces.Box(size=("1 m", "1 m", "1 m"), turn_deg=45)
+    >>> low, high = cube.bounds
+    >>> (high - low).round(3).tolist()  # m
+    [1.414, 1.414, 1.0]
     """
 
     kind: Literal["box"] = "box"
@@ -243,6 +283,18 @@ class Disk(Surface):
         [m]
     inner_radius : length
         Of the hole; 0 without one.
+
+    Examples
+    --------
+    A ring that looks towards +y:
+
+    >>> from skyscatter import surfaces
+    >>> ring = surfaces.Disk(normal=(0, 1, 0), radius="1 m", inner_radius="60 cm")
+    >>> low, high = ring.bounds
+    >>> (high - low).round(3).tolist()  # m
+    [2.0, 0.0, 2.0]
+    >>> ring.holds_volume  # no medium can be inside
+    False
     """
 
     holds_volume: ClassVar[bool] = False

@@ -34,7 +34,7 @@ def half_space_albedo(omega: float) -> float:
 
 @pytest.mark.parametrize("colour", [0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98])
 def test_half_spaces_have_the_colour(colour: float) -> None:
-    """Within 0.0025: the largest error of van de Hulst's formula (S-A1) for isotropic scattering is 0.0021."""
+    """Within 0.0025: the largest error of van de Hulst's formula (65) for isotropic scattering is 0.0021."""
     omega = float(single_scattering_albedo(colour))
     assert half_space_albedo(omega) == pytest.approx(colour, abs=0.0025)
 

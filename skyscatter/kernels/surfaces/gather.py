@@ -10,7 +10,7 @@ transmittance and extinction of each wavelength, the fluence rate at a visibilit
 
 *Both* are weighted by the balance heuristic.  The density with which a photon is found by the one way is to that of the
 other as  A = 4/3 R mean_h(P_h tau_h sigma_h)  to  B = mean_h(P_h tau_h),  with the extinction at y; the weights are
-A / (A + B) and B / (A + B).  See docs/theory-surfaces-photons.md.
+A / (A + B) and B / (A + B).  See docs/theory/photons.md.
 """
 
 from __future__ import annotations
