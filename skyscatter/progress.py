@@ -20,6 +20,8 @@ LINE_INTERVAL, LINE_SHARE, LONGEST_INTERVAL = 10.0, 0.1, 60.0
 TRIAL, WORTH_A_WORD = 2.0, 60.0
 #: Seconds between two looks at whether a line is due.
 TICK = 0.2
+#: Compiling that takes longer is foretold [s].
+WORTH_TELLING = 5.0
 #: What is said while functions are compiled.
 COMPILING = "compiling, once where it can be kept"
 
@@ -80,7 +82,7 @@ class Progress:
         self._bar: Any = None
         self._task: Any = None
         self._compiling = _Compiling()
-        self._said = False
+        self._said = self._foretold = False
         self._lock, self._end = threading.RLock(), threading.Event()
         self._began = self._started = self._last_line = time.monotonic()
 
@@ -149,7 +151,16 @@ class Progress:
             self._compiling.listen()
             if self._compiling.depth > 0:
                 self._started += TICK  # the pace is that of the work
+                self._foretell()
             self.look()
+
+    def _foretell(self) -> None:
+        """Say how long compiling will take, once and if it is worth it."""
+        left = self._compiling.seconds_left()
+        if not self._foretold and left > WORTH_TELLING:
+            self._foretold = True
+            with self._lock:
+                self._line(f"{COMPILING}: about {format_seconds(left)}")
 
     def _doing(self) -> str:
         words = COMPILING if self._compiling.depth > 0 else self.words
@@ -195,6 +206,12 @@ class _Compiling:
             self._events = events
             events.Listener.register(_Compiling)
             events.register("numba:compile", self)
+
+    @staticmethod
+    def seconds_left() -> float:
+        """How long it will be until everything is compiled, as far as that is known [s]."""
+        crew: Any = sys.modules.get("skyscatter.kernels.crew")
+        return crew.seconds_left() if hasattr(crew, "seconds_left") else 0.0
 
     def leave(self) -> None:
         """Listen no more."""

@@ -51,6 +51,8 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
             save(signature, data)
         except OSError as error:  # such as a full disk
             _say_uncached(error.strerror or str(error))
+        if is_entry:
+            crew.finished(name, normalize_signature(signature)[0])
 
     compiled._cache.load_overload, compiled._cache.save_overload = load_undisturbed, save_if_possible
     return compiled

@@ -7,8 +7,9 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from skyscatter.kernels import forms
@@ -17,13 +18,23 @@ from skyscatter.kernels.processors import processors
 
 #: Set in the environment of a helper, which has none of its own.
 HELPER = "SKYSCATTER_HELPER"
+#: Listed seconds of what must be done before the pace of this machine is known.
+TRIAL = 2.0
 
 
 class Crew:
     """Helpers that take forms from a list, the first one first, and compile them into the cache."""
 
-    def __init__(self, wanted: Iterable[Form], size: int, done: Callable[[Form], object] = lambda form: None) -> None:
+    def __init__(
+        self,
+        wanted: Iterable[Form],
+        size: int,
+        done: Callable[[Form], object] = lambda form: None,
+        seconds: Mapping[Form, float] | None = None,
+    ) -> None:
         self._waiting = deque(wanted)
+        self._left, self._passed, self._began = dict(seconds or {}), 0.0, time.monotonic()
+        self._hands = size + 1  # the process that called them works too
         self._ready = {form: threading.Event() for form in self._waiting}
         self._lock, self._done, self._closed = threading.Lock(), done, False
         self._processes: list[subprocess.Popen[str]] = []
@@ -56,6 +67,7 @@ class Crew:
                 self._ready[form].set()
                 if ended:
                     return
+                self.finished(form)
                 self._done(form)
 
     def claim(self, form: Form) -> bool:
@@ -70,6 +82,16 @@ class Crew:
             if not any(thread.is_alive() for thread in self._threads):
                 break
         return True
+
+    def finished(self, form: Form) -> None:
+        """Note that a form has been compiled, by whomever."""
+        self._passed += self._left.pop(form, 0.0)
+
+    def seconds_left(self) -> float:
+        """About how long the rest will take, at the pace so far [s]."""
+        left = list(self._left.values())
+        pace = (time.monotonic() - self._began) * self._hands / self._passed if self._passed > TRIAL else 1.0
+        return pace * max(sum(left) / self._hands, max(left, default=0.0))
 
     def join(self) -> None:
         """Wait for all of them."""
@@ -112,10 +134,29 @@ def helped(entry: str, arguments: tuple[Any, ...]) -> bool:
         return False
     family, form = forms.family_of(entry), _form(entry, arguments)
     if family not in _crews:
-        listed = forms.listed().get(family, ())
-        _crews[family] = Crew([other for other in reversed(listed) if other != form], processors() - 1)
+        _crews[family] = _called_for(family, form)
         return False
     return form is not None and _crews[family].claim(form)
+
+
+def _called_for(family: str, form: Form | None) -> Crew:
+    """Helpers for what the cache has not of a family, but for the form that the caller is about to compile."""
+    missing = [other for other in reversed(forms.listed().get(family, ())) if not forms.is_kept(other)]
+    taken = {other: seconds for other, seconds in forms.seconds(family).items() if other in missing}
+    return Crew([other for other in missing if other != form], processors() - 1, seconds=taken)
+
+
+def finished(entry: str, arguments: tuple[Any, ...]) -> None:
+    """Note that this process has compiled an entry for arguments of these types."""
+    crew = _crews.get(forms.family_of(entry))
+    form = _form(entry, arguments) if crew else None
+    if crew and form:
+        crew.finished(form)
+
+
+def seconds_left() -> float:
+    """About how long it will be until everything is compiled that was found missing [s]."""
+    return sum(crew.seconds_left() for crew in list(_crews.values()))
 
 
 def _form(entry: str, arguments: tuple[Any, ...]) -> Form | None:

@@ -14,6 +14,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Container, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -24,6 +25,8 @@ FILE = Path(__file__).with_suffix(".json")
 #: Families of the entries of a folder; the others belong to what the caller is about to do, by a solver's name.
 OF_FOLDERS = {"raster": "dehaze", "adjoint": "inversion"}
 _expected = "other"
+#: Seconds that a form takes to compile of which that is not listed.
+USUAL_SECONDS = 3.0
 
 
 class Form(NamedTuple):
@@ -57,18 +60,33 @@ def listed() -> dict[str, tuple[Form, ...]]:
     return {family: tuple(forms[k] for k in numbers) for family, numbers in content["families"].items()}
 
 
+@cache
+def seconds(family: str) -> dict[Form, float]:
+    """What the forms of a family take to compile one after the other, as `benchmarks/compiling.py` found [s]."""
+    known = json.loads(FILE.read_text(encoding="utf-8")).get("seconds", {}).get(family, [])
+    forms = listed().get(family, ())
+    return dict(zip(forms, [*known, *[USUAL_SECONDS] * (len(forms) - len(known))], strict=True))
+
+
 def every() -> list[Form]:
     """All forms that are listed."""
     return sorted({form for forms in listed().values() for form in forms})
 
 
-def write(families: dict[str, list[Form]]) -> None:
-    """List these."""
+def write(families: Mapping[str, Sequence[Form]], taken: Mapping[str, Mapping[Form, float]] | None = None) -> None:
+    """List these, and the seconds that they were seen to take; what was known of them, if none are given."""
+    taken = taken or {family: seconds(family) for family in families}
     forms = sorted({form for each in families.values() for form in each})
-    numbers = {family: [forms.index(form) for form in families[family]] for family in sorted(families)}
+    names = sorted(families)
     rows = ",\n".join(json.dumps(form) for form in forms)
-    lists = ",\n".join(f"{json.dumps(family)}: {json.dumps(each)}" for family, each in numbers.items())
-    FILE.write_text(f'{{"forms": [\n{rows}\n], "families": {{\n{lists}\n}}}}\n', encoding="utf-8")
+    lists = _rows({family: [forms.index(form) for form in families[family]] for family in names})
+    times = _rows({f: [round(taken[f].get(form, USUAL_SECONDS), 1) for form in families[f]] for f in names})
+    text = f'{{"forms": [\n{rows}\n], "families": {{\n{lists}\n}}, "seconds": {{\n{times}\n}}}}\n'
+    FILE.write_text(text, encoding="utf-8")
+
+
+def _rows(lists: dict[str, list[Any]]) -> str:
+    return ",\n".join(f"{json.dumps(name)}: {json.dumps(each)}" for name, each in lists.items())
 
 
 def dispatcher(form: Form) -> Any:
@@ -80,6 +98,21 @@ def dispatcher(form: Form) -> Any:
 def can_be_kept(form: Form) -> bool:
     """Whether there is a folder for what is compiled."""
     return hasattr(dispatcher(form)._cache, "_cache_file")
+
+
+def is_kept(form: Form) -> bool:
+    """Whether the cache has the form's machine code for this processor."""
+    from numba.core.registry import cpu_target
+
+    from skyscatter.kernels.tables import parse
+
+    held = dispatcher(form)._cache
+    if not hasattr(held, "_cache_file"):
+        return False
+    kept: Container[Any] = ()
+    with held._guard_against_spurious_io_errors():
+        kept = held._cache_file._load_index()
+    return held._index_key(parse(form.kinds), cpu_target.target_context.codegen()) in kept
 
 
 def compile_form(form: Form) -> Any:
