@@ -15,6 +15,16 @@ Densities of nebulae are fields: `skyscatter.fields` has the shapes, grids and p
 
 `optical_depth` and `transmittance` work along segments, `radiance` along rays, `render` through a camera.  Names load
 when they are first used, so that importing the package costs next to nothing.
+
+Examples
+--------
+How much light of three wavelengths comes down through clear air.
+
+>>> import skyscatter
+>>> scene = skyscatter.load_model("earth").scene(sun_elevation_deg=60)
+>>> ground = scene.observer.position  # m, from the planet's centre
+>>> skyscatter.transmittance(scene, ground, ground + [0, 0, 120e3], [450, 550, 650]).round(2)
+array([0.75, 0.84, 0.9 ])
 """
 
 from __future__ import annotations

@@ -2,6 +2,17 @@
 
 Fields are records, ``fields.Sphere(radius="1 pc")``, and combine: ``a + b``, ``2 * a``, ``a * b``, ``a**2``,
 ``a.moved(...)``, ``a.rotated(...)``, ``a.scaled(...)``, ``a.carved_by(b)``, ``a.warped(...)``.
+
+Examples
+--------
+Columns through the middle of a ball of density 1, of one of density 2, and of one with a hollow [pc].
+
+>>> from skyscatter import fields
+>>> ball, hole = fields.Sphere(radius="1 pc"), fields.Sphere(radius="0.5 pc")
+>>> pc = 3.0857e16  # m
+>>> start, end = [[0, 0, -2 * pc]], [[0, 0, 2 * pc]]
+>>> [round(float(field.column(start, end)[0] / pc), 2) for field in (ball, 2 * ball, ball.carved_by(hole))]
+[2.0, 4.0, 1.0]
 """
 
 from __future__ import annotations

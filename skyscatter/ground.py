@@ -33,6 +33,17 @@ class GroundMap(Record):
         As for `Ground`.
     cell_size : length
         Side of a cell [m].
+
+    Examples
+    --------
+    A coast: land in the north, water in the south.
+
+    >>> import skyscatter
+    >>> coast = skyscatter.GroundMap(classes=[[1, 1], [0, 0]], albedos=["water", "vegetation"], cell_size="2 km")
+    >>> ground = skyscatter.Ground(albedo="vegetation", map=coast)
+    >>> coast.reflectance([550, 850]).round(2)  # a row for each class, a column for each wavelength
+    array([[0.05, 0.  ],
+           [0.13, 0.53]])
     """
 
     classes: ArrayField
@@ -74,6 +85,20 @@ class Ground(Record):
     map : GroundMap, optional
         Cells with other albedos around the point below the observer; `albedo` then is that of everything outside
         them.  For the solvers ``path`` and ``single``.
+
+    Notes
+    -----
+    The spectra of named surfaces go from 300 to 1100 nm and are constant beyond.
+
+    Examples
+    --------
+    Fresh snow in blue light and in the near infrared, and a spectrum of one's own.
+
+    >>> import skyscatter
+    >>> skyscatter.Ground(albedo="snow").reflectance([450, 1000]).round(2)
+    array([0.99, 0.79])
+    >>> skyscatter.Ground(albedo={"wavelengths": [400, 700], "values": [0.1, 0.4]}).reflectance([500]).round(2)
+    array([0.2])
     """
 
     albedo: Albedo = default(0.0)

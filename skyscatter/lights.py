@@ -70,6 +70,17 @@ class PointStar(Record):
         zero point, 3.631e-11 W m-2 nm-1 (Bessell, Castelli & Plez 1998), counts at 550 nm.
     spectrum : SpectralTable, optional
         Luminosity per wavelength [W nm-1], into all directions together.
+
+    Examples
+    --------
+    A hot star: its radius in units of the Sun's, and how many photons it has to ionise hydrogen.
+
+    >>> import skyscatter
+    >>> star = skyscatter.PointStar(temperature=40000, luminosity=1e5)
+    >>> round(star.radius_m() / 6.957e8, 1)
+    6.6
+    >>> f"{star.ionising_photons():.0e} s-1"
+    '5e+48 s-1'
     """
 
     name: str = "star"
@@ -169,6 +180,17 @@ class ParallelLight(Record):
         Of a black body [K] whose light is diluted: irradiance = dilution pi B(temperature).
     dilution : float, optional
         (radius / distance)^2 of the body.
+
+    Examples
+    --------
+    A star like the Sun at one astronomical unit, in the east and 30 degrees above the x-y plane.
+
+    >>> import skyscatter
+    >>> light = skyscatter.ParallelLight(azimuth_deg=90, elevation_deg=30, temperature=5772, dilution=2.163e-5)
+    >>> light.spectral_irradiance([450, 550, 650]).round(2)  # W m-2 nm-1
+    array([1.73, 1.75, 1.54])
+    >>> round(float(light.towards[2]), 3)  # the share that falls on that plane
+    0.5
     """
 
     name: str = "light"

@@ -47,6 +47,19 @@ class Star(Record):
         Of the star, and of its centre from the planet; a Sun position with its own distance overrides the latter.
     limb_darkening : bool
         Darken the disk as the Sun's (Neckel & Labs 1994); a uniform disk otherwise.
+
+    Examples
+    --------
+    A red dwarf of 3000 K and a seventh of the Sun's radius as a planet at 0.05 au has it, and the Sun as the Earth
+    has it: blue light and near infrared [W m-2 nm-1].
+
+    >>> import skyscatter
+    >>> star = skyscatter.Star(spectrum="blackbody", temperature=3000, radius="0.14 Rsun", distance="0.05 au")
+    >>> star.irradiance([450, 1000], star.distance).round(2)
+    array([0.08, 0.53])
+    >>> sun = skyscatter.Star()
+    >>> sun.irradiance([450, 1000], sun.distance).round(2)
+    array([1.5 , 0.79])
     """
 
     spectrum: StarSpectrum = default("astm-g173")
@@ -109,6 +122,13 @@ class Sun(Record):
         Distance [au]; the model's when not given.
     site : Site, optional
         Place and time for which the Sun stands there, where they are known.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> east, north, up = skyscatter.Sun(elevation_deg=30, azimuth_deg=270).direction
+    >>> round(float(east), 3), round(float(up), 3)
+    (-0.866, 0.5)
     """
 
     elevation_deg: Elevation = default(30.0)
@@ -123,7 +143,28 @@ class Sun(Record):
 
 
 class Observer(NamedTuple):
-    """What a camera needs to know of where it stands [m]."""
+    """What a camera needs to know of where it stands.
+
+    Attributes
+    ----------
+    altitude : float
+        Height above the ground [m].
+    planet_radius : float
+        Radius of the ground [m].
+    atmosphere_top : float
+        Altitude above which there is vacuum [m].
+
+    Examples
+    --------
+    From an aeroplane the horizon lies 3 degrees below the horizontal.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> observer = skyscatter.load_model("earth").scene(altitude="10 km").observer
+    >>> distance = observer.position[2]  # from the planet's centre [m]
+    >>> round(float(np.degrees(np.arccos(observer.planet_radius / distance))), 1)
+    3.2
+    """
 
     altitude: float
     planet_radius: float
@@ -150,6 +191,17 @@ class Scene(Record):
         Height of the observer above the ground [m].
     background : float or SpectralTable
         Uniform radiance from outside the atmosphere [W m-2 sr-1 nm-1].
+
+    Examples
+    --------
+    How much of the light of a low Sun arrives: a third of the red, and little blue.
+
+    >>> import skyscatter
+    >>> scene = skyscatter.load_model("earth").scene(sun_elevation_deg=5)
+    >>> start = scene.observer.position
+    >>> end = start + 3000e3 * scene.sun.direction  # above the air
+    >>> skyscatter.transmittance(scene, start, end, [450, 550, 650]).round(2)
+    array([0.05, 0.17, 0.33])
     """
 
     medium: Medium

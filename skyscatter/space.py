@@ -36,6 +36,16 @@ class View(Record):
         From the observer [m].
     inclination_deg, azimuth_deg, position_angle_deg : float
         [degree]
+
+    Examples
+    --------
+    The axis of a disk that is tilted by 60 degrees leans towards north, and less towards the observer.
+
+    >>> import skyscatter
+    >>> view = skyscatter.View(ra_deg=84.0, dec_deg=-2.0, distance="400 pc", inclination_deg=60)
+    >>> _, north, towards_us = view.matrix @ [0, 0, 1]
+    >>> round(float(north), 2), round(float(towards_us), 2)
+    (0.87, 0.5)
     """
 
     ra_deg: RightAscension = default(0.0)
@@ -92,6 +102,21 @@ class SpaceScene(Record):
     star_field : StarField, optional
         Stars behind everything: seen through the dust, they do not light it.
     view : View
+
+    Examples
+    --------
+    A star in the middle of a ball of dust, and how many magnitudes it loses on the way to the observer.
+
+    >>> import skyscatter
+    >>> from skyscatter import fields
+    >>> ball = skyscatter.Component(
+    ...     name="ball", density=fields.Sphere(radius="0.1 pc"), optics=skyscatter.Dust(visual_extinction=6.0)
+    ... )
+    >>> star = skyscatter.PointStar(temperature=10000, luminosity=50)
+    >>> scene = skyscatter.SpaceScene(medium=skyscatter.Medium(components=(ball,)), stars=(star,))
+    >>> depth = skyscatter.optical_depth(scene, star.position, scene.observer.position, [450, 550])
+    >>> (1.0857 * depth).round(2)
+    array([3.86, 3.  ])
     """
 
     medium: Medium

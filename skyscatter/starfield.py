@@ -66,6 +66,17 @@ class StarField(Record):
         Standard deviation of log10 of the temperature; 0.1 by default, so that two thirds have 4200 to 6600 K.
     seed : int
         Which sky.
+
+    Examples
+    --------
+    Stars of a quarter of a square degree; a wider field has them too.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> field = skyscatter.StarField(count_per_square_degree=3000, limiting_magnitude=20, seed=1)
+    >>> narrow, wide = field.stars((0.5, 0.5)), field.stars((1.0, 1.0))
+    >>> round(len(narrow.magnitude), -2), bool(np.isin(narrow.magnitude, wide.magnitude).all())
+    (800, True)
     """
 
     count_per_square_degree: float = Field(gt=0.0)

@@ -39,6 +39,19 @@ class Panorama(CameraBase):
         Lower and upper edge of the picture [degree].
     centre_azimuth_deg : float
         In the middle of the picture [degree], from north through east.
+
+    Examples
+    --------
+    South is in the middle, the horizon half-way up, and the pixels together see the whole sphere, 4 pi.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> camera = skyscatter.Panorama(width=360, height=180)
+    >>> x, y = camera.pixel([0, -1, 0])  # the direction of the southern horizon
+    >>> round(float(x), 1), round(float(y), 1)
+    (179.5, 89.5)
+    >>> camera.directions().shape, round(float(camera.pixel_solid_angle().sum() / np.pi), 6)
+    ((180, 360, 3), 4.0)
     """
 
     kind: Literal["panorama"] = "panorama"
@@ -95,6 +108,20 @@ class Fisheye(CameraBase):
         Rotation about the line of sight [degree].
     east_left : bool
         Whether a view of the zenith has east on the left, as the sky looks from below.
+
+    Examples
+    --------
+    The zenith is in the middle, and half-way to the right edge is the sky 45 degrees high in the west; the corners see
+    nothing.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> camera = skyscatter.Fisheye(width=101, height=101)
+    >>> x, y = camera.pixel(np.array([[0, 0, 1], [-1, 0, 1] / np.sqrt(2)]))
+    >>> x.round(2), y.round(2)
+    (array([50.  , 75.25]), array([50., 50.]))
+    >>> bool(np.isnan(camera.directions()[0, 0]).all())
+    True
     """
 
     kind: Literal["fisheye"] = "fisheye"
@@ -172,6 +199,18 @@ class Perspective(Pinhole):
         Horizontal field of view [degree].
     roll_deg : float
         Rotation about the line of sight, clockwise as seen from behind [degree].
+
+    Examples
+    --------
+    A camera that looks east and 10 degrees upwards has the horizon below the middle of its picture, row 239.5.
+
+    >>> import skyscatter
+    >>> camera = skyscatter.Perspective(width=640, height=480, azimuth_deg=90, elevation_deg=10, fov_deg=60)
+    >>> x, y = camera.pixel([1, 0, 0])
+    >>> round(float(x), 1), round(float(y), 1)
+    (319.5, 337.2)
+    >>> round(camera.focal_length(), 1)  # pixels
+    554.3
     """
 
     kind: Literal["perspective"] = "perspective"
@@ -207,6 +246,18 @@ class PlanetView(Pinhole):
     ----------
     margin : float
         Free space around the planet, as a share of its size.
+
+    Examples
+    --------
+    The Earth and its air from a geostationary orbit are 17 degrees wide, and fill the picture but for a margin.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> observer = skyscatter.load_model("earth").scene(altitude="35786 km").observer
+    >>> camera = skyscatter.PlanetView(width=200, height=200)
+    >>> half_width = 100 / camera.focal_length(observer) / 1.05  # tangent of the angle to the rim
+    >>> round(2 * float(np.degrees(np.arctan(half_width))), 1)
+    17.7
     """
 
     kind: Literal["planet"] = "planet"

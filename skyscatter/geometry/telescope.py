@@ -38,6 +38,18 @@ class Telescope(Pinhole):
     ----------
     pixel_scale_deg : float
         Side of a pixel in the middle of the picture [degree].
+
+    Examples
+    --------
+    A picture of 256 pixels that is 12 arc minutes wide.
+
+    >>> import skyscatter
+    >>> camera = skyscatter.Telescope.from_field_of_view(256, 256, 0.2)
+    >>> round(3600 * camera.pixel_scale_deg, 2)  # arc seconds
+    2.81
+    >>> x, y = camera.pixel([0, 0, -1], skyscatter.View())  # the way from the observer to the nebula
+    >>> round(float(x), 1), round(float(y), 1)
+    (127.5, 127.5)
     """
 
     kind: Literal["telescope"] = "telescope"
@@ -72,6 +84,13 @@ class Telescope(Pinhole):
         ------
         DomainError
             If one of them is not positive.
+
+        Examples
+        --------
+        >>> import skyscatter
+        >>> camera = skyscatter.Telescope.from_length(256, 256, "2 pc", "400 pc")
+        >>> round(3600 * camera.pixel_scale_deg, 2)  # arc seconds
+        4.03
         """
         across, away = metres(length, "length"), metres(distance, "distance")
         for name, given, value in (("length", length, across), ("distance", distance, away)):

@@ -45,6 +45,20 @@ class FilterImage:
     ------
     DomainError
         If shapes do not fit or a value is infinite.
+
+    Examples
+    --------
+    A spectrum that grows as the wavelength does, through two bands.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> wavelengths = np.arange(380, 751, 10)
+    >>> cube = np.broadcast_to(1e-5 * wavelengths, (4, 6, wavelengths.size))
+    >>> bands = skyscatter.SpectralImage(cube, wavelengths).through("B,V")
+    >>> bands.names, bands.plane("V").shape
+    (('B', 'V'), (4, 6))
+    >>> [f"{bands.plane(name)[0, 0]:.2e}" for name in bands.names]  # W m-2 sr-1 nm-1
+    ['4.42e-03', '5.51e-03']
     """
 
     def __init__(

@@ -50,7 +50,34 @@ BROAD = ("U", "B", "V", "R", "I")
 
 
 class FilterCurve(Record):
-    """Response of a filter: linear between its nodes, zero outside them."""
+    """Response of a filter: linear between its nodes, zero outside them.
+
+    Parameters
+    ----------
+    name : str
+        Letters, digits and ``_ . + -``, 40 at most.
+    wavelengths : tuple of float
+        Nodes, rising [nm, vacuum]; two at least.
+    response : tuple of float
+        At each node; the scale does not matter to averages.
+    weighting : {"photon", "energy"}
+        Whether the response counts photons or energy; see `skyscatter.image.filters`.
+
+    Raises
+    ------
+    ValidationError
+        For nodes that do not rise or a response that is negative, or zero everywhere; it is a ValueError.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> curve = skyscatter.FilterCurve(name="green", wavelengths=(500, 550, 600), response=(0, 1, 0))
+    >>> round(curve.centre, 2), round(curve.pivot, 2)  # nm
+    (550.76, 549.62)
+    >>> weights, coverage = curve.weights([500, 550, 600])  # for the average of a spectrum with these wavelengths
+    >>> weights.round(2), coverage
+    (array([0.12, 0.75, 0.13]), 1.0)
+    """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,39}$")]
     wavelengths: tuple[float, ...]  #: [nm, vacuum]

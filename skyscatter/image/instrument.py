@@ -97,6 +97,23 @@ def observe(
     DomainError
         For an image without a frame, options out of range or without purpose, negative radiance where photons are to
         be counted, and more photons than can be drawn (1e18 in a pixel).
+
+    Examples
+    --------
+    A point of light behind a blur of two pixels: its peak falls, its light stays.  A telescope of 1 m2 then counts
+    photons for a second, which brings noise [%].
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> cube = np.zeros((15, 15, 1))
+    >>> cube[7, 7] = 1e-6  # W m-2 sr-1 nm-1
+    >>> sky = skyscatter.SkyFrame(ra_deg=84.0, dec_deg=-2.0, pixel_scale_deg=1 / 3600)
+    >>> seen = skyscatter.observe(skyscatter.SpectralImage(cube, [550], sky=sky), "gaussian:2.0")
+    >>> round(float(seen.radiance.max() / 1e-6), 1), round(float(seen.radiance.sum() / 1e-6), 3)
+    (0.2, 1.0)
+    >>> counted = skyscatter.observe(seen, photon_noise=True, collecting_area_m2=1.0, exposure_s=1.0)
+    >>> round(100 * float(counted.standard_error[7, 7, 0] / seen.radiance[7, 7, 0]))
+    28
     """
     if psf is None and not photon_noise:
         raise DomainError("psf", None, "nothing to do: name a point spread function or ask for photon noise")

@@ -22,6 +22,31 @@ class SkyFrame(Record):
 
     The centre is that of the picture, ((width - 1) / 2, (height - 1) / 2) in array indices, a corner of four pixels
     where width and height are even.
+
+    Parameters
+    ----------
+    ra_deg, dec_deg : float
+        Of the picture's centre [degree].
+    pixel_scale_deg : float
+        Side of a pixel in the middle of the picture [degree].
+    distance : length, optional
+        Of the object [m].
+    name : str
+        Of the object; printable ASCII, 68 letters at most.
+    frame : {"icrs"}
+        Of the coordinates.
+    inclination_deg, azimuth_deg, position_angle_deg : float, optional
+        How the model is turned, for the record [degree]; see `skyscatter.View`.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> sky = skyscatter.SkyFrame(ra_deg=83.63, dec_deg=22.01, pixel_scale_deg=10 / 3600)
+    >>> ra, dec = sky.coordinates(width=5, height=3)  # of the pixels' centres [degree], each (y, x)
+    >>> ra[1].round(3)  # east is left
+    array([83.636, 83.633, 83.63 , 83.627, 83.624])
+    >>> dec[:, 2].round(3)  # the first row is the northernmost
+    array([22.013, 22.01 , 22.007])
     """
 
     ra_deg: Annotated[float, Field(ge=0.0, lt=360.0)]

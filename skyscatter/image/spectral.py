@@ -70,6 +70,17 @@ class SpectralImage:
     ------
     DomainError
         If shapes do not fit, wavelengths do not ascend, a value is infinite, or the recipe is not JSON.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> cube = np.full((2, 3, 41), 0.01)  # two rows of three pixels [W m-2 sr-1 nm-1]
+    >>> image = skyscatter.SpectralImage(cube, np.arange(380, 781, 10))
+    >>> image
+    SpectralImage(3 x 2 pixels, 41 wavelengths, 380 to 780 nm, layers: none)
+    >>> float(image.luminance()[0, 0].round(-1))  # cd m-2
+    730.0
     """
 
     def __init__(
@@ -205,7 +216,17 @@ class SpectralImage:
         return polar.angle(i, q, u)
 
     def layer(self, name: str) -> SpectralImage:
-        """One layer as an image of its own (without a standard error, which layers do not have)."""
+        """One layer as an image of its own (without a standard error, which layers do not have).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> cube = np.full((2, 3, 2), 0.01)
+        >>> image = skyscatter.SpectralImage(cube, [450, 650], layers={"ground": 0.25 * cube})
+        >>> float((image.layer("ground").radiance / image.radiance).mean())  # the ground's share
+        0.25
+        """
         if name not in self._layers:
             raise DomainError("layer", name, f"one of {', '.join(self._layers) or '(this image has none)'}")
         return SpectralImage(
@@ -237,6 +258,15 @@ class SpectralImage:
         ------
         DomainError
             For an unknown filter, and where the wavelengths cover less than 90 % of one.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.ones((2, 3, 41)), np.arange(380, 781, 10))
+        >>> bands = image.through("B,V")
+        >>> bands.radiance.shape, [round(share, 2) for share in bands.coverage]
+        ((2, 3, 2), [1.0, 1.0])
         """
         from skyscatter.image.filterimage import through
 
@@ -247,13 +277,34 @@ class SpectralImage:
         return colour.spectrum_to_xyz(self._radiance, self._wavelengths)
 
     def luminance(self) -> Array:
-        """Luminance [cd m-2], shape (y, x)."""
+        """Luminance [cd m-2], shape (y, x).
+
+        Examples
+        --------
+        Light of 1 W m-2 sr-1 at 555 nm has 683 cd m-2, however the cells divide it.
+
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.array([[[0.0, 0.5, 0.0]]]), [553, 555, 557])
+        >>> float(image.luminance()[0, 0].round())
+        683.0
+        """
         return self.xyz()[..., 1]
 
     def rgb(self, space: str = "srgb") -> Array:
         """Scene-linear RGB in "srgb", "display-p3", "rec2020" or "acescg", shape (y, x, 3).
 
         White of 1 cd m-2 is 1; not clipped, so colours outside the space have negative components.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> wavelengths = np.arange(380, 781, 10)
+        >>> blue = skyscatter.SpectralImage((wavelengths / 550.0).reshape(1, 1, -1) ** -4, wavelengths)
+        >>> rgb = blue.rgb()[0, 0]
+        >>> (rgb / rgb[1]).round(1)  # relative to green
+        array([0.7, 1. , 2.3])
         """
         colour.colour_space(space)
         return colour.xyz_to_rgb(self.xyz(), space)
@@ -274,6 +325,15 @@ class SpectralImage:
             `auto_exposure` to give several images the same exposure.
         tone : {"filmic", "linear"}
             Film-like curve, or a straight line that stops at white.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.full((2, 3, 41), 0.01), np.arange(380, 781, 10))
+        >>> bright, dark = (image.picture(exposure=ev).mean() for ev in (10, 14))
+        >>> image.picture().shape, bool(bright > dark)
+        ((2, 3, 3), True)
         """
         return self.developed(space, exposure, tone)[0]
 
@@ -310,6 +370,18 @@ class SpectralImage:
             For another extension or another option.
         SkyscatterError
             If the file cannot be written; nothing is left behind then.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.full((2, 3, 5), 0.01), [400, 475, 550, 625, 700])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     image.save(pathlib.Path(folder) / "sky.png", exposure=12, bits=16)
+        ...     image.save(pathlib.Path(folder) / "sky.fits", dtype="float32")
+        ...     skyscatter.SpectralImage.load(pathlib.Path(folder) / "sky.fits").shape  # y, x, wavelength
+        (2, 3, 5)
         """
         extension = Path(path).suffix.lower()
         if extension not in _WRITERS:
@@ -330,6 +402,20 @@ class SpectralImage:
             If there is no such file.
         DomainError
             If it is not what its extension says, or holds no spectra.
+
+        Examples
+        --------
+        The spectra, the errors, the layers and the recipe come back.
+
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.full((2, 3, 2), 0.01), [450, 650], recipe={"solver": "single"})
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     image.save(pathlib.Path(folder) / "sky.fits")
+        ...     again = skyscatter.SpectralImage.load(pathlib.Path(folder) / "sky.fits")
+        >>> bool((again.radiance == image.radiance).all()), again.recipe["solver"]
+        (True, 'single')
         """
         file = Path(path)
         extension = file.suffix.lower()

@@ -22,7 +22,19 @@ from skyscatter.registry import load_packages
 
 
 def model_names() -> list[str]:
-    """Names of the models that come with skyscatter."""
+    """Names of the models that come with skyscatter.
+
+    Returns
+    -------
+    list of str
+        In alphabetical order; each can be given to `load_model`.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> [name for name in skyscatter.model_names() if name.startswith("earth")]
+    ['earth', 'earth-hazy', 'earth-maritime', 'earth-simple']
+    """
     return sorted(path.stem for path in models_dir().glob("*.toml"))
 
 
@@ -64,6 +76,21 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
     ModelFileError
         If there is no such model, the file is not TOML, or fields are missing, unknown or out of range; a line for
         each names the field, the value and what would be accepted.
+
+    Examples
+    --------
+    A shipped model, written to a file and read again.
+
+    >>> import pathlib, tempfile
+    >>> import skyscatter
+    >>> mars = skyscatter.load_model("mars")
+    >>> [component.name for component in mars.components]
+    ['gas', 'dust']
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "mine.toml"
+    ...     mars.save(path)
+    ...     skyscatter.load_model(path) == mars
+    True
     """
     text = str(name_or_path)
     path = Path(text)

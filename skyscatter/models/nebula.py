@@ -38,6 +38,18 @@ class NebulaModel(ModelFile):
         Uniform radiance from outside [W m-2 sr-1 nm-1].
     star_field : StarField, optional
         Stars behind everything, seen through the dust.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> model = skyscatter.load_model("star-in-dust")  # or one read from a file, or made of its parts
+    >>> star = model.stars[0]
+    >>> star.temperature, star.luminosity  # K, and in units of the Sun's
+    (8000.0, 150.0)
+    >>> scene = model.scene(inclination_deg=90)  # seen from the side
+    >>> towards = skyscatter.optical_depth(scene, star.position, scene.view.position, [550, 2200])
+    >>> (1.0857 * towards).round(1)  # magnitudes of extinction to the star
+    array([9.3, 1. ])
     """
 
     command: ClassVar[str] = "nebula"
@@ -65,7 +77,27 @@ class NebulaModel(ModelFile):
         azimuth_deg: float | None = None,
         position_angle_deg: float | None = None,
     ) -> SpaceScene:
-        """The scene, turned as the model says or by other angles [degree]; see `View`."""
+        """The scene, turned as the model says or by other angles.
+
+        Parameters
+        ----------
+        inclination_deg, azimuth_deg, position_angle_deg : float, optional
+            [degree]; those of the model's view when not given.  See `View`.
+
+        Returns
+        -------
+        SpaceScene
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> model = skyscatter.load_model("dusty-disk")
+        >>> scene = model.scene(inclination_deg=90)  # edge-on
+        >>> west, north, towards_us = scene.view.matrix @ [0, 0, 1]  # the disk's axis, in the frame of the sky
+        >>> round(float(np.degrees(np.arccos(towards_us))))  # between the axis and the line of sight [degree]
+        90
+        """
         given = {
             "inclination_deg": inclination_deg,
             "azimuth_deg": azimuth_deg,

@@ -23,6 +23,13 @@ class Planet(Record):
         How it is called.
     radius : length
         [m].
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> titan = skyscatter.Planet(name="Titan", radius="2575 km")
+    >>> titan.radius  # m
+    2575000.0
     """
 
     name: str
@@ -48,6 +55,22 @@ class Model(ModelFile):
         Its light; the Sun when not given.
     components : tuple of Component
         The atmosphere.
+
+    Examples
+    --------
+    The air of a planet of one's own, of one gas that scatters, and the height of its atmosphere.
+
+    >>> import skyscatter
+    >>> gas = skyscatter.Component(
+    ...     name="gas",
+    ...     density={"kind": "exponential", "scale_height": "11 km", "top": "110 km"},
+    ...     optics={"kind": "rayleigh", "coefficient": 2e-6, "wavelength": "550 nm"},
+    ... )
+    >>> planet = skyscatter.Planet(name="Own", radius="3000 km")
+    >>> model = skyscatter.Model(name="own", planet=planet, ground={"albedo": 0.2}, components=(gas,))
+    >>> scene = model.scene(sun_elevation_deg=5)
+    >>> model.top / 1e3, scene.observer.planet_radius / 1e3  # km
+    (110.0, 3000.0)
     """
 
     command: ClassVar[str] = "sky"
@@ -79,12 +102,69 @@ class Model(ModelFile):
         sun_distance_au: float | None = None,
         altitude: Any = 0.0,
     ) -> Scene:
-        """A scene with the Sun at an elevation and azimuth [degree] and the observer at an altitude [m]."""
+        """A scene with a Sun and an observer.
+
+        Parameters
+        ----------
+        sun_elevation_deg, sun_azimuth_deg : float
+            Of the Sun in the observer's sky [degree]; azimuth from north through east.
+        sun_distance_au : float, optional
+            Distance of the star [au]; the model's when not given.
+        altitude : float or str or Quantity
+            Of the observer above the ground [m].
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        ValidationError
+            For angles out of range and for an altitude that is negative or no length; it is a ValueError.
+
+        Examples
+        --------
+        >>> import skyscatter
+        >>> scene = skyscatter.load_model("mars").scene(sun_elevation_deg=20, sun_distance_au=1.38, altitude="2 km")
+        >>> scene.altitude, scene.sun.elevation_deg
+        (2000.0, 20.0)
+        >>> round(float(scene.star.irradiance([550], scene.star_distance)[0]), 2)  # sunlight at perihelion [W m-2 nm-1]
+        0.98
+        """
         sun = Sun(elevation_deg=sun_elevation_deg, azimuth_deg=sun_azimuth_deg, distance_au=sun_distance_au)
         return Scene(medium=self.medium, ground=self.ground, star=self.star, sun=sun, altitude=altitude)
 
     def scene_at(self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0) -> Scene:
-        """A scene for a place on Earth [degree] and a time (ISO 8601 text, UTC; or a datetime)."""
+        """A scene for a place on Earth and a time.
+
+        Parameters
+        ----------
+        latitude_deg, longitude_deg : float
+            Geodetic, north and east positive [degree].
+        time : str or datetime
+            ISO 8601 text, UTC; or a datetime.
+        altitude : float or str or Quantity
+            Of the observer above the ground [m].
+
+        Returns
+        -------
+        Scene
+            Its Sun has the place and the time as `site`.
+
+        Raises
+        ------
+        DomainError
+            For a place that is not on Earth, or a time that cannot be read.
+
+        Examples
+        --------
+        Midsummer's evening in Paris: the Sun stands low in the north-west.
+
+        >>> import skyscatter
+        >>> scene = skyscatter.load_model("earth").scene_at(48.86, 2.35, "2026-06-21T19:15Z")
+        >>> round(scene.sun.elevation_deg), round(scene.sun.azimuth_deg)
+        (5, 300)
+        """
         from skyscatter.geometry.sun import iso_utc, sun_position
 
         scene = self.scene(altitude=altitude)

@@ -35,6 +35,16 @@ class SurfaceModel(ModelFile):
         What is there.
     lamps : tuple of lamps
         What shines beside bodies that do.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> model = skyscatter.load_model("milk-and-water")
+    >>> [(medium.name, medium.index) for medium in model.media]
+    [('room', 1.0), ('glass', 1.52), ('water', 'water'), ('milk', 1.3337)]
+    >>> scene = model.scene(position=(0, "-1 m", "0.3 m"))  # seen from elsewhere
+    >>> scene.observer.position
+    array([ 0. , -1. ,  0.3])
     """
 
     command: ClassVar[str] = "render"
@@ -53,7 +63,26 @@ class SurfaceModel(ModelFile):
         return self
 
     def scene(self, position: Any = None, target: Any = None, up: Any = None) -> SurfaceScene:
-        """The scene, seen as the model says or from elsewhere: three lengths [m], and a direction."""
+        """The scene, seen as the model says or from elsewhere.
+
+        Parameters
+        ----------
+        position, target : three lengths, optional
+            [m]; those of the model's viewpoint when not given.
+        up : three floats, optional
+            Direction that is upwards in the picture.
+
+        Returns
+        -------
+        SurfaceScene
+
+        Examples
+        --------
+        >>> import skyscatter
+        >>> scene = skyscatter.load_model("fog-room").scene(position=("1 m", "-2 m", "1.5 m"))
+        >>> scene.observer.position
+        array([ 1. , -2. ,  1.5])
+        """
         given = {"position": position, "target": target, "up": up}
         seen = {name: value for name, value in given.items() if value is not None}
         viewpoint = Viewpoint(**{**self.viewpoint.model_dump(), **seen})

@@ -99,6 +99,22 @@ def render(
         On Ctrl-C: it carries the finished part and a state from which to go on.
     DomainError
         For options out of range, for a checkpoint of another render, and for a picture that memory does not hold.
+
+    Examples
+    --------
+    A small fisheye picture of light scattered once.  The Sun is in its brightest pixel, south of the middle.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=45, sun_azimuth_deg=180)
+    >>> camera = skyscatter.Fisheye(width=16, height=16)
+    >>> image = skyscatter.render(scene, camera, [450, 550, 650], solver="single")
+    >>> image.shape, int((~image.inside).sum())  # rows, columns, wavelengths; pixels outside the circle
+    ((16, 16, 3), 48)
+    >>> y, x = np.unravel_index(np.nanargmax(image.luminance()), image.shape[:2])
+    >>> at = camera.pixel(scene.sun.direction)  # x, y
+    >>> bool(abs(x - at[0]) < 0.6), bool(abs(y - at[1]) < 0.6)
+    (True, True)
     """
     wl = check_wavelengths(wavelengths)
     options = Options(

@@ -70,6 +70,19 @@ class CorrectionTerms:
     ------
     DomainError
         For values out of range, and where `like` has another extent, Sun or degree.
+
+    Examples
+    --------
+    A dark ground of 5 % seen from space looks brighter in the blue, and almost as it is in the red.
+
+    >>> import skyscatter
+    >>> scene = skyscatter.load_model("earth-simple").scene()
+    >>> terms = skyscatter.CorrectionTerms(scene, [450, 850], sun_elevations_deg=(40, 50), tolerance=0.02)
+    >>> seen = terms.at(sun_elevation_deg=45, view_zenith_deg=10)
+    >>> seen.path_reflectance.round(2), seen.spherical_albedo.round(2)
+    (array([0.11, 0.01]), array([0.17, 0.03]))
+    >>> seen.reflectance(0.05).round(2)
+    array([0.14, 0.06])
     """
 
     def __init__(
@@ -135,6 +148,17 @@ class CorrectionTerms:
         -------
         Terms
             Of the broadcast shape of the angles and a last axis of wavelengths.
+
+        Examples
+        --------
+        From higher up there is more air in the way, and more path reflectance.
+
+        >>> import skyscatter
+        >>> scene = skyscatter.load_model("earth-simple").scene()
+        >>> terms = skyscatter.CorrectionTerms(scene, [450], sun_elevations_deg=(40, 50), tolerance=0.02)
+        >>> seen = [terms.at(45, 10, altitude=height).path_reflectance[0] for height in (3e3, None)]
+        >>> [f"{reflectance:.2f}" for reflectance in seen]
+        ['0.03', '0.11']
         """
         elevation, zenith, azimuth = np.broadcast_arrays(
             *(np.asarray(a, float) for a in (sun_elevation_deg, view_zenith_deg, relative_azimuth_deg))

@@ -36,6 +36,13 @@ class SpectralTable(TableRecord):
         CSV or netCDF file with the columns instead; in a model file the path counts from its folder.
     column : str, optional
         Which column of the file has the values, where there are several.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> soil = skyscatter.SpectralTable(wavelengths=(400, 700), values=(0.1, 0.4))
+    >>> skyscatter.Ground(albedo=soil).reflectance([350, 550, 700]).round(2)  # constant beyond the ends
+    array([0.1 , 0.25, 0.4 ])
     """
 
     columns: ClassVar[dict[str, Wanted]] = {"wavelengths": _WAVELENGTH, "values": Wanted(("value",), units.RELATIVE)}
