@@ -3,6 +3,21 @@
 ``skyscatter.dehaze(image, ...)`` is `skyscatter.dehaze.engine.dehaze`: the package can be called.  Labelled arrays have
 it as ``array.skyscatter.dehaze(...)`` where xarray was imported before this package, or after ``import
 skyscatter.dehaze.xarray``; xarray is never imported without being asked for.
+
+Examples
+--------
+A picture behind a grey veil: without it the contrast is larger.
+
+>>> import numpy as np
+>>> import skyscatter
+>>> clear = 0.6 * np.random.default_rng(1).random((3, 8, 8)).repeat(6, axis=1).repeat(6, axis=2) ** 2
+>>> light = 0.6 * clear + 0.4 * 0.7  # linear; the veil takes 40 % of it away, and shines by itself
+>>> picture = (255 * light ** (1 / 2.2)).astype(np.uint8)  # red, green, blue
+>>> result = skyscatter.dehaze(picture, bands=("red=1", "green=2", "blue=3"))
+>>> result.reflectance.shape, result.is_relative  # a picture, not reflectance
+((3, 48, 48), True)
+>>> bool(result.reflectance.std() > picture.std() / 255)
+True
 """
 
 from __future__ import annotations

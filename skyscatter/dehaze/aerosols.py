@@ -103,7 +103,18 @@ class _Part(NamedTuple):
 
 
 def aerosol_names() -> tuple[str, ...]:
-    """Names that `aerosol_components` knows."""
+    """Names that `aerosol_components` knows.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> from skyscatter.dehaze import aerosol_names
+    >>> aerosol_names()
+    ('continental', 'maritime', 'urban', 'desert', 'biomass-burning')
+    """
     return (*_VOLUMES, *_OFFERED)
 
 

@@ -73,6 +73,21 @@ class Sensor(Record):
     name : str
     bands : tuple of Band
         Of different names, in the instrument's order.
+
+    Examples
+    --------
+    Which bands of Sentinel-2A the layers of a file are, by what it calls them:
+
+    >>> from skyscatter.dehaze import Sensor, load_sensor
+    >>> sensor = load_sensor("sentinel-2a")
+    >>> [band.name for band in sensor.match(["B02", "665 nm", "near infrared"])]
+    ['B02', 'B04', 'B08']
+
+    A camera of one's own, by centre and width of its bands [nm]:
+
+    >>> own = Sensor.from_shapes("drone", {"green": (560, 40), "nir": (840, 100)})
+    >>> [band.role for band in own.bands]
+    ['green', 'nir']
     """
 
     name: str = Field(min_length=1)
@@ -177,7 +192,20 @@ class Sensor(Record):
 
 
 def sensor_names() -> tuple[str, ...]:
-    """Names that `load_sensor` knows."""
+    """Names that `load_sensor` knows.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    Centres of the red bands [nm]:
+
+    >>> from skyscatter.dehaze import load_sensor, sensor_names
+    >>> {name: round(load_sensor(name).with_role("red")[0].centre_nm) for name in sensor_names()}
+    {'sentinel-2a': 665, 'sentinel-2b': 665, 'landsat-8': 655, 'landsat-9': 654, 'srgb-camera': 600}
+    """
     return (*_MSI, *_LANDSAT, "srgb-camera")
 
 
@@ -185,10 +213,28 @@ def sensor_names() -> tuple[str, ...]:
 def load_sensor(name: str) -> Sensor:
     """A sensor by its name (``"sentinel-2a"``, ``"landsat-9"``, ``"srgb-camera"``; also ``"S2A"`` and the like).
 
+    Parameters
+    ----------
+    name : str
+        One of `sensor_names`, or another spelling of it.
+
+    Returns
+    -------
+    Sensor
+
     Raises
     ------
     DomainError
         For an unknown name.
+
+    Examples
+    --------
+    >>> from skyscatter.dehaze import load_sensor
+    >>> sensor = load_sensor("S2A")
+    >>> sensor.name, len(sensor.bands), sensor.band("B04").centre_nm  # nm
+    ('sentinel-2a', 13, 664.6)
+    >>> [band.name for band in sensor.with_role("rededge")]
+    ['B05', 'B06', 'B07']
     """
     key = name.strip().lower().replace(" ", "-")
     key = _OTHER_NAMES.get(key, key)

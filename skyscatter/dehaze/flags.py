@@ -9,7 +9,20 @@ from numpy.typing import NDArray
 
 
 class Flag(IntFlag):
-    """Why a pixel is no plain measurement of clear ground."""
+    """Why a pixel is no plain measurement of clear ground.
+
+    Examples
+    --------
+    What the number 36 in a mask says, and how many pixels show a cloud:
+
+    >>> import numpy as np
+    >>> from skyscatter.dehaze import Flag
+    >>> [flag.name for flag in Flag(36)]
+    ['CLOUD', 'SHADOW']
+    >>> mask = np.array([[0, 4], [36, 64]], dtype=np.uint8)
+    >>> int(np.count_nonzero(mask & Flag.CLOUD))
+    2
+    """
 
     NODATA = 1  #: nothing was measured
     SATURATED = 2  #: at the top of what the file or the sensor can hold

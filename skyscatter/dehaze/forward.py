@@ -52,6 +52,22 @@ class Atmosphere(Record):
         At the ground [hPa].
     planet_radius : length
         At the ground [m].
+
+    Raises
+    ------
+    DomainError
+        For a pressure out of range, or an unknown aerosol.
+
+    Examples
+    --------
+    On a plateau with three quarters of the air above it, under maritime haze of the optical depth 0.3 at 550 nm:
+
+    >>> from skyscatter.dehaze import Atmosphere
+    >>> medium = Atmosphere(aerosol="maritime", pressure_hpa=760).medium(0.3)
+    >>> [part.name for part in medium.components]
+    ['air', 'water-soluble', 'oceanic']
+    >>> round(medium.components[0].weight, 2)
+    0.75
     """
 
     aerosol: str = "continental"

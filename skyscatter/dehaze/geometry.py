@@ -54,6 +54,22 @@ class SceneGeometry:
     ------
     DomainError
         If shapes do not fit, an angle is not finite, the Sun is below the horizon, or beyond the model's range.
+
+    Examples
+    --------
+    A view from the other side of the zenith than the Sun's, the same over all of an image:
+
+    >>> from skyscatter.dehaze import SceneGeometry
+    >>> geometry = SceneGeometry.constant(60, 20, sun_azimuth_deg=150, view_azimuth_deg=-80)
+    >>> geometry.to_json()  # degrees
+    {'sun_zenith_deg': 60.0, 'view_zenith_deg': 20.0, 'relative_azimuth_deg': 130.0}
+
+    Two nodes, 100 rows apart; angles are bilinear between them.
+
+    >>> geometry = SceneGeometry([0, 100], [0], [[30.0], [32.0]], [[5.0], [5.0]], [[170.0], [170.0]])
+    >>> geometry.at([25, 50], [0]).sun_zenith_deg.round(2)
+    array([[30.5],
+           [31. ]])
     """
 
     rows: Array

@@ -70,6 +70,20 @@ class SourceOptions(Record):
         In place of the angles in the metadata.  A Sun without a view means nadir.
     resolution : float, optional
         Pixel [m] of the common grid of a Sentinel-2 product: 10, 20 or 60.
+
+    Raises
+    ------
+    DomainError
+        For angles that are missing or out of range, or a scale that is not above 0.
+
+    Examples
+    --------
+    Angles that a plain raster does not say itself [degree]; relative azimuths are kept between 0 and 180.
+
+    >>> from skyscatter.dehaze import SourceOptions
+    >>> reading = SourceOptions(sensor="landsat-8", sun_zenith_deg=40, view_zenith_deg=8, relative_azimuth_deg=200)
+    >>> reading.geometry().to_json()
+    {'sun_zenith_deg': 40.0, 'view_zenith_deg': 8.0, 'relative_azimuth_deg': 160.0}
     """
 
     sensor: str | None = None
@@ -158,6 +172,17 @@ class DehazeOptions(Record):
         Pixels on a side of the windows that an image is worked through in; no influence on the result.
     threads : int, optional
         One per processor if not given.
+
+    Examples
+    --------
+    An optical depth with its standard deviation may be typed as one word.
+
+    >>> from skyscatter.dehaze import DehazeOptions
+    >>> options = DehazeOptions(aod="0.25+-0.05", aerosol="urban")
+    >>> options.aod, options.aod_sigma
+    (0.25, 0.05)
+    >>> DehazeOptions().aod  # estimated from the image
+    'auto'
     """
 
     aod: _automatic("aod", 0.0, MAX_AOD) = "auto"  # type: ignore[valid-type]

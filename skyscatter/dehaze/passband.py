@@ -63,6 +63,19 @@ class Band(Record):
         Whether the response is a shape made from centre and width rather than a measured curve.
     note : str
         Where the numbers come from.
+
+    Examples
+    --------
+    A red band of which centre and width are known; the Sun's spectrum falls across it.  Two wavelengths stand for all.
+
+    >>> from skyscatter.dehaze import Band
+    >>> red = Band.from_shape("red", 665, 30)
+    >>> red.role, round(red.effective_wavelength, 1)  # nm
+    ('red', 664.9)
+    >>> red.nodes(2)[0].round()
+    array([656., 674.])
+    >>> round(red.solar_irradiance, 2)  # W m-2 nm-1, at 1 au
+    1.53
     """
 
     name: str = Field(min_length=1)
@@ -125,7 +138,7 @@ class Band(Record):
     ) -> Self:
         """Band of which centre and full width at half maximum are known, flagged as approximate.
 
-        R = exp(-ln 2 |2 (lambda - centre) / width|^exponent): 2 is a Gaussian, a large exponent a box.
+        ``R = exp(-ln 2 |2 (lambda - centre) / width|^exponent)``: 2 is a Gaussian, a large exponent a box.
         """
         if not 0 < width_nm < centre_nm or not exponent > 0:
             rule = "a width above 0 and below the centre, an exponent above 0"

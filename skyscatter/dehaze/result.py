@@ -45,6 +45,21 @@ class DehazeResult:
         Bits of `skyscatter.dehaze.Flag`.
     diagnostics : dict
         The haze's mean and uncertainty, the aerosol model, what was assumed.
+
+    Examples
+    --------
+    A plain picture in three colours, with a veil that thickens from left to right:
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> ground = 0.6 * np.random.default_rng(0).random((3, 64, 64)) ** 2
+    >>> picture = 0.7 + (ground - 0.7) * np.exp(-np.linspace(0, 1.2, 64))
+    >>> result = skyscatter.dehaze(picture, quantity="display", bands=("red", "green", "blue"))
+    >>> result.reflectance.shape, result.haze_map.shape, result.is_relative
+    ((3, 64, 64), (1, 64, 64), True)
+    >>> left, right = result.haze_map[..., :8].mean(), result.haze_map[..., -8:].mean()
+    >>> bool(left < 0.1), bool(right > 0.7)  # optical depths; 0.08 and 1.12 were put in
+    (True, True)
     """
 
     reflectance: Any

@@ -123,6 +123,21 @@ class TermsTable:
         See `skyscatter.dehaze.forward` for the terms.
     error : float
         Greatest error of interpolation found, in reflectance above the air.
+
+    Examples
+    --------
+    Clean air above a ground of the reflectance 0.3, seen from above in the red: the air adds its own light, takes away
+    some of the ground's, and sends some of it back once more.
+
+    >>> from skyscatter.dehaze import Atmosphere, Band, build_table
+    >>> from skyscatter.dehaze.table import Angles
+    >>> angles = Angles(sun_zenith=(40.0, 40.0), view_zenith=(0.0, 0.0), relative_azimuth=(0.0, 0.0))
+    >>> red = Band.from_shape("red", 665, 15)
+    >>> table = build_table(Atmosphere(aerosol="none"), [red], angles, stokes=False, keep=False)
+    >>> terms, slopes = table.at(aod=0.0, sun_zenith=40.0, view_zenith=0.0)
+    >>> path, direct, diffuse, back = terms[0]
+    >>> round(float(path + (direct + diffuse) * 0.3 / (1 - back * 0.3)), 2)
+    0.31
     """
 
     bands: tuple[Band, ...]
@@ -187,7 +202,10 @@ def build_table(
 
     Parameters
     ----------
-    atmosphere, bands, angles
+    atmosphere : Atmosphere
+    bands : sequence of Band
+    angles : skyscatter.dehaze.table.Angles
+        Ranges of angles that the table covers.
     aod : float, optional
         The optical depth at 550 nm where it is known: the table covers 0.8 to 1.2 of it; 0 to `GREATEST_AOD` when not
         given.
@@ -199,6 +217,34 @@ def build_table(
         Read from and write to the folder of `skyscatter.dehaze.cachefile.cache_folder`.
     threads, progress
         As for `skyscatter.solve`.
+
+    Returns
+    -------
+    TermsTable
+
+    Raises
+    ------
+    DomainError
+        For an optical depth out of range.
+
+    Notes
+    -----
+    A table over angles and optical depths takes tens of seconds to minutes; it is kept in a folder of the user's (see
+    `keep`) and read from there the next time.
+
+    Examples
+    --------
+    Path reflectance of clean air at one pair of angles, blue and red:
+
+    >>> from skyscatter.dehaze import Atmosphere, Band, build_table
+    >>> from skyscatter.dehaze.table import Angles
+    >>> bands = [Band.from_shape("blue", 480, 15), Band.from_shape("red", 665, 15)]
+    >>> angles = Angles(sun_zenith=(40.0, 40.0), view_zenith=(0.0, 0.0), relative_azimuth=(0.0, 0.0))
+    >>> table = build_table(Atmosphere(aerosol="none"), bands, angles, stokes=False, keep=False)
+    >>> table.values.shape  # aod, sun, view, azimuth, band, term
+    (1, 1, 1, 1, 2, 4)
+    >>> table.values[0, 0, 0, 0, :, 0].round(2)
+    array([0.07, 0.02])
     """
     known = None if aod is None else float(aod)
     if known is not None and not 0 <= known <= 5:

@@ -35,6 +35,23 @@ def through_map(slope: ArrayLike, linear: Any) -> Array:
     Returns
     -------
     ndarray, shape (weight,)
+
+    Raises
+    ------
+    DomainError
+        If the matrix does not have as many rows as there are voxels.
+
+    Examples
+    --------
+    A number that grows by 3 with the density of every cell grows by 3 over the volume of a cell with the weight of a
+    particle.
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import VoxelFrame, spreading_map, through_map
+    >>> frame = VoxelFrame.cube(4, 1.0)
+    >>> spread = spreading_map(frame, [[0.1, 0.2, 0.0], [-0.3, 0.0, 0.4]])
+    >>> through_map(np.full(frame.shape, 3.0), spread) * frame.volume
+    array([3., 3.])
     """
     flat = np.asarray(slope, float).ravel()
     if linear.shape[0] != flat.size:
@@ -52,6 +69,28 @@ def spreading_map(frame: VoxelFrame, positions: ArrayLike) -> Any:
     frame : VoxelFrame
     positions : array_like, shape (particle, 3)
         [m]
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix, shape (voxel, particle)
+        [m-3]; voxels in the order of ``density.ravel()``.
+
+    Raises
+    ------
+    DomainError
+        If the positions have another shape.
+
+    Examples
+    --------
+    A particle in the middle of the box is shared by eight cells, one in the middle of a cell is its alone.
+
+    >>> from skyscatter.inversion import VoxelFrame, spreading_map
+    >>> frame = VoxelFrame.cube(4, 2.0)  # cells of 1 m3
+    >>> spread = spreading_map(frame, [[0, 0, 0], [0.5, 0.5, 0.5]])
+    >>> spread.shape
+    (64, 2)
+    >>> spread.max(axis=0).toarray().tolist()
+    [[0.125, 1.0]]
     """
     from scipy.sparse import csr_matrix
 
@@ -88,6 +127,24 @@ def through_parameters(
     **scales : float
         How far a parameter moves before the density changes much, where its own value does not tell (1 for one that is
         zero).
+
+    Returns
+    -------
+    dict of str to float
+        By the names of the parameters.
+
+    Examples
+    --------
+    The integral of a Gaussian of the width w is (2 pi)^(3/2) w^3, whose derivative is 3 (2 pi)^(3/2) w^2.
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import VoxelFrame, through_parameters
+    >>> frame = VoxelFrame.cube(32, 6.0)
+    >>> square = (frame.middles() ** 2).sum(axis=-1)
+    >>> slope = np.full(frame.shape, frame.volume)  # of the integral
+    >>> found = through_parameters(slope, lambda width: np.exp(-square / (2 * width**2)), {"width": 1.0})
+    >>> round(found["width"], 2), round(3 * (2 * np.pi) ** 1.5, 2)
+    (47.25, 47.25)
     """
     weights, found = np.asarray(slope, float), {}
     for name, value in parameters.items():

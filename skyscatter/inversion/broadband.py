@@ -45,6 +45,21 @@ class Broadband:
         At the ground; scales the mixed gases.
     nodes : tuple of float
         Wavelengths [nm] at which the model is computed; in between the ratio of flux to sunlight is linear.
+
+    Examples
+    --------
+    Sunlight from the zenith through water vapour (0.5 and 4 g cm-2) and mixed gases alone [W m-2]: a wet sky takes away
+    infrared light, next to nothing of the visible.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> from skyscatter.inversion import Broadband
+    >>> star = skyscatter.load_model("earth").star
+    >>> for band in (Broadband(), Broadband(400, 700)):
+    ...     ratio = np.ones((1, band.wavelengths.size))
+    ...     print([round(float(band.total(ratio, np.array([90.0]), water, star)[0]), -1) for water in (0.5, 4.0)])
+    [1220.0, 1140.0]
+    [530.0, 530.0]
     """
 
     low: float = 290.0

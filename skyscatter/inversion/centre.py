@@ -19,7 +19,21 @@ LOOKS = 9
 
 
 class Centre(NamedTuple):
-    """Middle of a round image."""
+    """Middle of a round image.
+
+    Examples
+    --------
+    Columns are counted from the left, rows from the top, from the middle of the first pixel; it unpacks as a tuple.
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:16, :16]
+    >>> column, row, deviation = inversion.find_centre(np.exp(-((x - 9) ** 2 + (y - 6) ** 2) / 20), 0.01)
+    >>> f"{column:.1f}, {row:.1f}"
+    '9.0, 6.0'
+    >>> deviation < 0.05  # pixel
+    True
+    """
 
     x: float  #: column, the first pixel's middle being 0
     y: float  #: row
@@ -48,6 +62,16 @@ def find_centre(image: ArrayLike, sigma: ArrayLike | float | None = None) -> Cen
     ------
     ConvergenceError
         If the image has no middle: it is flat, or the middle lies far outside.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:24, :32]
+    >>> shell = np.exp(-((np.hypot(x - 18.3, y - 9.6) - 6) ** 2) / 4)  # dark in the middle
+    >>> centre = inversion.find_centre(shell, 0.01)
+    >>> f"{centre.x:.1f}, {centre.y:.1f}"
+    '18.3, 9.6'
     """
     from scipy.optimize import minimize
 

@@ -35,6 +35,20 @@ class Deprojection(Brief):
         Of the projected axis: the minor axis for oblate, the major one for prolate spheroids.
     equatorial_radius : float
         a [unit of `pixel_size`].
+
+    Examples
+    --------
+    Without further knowledge an image leaves a wide range of inclinations [degree], none of them near the pole.
+
+    >>> from skyscatter import inversion
+    >>> true = {"x": 16, "y": 12, "major": 9, "minor": 6, "position_angle_deg": 30, "thickness": 0.3}
+    >>> image = inversion.shell_image((24, 32), {**true, "brightness": 5, "background": 1})
+    >>> found = inversion.deproject(inversion.fit_shell(image, 0.1), "oblate")
+    >>> low, high = found.inclination_range
+    >>> f"{low:.0f} to {high:.0f}"
+    '48 to 88'
+    >>> f"axis at {found.axis_position_angle_deg:.0f}, radius {found.equatorial_radius:.1f}"
+    'axis at 120, radius 9.0'
     """
 
     inclination_deg: tuple[float, float]
@@ -72,6 +86,25 @@ def deproject(
     Returns
     -------
     Deprojection
+
+    Raises
+    ------
+    DomainError
+        For another spheroid, numbers out of range, and for those that no such spheroid can be seen with.
+
+    Examples
+    --------
+    An ellipse of the axis ratio 2/3 is an oblate shell of that ratio seen from its equator, or a flatter one that is
+    tilted: one of half the height is inclined by 59 degrees.
+
+    >>> from skyscatter import inversion
+    >>> true = {"x": 16, "y": 12, "major": 9, "minor": 6, "position_angle_deg": 30, "thickness": 0.3}
+    >>> image = inversion.shell_image((24, 32), {**true, "brightness": 5, "background": 1})
+    >>> fit = inversion.fit_shell(image, 0.1)
+    >>> f"{inversion.deproject(fit, 'oblate', inclination_deg=90).axis_ratio[0]:.2f}"
+    '0.67'
+    >>> f"{inversion.deproject(fit, 'oblate', axis_ratio=0.5).inclination_deg[0]:.0f}"
+    '59'
     """
     if spheroid not in ("oblate", "prolate"):
         raise DomainError("spheroid", spheroid, 'must be "oblate" or "prolate"')

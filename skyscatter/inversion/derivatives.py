@@ -48,6 +48,20 @@ class Derivatives(Brief):
         Derivatives of the radiance, per unit of the parameter.
     jacobian_error : ndarray, shape (parameter, ..., wavelength)
         Standard errors of those by Monte Carlo; 0 where the solver is deterministic.
+
+    Examples
+    --------
+    Numbers of two parameters along two rays, as a solver would find them, with names:
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import Derivatives
+    >>> value, jacobian = np.array([[0.02], [0.03]]), np.array([[[0.05], [0.04]], [[0.1], [0.2]]])
+    >>> found = Derivatives(value, np.zeros_like(value), jacobian, np.zeros_like(jacobian))
+    >>> labelled = found.to_xarray([550], ["haze", "ground"])
+    >>> dict(labelled["derivative"].sizes)
+    {'parameter': 2, 'ray': 2, 'wavelength': 1}
+    >>> float(labelled["derivative"].sel(parameter="ground", wavelength=550)[1])
+    0.2
     """
 
     value: Array
@@ -160,6 +174,26 @@ def differentiate(
     -----
     Parameters that move something (the Sun, the observer, a star) cannot share paths with the others; their copies are
     solved by themselves, with the same seed.
+
+    Examples
+    --------
+    The sky through the middle of a dark globule, per magnitude of its extinction: ln(10) / 2.5 of the light.
+
+    >>> import skyscatter
+    >>> from skyscatter import fields, inversion
+    >>> dust = skyscatter.Component(
+    ...     name="dust", density=fields.Plummer(radius="0.3 pc"), optics=skyscatter.Dust(visual_extinction=1)
+    ... )
+    >>> def scene(theta):
+    ...     optics = skyscatter.Dust(visual_extinction=theta[0])
+    ...     medium = skyscatter.Medium(components=(dust.model_copy(update={"optics": optics}),))
+    ...     return skyscatter.SpaceScene(medium=medium, background=1e-9)
+    >>> view = scene([1.0]).view
+    >>> found = inversion.differentiate(scene, [1.0], [0.01], view.position, view.forward, [550], solver="single")
+    >>> found.jacobian.shape  # parameter, wavelength
+    (1, 1)
+    >>> round(float(found.jacobian[0, 0] / found.value[0]), 2)
+    -0.92
     """
     at, step = np.atleast_1d(np.asarray(theta, float)), np.atleast_1d(np.asarray(steps, float))
     if at.ndim != 1 or step.shape != at.shape:

@@ -74,7 +74,24 @@ def _number(name: str, value: float) -> None:
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """Any value between `low` and `high` is as likely as another."""
+    """Any value between `low` and `high` is as likely as another.
+
+    Parameters
+    ----------
+    low, high : float
+        Bounds, which the number never reaches.
+
+    Examples
+    --------
+    Values two standard deviations below the middle, in it, and above it:
+
+    >>> from skyscatter.inversion import Uniform
+    >>> prior = Uniform(0.0, 2.0)
+    >>> [round(prior.value(z), 2) for z in (-2, 0, 2)]
+    [0.05, 1.0, 1.95]
+    >>> prior.holds(2.5)
+    False
+    """
 
     low: float
     high: float
@@ -112,7 +129,22 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class LogUniform(Distribution):
-    """Any order of magnitude between `low` and `high` is as likely as another."""
+    """Any order of magnitude between `low` and `high` is as likely as another.
+
+    Parameters
+    ----------
+    low, high : float
+        Bounds above 0.
+
+    Examples
+    --------
+    The middle of 0.01 and 1 is 0.1:
+
+    >>> from skyscatter.inversion import LogUniform
+    >>> prior = LogUniform(0.01, 1.0)
+    >>> [round(prior.value(z), 2) for z in (-1, 0, 1)]
+    [0.02, 0.1, 0.48]
+    """
 
     low: float
     high: float
@@ -148,7 +180,24 @@ class LogUniform(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal with a mean and a standard deviation, cut off at bounds where physics has some."""
+    """Normal with a mean and a standard deviation, cut off at bounds where physics has some.
+
+    Parameters
+    ----------
+    mean, sigma : float
+        Of the distribution before it is cut off.
+    low, high : float
+        Bounds; none when not given.
+
+    Examples
+    --------
+    An albedo of 0.9 +- 0.1 that never exceeds 1: one standard deviation up is no longer as far as down.
+
+    >>> from skyscatter.inversion import Normal
+    >>> prior = Normal(0.9, 0.1, high=1.0)
+    >>> [round(prior.value(z), 2) for z in (-1, 0, 1)]
+    [0.79, 0.88, 0.95]
+    """
 
     mean: float
     sigma: float
@@ -214,7 +263,26 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
-    """exp of a normal variable: `median` times exp(`sigma` z); sigma 0.5 is a factor of 1.65 either way."""
+    """exp of a normal variable: `median` times exp(`sigma` z); sigma 0.5 is a factor of 1.65 either way.
+
+    Parameters
+    ----------
+    median : float
+        Above 0.
+    sigma : float
+        Standard deviation of the logarithm.
+
+    Examples
+    --------
+    Water vapour of 1.5 g cm-2, known to a factor of 1.65:
+
+    >>> from skyscatter.inversion import LogNormal
+    >>> prior = LogNormal(1.5, 0.5)
+    >>> [round(prior.value(z), 2) for z in (-1, 0, 1)]
+    [0.91, 1.5, 2.47]
+    >>> round(prior.state(1.5), 2)
+    0.0
+    """
 
     median: float
     sigma: float

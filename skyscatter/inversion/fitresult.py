@@ -63,6 +63,28 @@ class FitResult:
         Of the sampling: acceptance, autocorrelation, ...
     settings : mapping
         What the fit was asked.
+
+    Examples
+    --------
+    A picture of a dark globule, and its extinction [mag] found back from half as much; a solver is asked twice.
+
+    >>> import skyscatter
+    >>> from skyscatter import fields, inversion
+    >>> dust = skyscatter.Component(
+    ...     name="dust", density=fields.Plummer(radius="0.3 pc"), optics=skyscatter.Dust(visual_extinction=1)
+    ... )
+    >>> model = skyscatter.NebulaModel(
+    ...     name="globule", view=skyscatter.View(distance="400 pc"), components=(dust,), background=1e-9
+    ... )
+    >>> camera = skyscatter.Telescope.from_field_of_view(8, 8, 0.1)  # pixels, degrees
+    >>> picture = skyscatter.render(model.scene(), camera, [550], solver="single")
+    >>> start = inversion.with_values(model, {"dust.visual_extinction": 0.5})
+    >>> data = inversion.nebula_image(picture, noise=0.02)
+    >>> found = skyscatter.fit(start, data, {"dust.visual_extinction": (0, 3)}, solver="single")
+    >>> f"{found.estimate['dust.visual_extinction']:.2f} +- {found.standard_deviation['dust.visual_extinction']:.2f}"
+    '1.00 +- 0.01'
+    >>> f"{found.degrees_of_freedom:.1f} number told by {found.measured.size} data"
+    '1.0 number told by 64 data'
     """
 
     names: tuple[str, ...]

@@ -282,6 +282,31 @@ def flux_table(
     Returns
     -------
     Fluxes
+
+    Raises
+    ------
+    DomainError
+        For data that are not finite, noise that is not above 0, unknown quantities, elevations out of range, and places
+        or times that do not go together.
+
+    Examples
+    --------
+    Global irradiance by a pyranometer at three elevations of the Sun, and what else a fit may take as unknown:
+
+    >>> from skyscatter import inversion
+    >>> data = inversion.flux_table([30, 45, 60], "global", [450, 680, 880], noise=0.02)
+    >>> data.unit, data.sigma
+    ('W m-2', array([ 9. , 13.6, 17.6]))
+    >>> sorted(data.nuisances)
+    ['calibration', 'cosine_error', 'precipitable_water']
+
+    Where place and times are given, the Sun is found [degree]:
+
+    >>> data = inversion.flux_table(
+    ...     None, "direct", [0.8], noise=0.02, wavelength_nm=550, place=(48.9, 2.35), times=["2026-06-21T12:00Z"]
+    ... )
+    >>> f"{data.elevation[0, 0]:.1f}"
+    '64.5'
     """
     raw = np.asarray(flux, float).ravel()
     if units is not None:

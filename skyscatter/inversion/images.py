@@ -75,6 +75,25 @@ def sky_image(
     Returns
     -------
     Radiances
+
+    Raises
+    ------
+    DomainError
+        For a picture without its recipe or of something else, a mask of another shape, no noise, or no pixel left.
+
+    Examples
+    --------
+    Camera and Sun come from the picture itself; pixels below the horizon and near the Sun are left out.
+
+    >>> import skyscatter
+    >>> from skyscatter import inversion
+    >>> scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=30)
+    >>> picture = skyscatter.render(scene, skyscatter.Fisheye(width=8, height=8), [450, 650], solver="single")
+    >>> data = inversion.sky_image(picture, noise=0.02)
+    >>> f"{data.values.size // 2} of 64 pixels, two wavelengths each"
+    '50 of 64 pixels, two wavelengths each'
+    >>> data.sun["elevation_deg"]
+    30.0
     """
     name, picture = _named(image), loaded(image)
     if not isinstance(picture, SpectralImage):
@@ -141,6 +160,25 @@ def nebula_image(
     Returns
     -------
     Radiances
+
+    Raises
+    ------
+    DomainError
+        For a picture that does not say where its pixels look, a mask of another shape, no noise, or no pixel left.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> from skyscatter import fields, inversion
+    >>> dust = skyscatter.Component(
+    ...     name="dust", density=fields.Plummer(radius="0.3 pc"), optics=skyscatter.Dust(visual_extinction=1)
+    ... )
+    >>> scene = skyscatter.SpaceScene(medium=skyscatter.Medium(components=(dust,)), background=1e-9)
+    >>> camera = skyscatter.Telescope.from_field_of_view(8, 8, 0.1)  # pixels, degrees
+    >>> picture = skyscatter.render(scene, camera, [550], solver="single")
+    >>> data = inversion.nebula_image(picture, noise=0.02, pixels=16)
+    >>> data.kind, data.values.size
+    ('nebula image', 16)
     """
     name, picture = _named(image), loaded(image)
     camera = _telescope(picture, name)

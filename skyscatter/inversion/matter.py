@@ -56,6 +56,22 @@ class LineGas(Brief):
     filling_factor : float
     inversion : SphericalResult
         Of the emissivity [W m-3 sr-1], with centre, background and residual.
+
+    Examples
+    --------
+    Gas in clumps that fill a tenth of the volume has a third of the mass that it would have if it filled all, 0.018
+    solar masses.  The luminosity is that of the image: 4 pi times its sum over the area of the pixels.
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:15, :15] - 7
+    >>> image = 1e-7 * np.sqrt(np.maximum(1 - (x**2 + y**2) / 25, 0))
+    >>> gas = inversion.gas_from_line_image(image, 5, "1 kpc", 1e-8, centre=(7, 7), filling_factor=0.1)
+    >>> f"{gas.mass / 1.988e30:.3f} solar masses"
+    '0.006 solar masses'
+    >>> pixel = np.radians(5 / 3600) * 1000 * 3.0857e16  # m
+    >>> f"{gas.luminosity / (4 * np.pi * pixel**2 * image.sum()):.1f}"
+    '1.0'
     """
 
     radius: Array
@@ -98,6 +114,22 @@ class DustCloud(Brief):
     mixture : str
     inversion : SphericalResult
         Of A_V [mag m-1].
+
+    Examples
+    --------
+    Two ways to the mass agree for a round cloud: the profile's integral, and the sum over the map's pixels.
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:24, :24] - 11.5
+    >>> visual = 3 * np.maximum(1 - (x**2 + y**2) / 64, 0) ** 1.5
+    >>> cloud = inversion.dust_from_extinction(visual, 10, "140 pc", 0.05, centre=(11.5, 11.5))
+    >>> f"{cloud.map_dust_mass / cloud.dust_mass:.1f}"
+    '1.0'
+    >>> cloud.hydrogen_column.shape, cloud.opaque_pixels
+    ((24, 24), 0)
+    >>> f"{cloud.hydrogen_column.max() / 1e4:.1e} per cm2 for 3 mag"
+    '5.6e+21 per cm2 for 3 mag'
     """
 
     radius: Array
@@ -137,6 +169,21 @@ def electrons_from_emissivity(
     -------
     ndarray
         [m-3]
+
+    Raises
+    ------
+    DomainError
+        For negative emissivities, an unknown line, a temperature or filling factor out of range.
+
+    Examples
+    --------
+    Four times the light is twice the density [cm-3], and so is gas that fills a quarter of its volume.
+
+    >>> from skyscatter import inversion
+    >>> (inversion.electrons_from_emissivity([1e-22, 4e-22]) / 1e6).round()
+    array([188., 377.])
+    >>> float((inversion.electrons_from_emissivity(1e-22, filling_factor=0.25) / 1e6).round())
+    377.0
     """
     j = np.asarray(emissivity, float)
     if not (j >= 0).all():
@@ -195,6 +242,20 @@ def gas_from_line_image(
     Returns
     -------
     LineGas
+
+    Examples
+    --------
+    A uniform ball of hydrogen 1 kpc away, 6 pixels of 5 arcsec in radius; its density [cm-3] and mass [solar masses]:
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:17, :17] - 8
+    >>> image = 1e-7 * np.sqrt(np.maximum(1 - (x**2 + y**2) / 36, 0))
+    >>> gas = inversion.gas_from_line_image(image, 5, "1 kpc", 5e-9, centre=(8, 8))
+    >>> f"{round(gas.electron_density[:4].mean() / 1e6, -1):.0f} cm-3"
+    '60 cm-3'
+    >>> f"{gas.mass / 1.988e30:.2f} solar masses"
+    '0.03 solar masses'
     """
     brightness = _plain(image, "W m-2 sr-1", "image")
     noise = None if sigma is None else _plain(sigma, "W m-2 sr-1", "sigma")
@@ -285,6 +346,20 @@ def extinction_map(
         [mag], to first order.  It is that of a pixel as bright as the mean of its surroundings: the pixel's own value
         would give the weight to those that noise has made bright.  For the same reason A_V is lower by what the
         logarithm of noise adds on average, half the square of the relative error.
+
+    Raises
+    ------
+    DomainError
+        For a background that is not above the foreground, and a sigma of 0 or below.
+
+    Examples
+    --------
+    A pixel with a tenth of the light of the sky beside the cloud is behind 2.5 mag; no light at all has no A_V.
+
+    >>> from skyscatter import inversion
+    >>> visual, error = inversion.extinction_map([[50, 10, 0]], background=100)
+    >>> visual.round(2)
+    array([[0.75, 2.5 ,  nan]])
     """
     values = np.asarray(image, float)
     if not (np.isfinite(background) and background > foreground >= 0):
@@ -350,6 +425,21 @@ def dust_from_extinction(
     Returns
     -------
     DustCloud
+
+    Examples
+    --------
+    A round cloud 140 pc away, three magnitudes deep in the middle, in pixels of 10 arcsec; its density half-way to the
+    edge of the map, and its masses:
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:24, :24] - 11.5
+    >>> visual = 3 * np.maximum(1 - (x**2 + y**2) / 64, 0) ** 1.5
+    >>> cloud = inversion.dust_from_extinction(visual, 10, "140 pc", 0.05, centre=(11.5, 11.5))
+    >>> f"{np.interp(0.5, cloud.radius / cloud.radius[-1], cloud.hydrogen_density) / 1e6:.1e} hydrogen nucleons per cm3"
+    '1.1e+04 hydrogen nucleons per cm3'
+    >>> f"{cloud.gas_mass / 1.988e30:.2f} solar masses of gas, {cloud.dust_mass / 1.988e30:.4f} of dust"
+    '0.23 solar masses of gas, 0.0019 of dust'
     """
     section = float(dust_properties(mixture, [VISUAL_WAVELENGTH]).cross_section[0])
     dust = MIXTURES[mixture]

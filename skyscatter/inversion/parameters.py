@@ -111,10 +111,26 @@ def with_values(model: Any, values: Mapping[str, float]) -> Any:
     values : mapping
         Name -> number, such as ``{"haze.optical_depth": 0.3, "ground.albedo": 0.2}``.
 
+    Returns
+    -------
+    Model or NebulaModel
+        A copy; the model that was given stays as it is.
+
     Raises
     ------
     DomainError
         For a name that the model does not have, or a number that it cannot have.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> from skyscatter import inversion
+    >>> model = skyscatter.load_model("earth-hazy")
+    >>> clearer = inversion.with_values(model, {"haze.optical_depth": 0.2, "ground.grey_albedo": 0.3})
+    >>> [round(float(m.components[2].optics.optical_depth), 2) for m in (model, clearer)]
+    [0.45, 0.2]
+    >>> clearer.ground.albedo
+    0.3
     """
     subject = Subject(model)
     found = [resolve(name, None, subject, usual_needed=False) for name in values]

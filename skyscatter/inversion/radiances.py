@@ -172,6 +172,19 @@ def radiance_table(
     ------
     DomainError
         For data that are not finite, noise that is not above 0, angles out of range.
+
+    Examples
+    --------
+    A sky radiometer's scan in its own unit, three directions under one Sun:
+
+    >>> from skyscatter import inversion
+    >>> data = inversion.radiance_table(
+    ...     [180, 180, 90], [20, 45, 20], 550, [5, 4, 6], noise=0.03, sun_elevation_deg=30, units="uW cm-2 sr-1 nm-1"
+    ... )
+    >>> data.values, data.unit
+    (array([0.05, 0.04, 0.06]), 'W m-2 sr-1 nm-1')
+    >>> data.sun
+    {'elevation_deg': 30.0, 'azimuth_deg': 180.0}
     """
     columns = {
         "azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg, "wavelength_nm": wavelength_nm,
@@ -235,6 +248,22 @@ def limb_profile(
     Returns
     -------
     Radiances
+
+    Raises
+    ------
+    DomainError
+        For data that are not finite, tangent points below the ground, an observer below one of them.
+
+    Examples
+    --------
+    A limb scan from an orbit 600 km high, at one wavelength; heights in metres.
+
+    >>> from skyscatter import inversion
+    >>> data = inversion.limb_profile(
+    ...     [10e3, 20e3, 30e3], 600, [0.1, 0.05, 0.02], noise=0.05, altitude=600e3, sun_elevation_deg=20
+    ... )
+    >>> data.kind, data.coordinates()["tangent_height_m"] / 1e3
+    ('limb radiance', array([10., 20., 30.]))
     """
     raw, sigma = _in_house(radiance, sigma, wavelength_nm, units)
     columns = {"tangent_height_m": tangent_height_m, "azimuth_deg": azimuth_deg, "wavelength_nm": wavelength_nm}

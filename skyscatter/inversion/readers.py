@@ -35,7 +35,7 @@ USED = {
 
 
 def read_observation(path: str | os.PathLike[str], *, noise: float | None = None, **options: Any) -> Observation:
-    """Read data from a file; its columns, or what it holds, say which kind they are.
+    r"""Read data from a file; its columns, or what it holds, say which kind they are.
 
     Parameters
     ----------
@@ -66,6 +66,21 @@ def read_observation(path: str | os.PathLike[str], *, noise: float | None = None
     ------
     MissingDataError, DomainError
         If the file is missing, or is none of these; the message says what is wrong with it.
+
+    Examples
+    --------
+    A table of sky radiances that says its unit and does not say where the Sun stood:
+
+    >>> import pathlib
+    >>> import tempfile
+    >>> from skyscatter import inversion
+    >>> rows = ["azimuth_deg,elevation_deg,wavelength_nm,radiance [uW cm-2 sr-1 nm-1]", "180,20,550,5", "180,45,550,4"]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "sky.csv"
+    ...     _ = path.write_text("\n".join(rows))
+    ...     data = inversion.read_observation(path, noise=0.03, sun_elevation_deg=30)
+    >>> data.kind, data.values, data.unit
+    ('sky radiance', array([0.05, 0.04]), 'W m-2 sr-1 nm-1')
     """
     file = Path(path)
     if not file.is_file():

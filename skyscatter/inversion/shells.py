@@ -61,6 +61,18 @@ class ShellFit(Brief):
     noise : float
         Root mean square of the residual where `sigma` was not given, else of the residual over sigma.
     pixel_size : float
+
+    Examples
+    --------
+    >>> from skyscatter import inversion
+    >>> true = {"x": 16, "y": 12, "major": 9, "minor": 6, "position_angle_deg": 30, "thickness": 0.3}
+    >>> image = inversion.shell_image((24, 32), {**true, "brightness": 5, "background": 1})
+    >>> fit = inversion.fit_shell(image, sigma=0.1, pixel_size=2.0)  # arcsec, say
+    >>> value, error = fit.ratio
+    >>> f"axis ratio {value:.2f}, major semi-axis {fit.parameters['major']:.1f} arcsec"
+    'axis ratio 0.67, major semi-axis 18.0 arcsec'
+    >>> error < 0.01, fit.errors["major"] < 0.05
+    (True, True)
     """
 
     parameters: dict[str, float]
@@ -98,6 +110,15 @@ def shell_column(q: ArrayLike, thickness: float, profile: Profile = "uniform") -
     -------
     ndarray
         Of the shape of `q`.
+
+    Examples
+    --------
+    A thin shell is brightest just inside its inner surface, here at 0.7 of its radius, where the chord through it is
+    longest.
+
+    >>> from skyscatter import inversion
+    >>> inversion.shell_column([0, 0.7, 0.9, 1], 0.3).round(2)
+    array([0.6 , 1.43, 0.87, 0.  ])
     """
     x = np.asarray(q, float)
     if profile == "uniform":
@@ -144,6 +165,21 @@ def shell_image(
     Returns
     -------
     ndarray, shape (y, x)
+
+    Raises
+    ------
+    DomainError
+        If a parameter is missing.
+
+    Examples
+    --------
+    >>> from skyscatter import inversion
+    >>> shell = {"x": 16, "y": 12, "major": 9, "minor": 6, "position_angle_deg": 90, "thickness": 0.3}
+    >>> image = inversion.shell_image((24, 32), {**shell, "brightness": 5, "background": 1})
+    >>> image.shape
+    (24, 32)
+    >>> image[12, [2, 16]].round(1)  # beside the shell, and through its middle
+    array([1., 4.])
     """
     p = {name: float(value) for name, value in parameters.items()}
     missing = [name for name in NAMES if name not in p]
@@ -221,6 +257,15 @@ def fit_shell(
         For an image, sigma or mask that cannot be used.
     ConvergenceError
         If no start leads to a shell within the image.
+
+    Examples
+    --------
+    >>> from skyscatter import inversion
+    >>> true = {"x": 16, "y": 12, "major": 9, "minor": 6, "position_angle_deg": 30, "thickness": 0.3}
+    >>> image = inversion.shell_image((24, 32), {**true, "brightness": 5, "background": 1})
+    >>> fit = inversion.fit_shell(image, sigma=0.1)
+    >>> [round(fit.parameters[name], 1) for name in ("major", "minor", "position_angle_deg", "thickness")]
+    [9.0, 6.0, 30.0, 0.3]
     """
     pixels = checked_image(image, sigma, mask)
     if profile not in ("uniform", "gaussian"):

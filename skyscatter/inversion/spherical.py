@@ -53,6 +53,22 @@ class SphericalResult(Brief):
     degrees_of_freedom : float
     order, length : float
         Of the prior.
+
+    Examples
+    --------
+    The centre is fitted where it is not given, and lengths are in the unit of `pixel_size`.
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:24, :24]
+    >>> image = np.maximum(1 - ((x - 12.2) ** 2 + (y - 11) ** 2) / 64, 0) ** 1.5
+    >>> found = inversion.invert_spherical(image, 0.01, averaged=False, pixel_size=0.5)
+    >>> f"{found.centre[0]:.1f}, {found.centre[1]:.1f}"
+    '12.2, 11.0'
+    >>> bool(max(found.centre_error) < 0.1)
+    True
+    >>> found.density.shape == found.radius.shape, found.residual.shape
+    (True, (24, 24))
     """
 
     radius: Array
@@ -129,6 +145,27 @@ def invert_spherical(
     Returns
     -------
     SphericalResult
+
+    Raises
+    ------
+    DomainError
+        For an image, sigma or mask that cannot be used, and a centre or edge too near to the image's border.
+    ConvergenceError
+        If the centre is not found.
+
+    Examples
+    --------
+    A ball of the density 1 - (r / 8)^2 beneath a background of 5, seen in pixels:
+
+    >>> import numpy as np
+    >>> from skyscatter import inversion
+    >>> y, x = np.mgrid[:24, :24] - 11.5
+    >>> image = 5 + 32 / 3 * np.maximum(1 - (x**2 + y**2) / 64, 0) ** 1.5
+    >>> found = inversion.invert_spherical(image, 0.1, centre=(11.5, 11.5), averaged=False)
+    >>> np.interp([0, 5], found.radius, found.density).round(1)
+    array([1. , 0.6])
+    >>> f"{found.background:.1f}"
+    '5.0'
     """
     pixels = checked_image(image, sigma, mask)
     if not (np.isfinite(pixel_size) and pixel_size > 0):

@@ -169,6 +169,24 @@ def reconstruct(
         On Ctrl-C; it carries the best estimate so far.
     DomainError
         For views, scene and options that do not fit together.
+
+    Examples
+    --------
+    A round cloud from its columns along three axes, with the integral of its density [m3] before and after:
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import ImageView, VoxelFrame, VoxelLights, VoxelModel, VoxelOptics, reconstruct
+    >>> frame = VoxelFrame.cube(8, 1.0)
+    >>> model = VoxelModel(frame, VoxelOptics.columns(), VoxelLights.none(1), np.zeros(1))
+    >>> truth = np.exp(-4 * (frame.middles() ** 2).sum(axis=-1))
+    >>> image = truth.sum(axis=2) * frame.cell[2]  # the same from all sides
+    >>> x, y, z = np.eye(3)
+    >>> views = [ImageView.parallel(image, 0.02, *axes, half_width=1.0) for axes in ((x, y), (y, z), (z, x))]
+    >>> found = reconstruct(views, model)
+    >>> found.density.shape  # component, x, y, z
+    (1, 8, 8, 8)
+    >>> f"{truth.sum() * frame.volume:.1f} {found.total():.1f}"
+    '0.7 0.7'
     """
     stack, began = Stack(views), time.monotonic()
     settings = Settings(target, bool(freedom), prior_weight, iterations, stop, _rounds(multiple), samples, seed)

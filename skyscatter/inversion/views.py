@@ -28,6 +28,23 @@ class ImageView:
         What was measured, and its standard deviation; infinite where the image says nothing.
     origins, directions : ndarray, shape (y, x, ray, 3)
         Rays of every pixel, whose mean the pixel shows [m], unit vectors.
+
+    Examples
+    --------
+    An image of 4 x 4 pixels, seen from far up the z axis, x to the right; its first row is the top.
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import ImageView
+    >>> view = ImageView.parallel(np.ones((4, 4)), 0.1, towards=[0, 0, 1], right=[1, 0, 0], half_width=2.0)
+    >>> view.data.shape, view.origins.shape
+    ((4, 4, 1), (4, 4, 1, 3))
+    >>> view.origins[0, 0, 0, :2], view.directions[0, 0, 0, 2]
+    (array([-1.5,  1.5]), np.float64(-1.0))
+
+    A pixel without a value counts for nothing:
+
+    >>> float(ImageView.parallel([[np.nan]], 0.1, [0, 0, 1], [1, 0, 0], 1.0).sigma[0, 0, 0])
+    inf
     """
 
     data: Array

@@ -100,6 +100,21 @@ class VoxelModel:
         the cell; rays go from face to face, and `step` and `near` are not needed.
     threads : int, optional
         All processors when not given.  Results do not depend on it.
+
+    Examples
+    --------
+    A cube 4 m deep that shines and absorbs: emission 1 over extinction 0.5, times what it does not let through.
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import VoxelFrame, VoxelLights, VoxelModel, VoxelOptics
+    >>> frame = VoxelFrame.cube(4, 2.0)
+    >>> model = VoxelModel(frame, VoxelOptics.make(0.0, 0.5, 1.0), VoxelLights.none(1), np.zeros(1))
+    >>> rho, ray = np.ones(frame.shape), ([[0, 0, -10.0]], [[0, 0, 1.0]])
+    >>> light, slope = model.gradient(rho, *ray, weights=[[1.0]])
+    >>> round(float(light[0, 0]), 3), round(float(1 / 0.5 * (1 - np.exp(-0.5 * 4))), 3)
+    (1.729, 1.729)
+    >>> slope.density.shape  # component, x, y, z
+    (1, 4, 4, 4)
     """
 
     frame: VoxelFrame

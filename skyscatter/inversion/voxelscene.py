@@ -58,6 +58,19 @@ class VoxelFrame:
         Cells along x, y and z.
     low, high : (3,)
         Corners of the grid [m].
+
+    Examples
+    --------
+    A box of 4 m a side in four cells each way:
+
+    >>> from skyscatter.inversion import VoxelFrame
+    >>> frame = VoxelFrame.cube(4, 2.0)
+    >>> frame.cell, frame.volume  # m, m3
+    (array([1., 1., 1.]), 1.0)
+    >>> frame.middles()[0, 0, 0]
+    array([-1.5, -1.5, -1.5])
+    >>> frame.with_shape((8, 8, 8)).volume
+    0.125
     """
 
     shape: tuple[int, int, int]
@@ -114,7 +127,19 @@ class VoxelFrame:
 
 
 class VoxelOptics(NamedTuple):
-    """What one unit of density does to light, component by component (c), and wavelength by wavelength (w)."""
+    """What one unit of density does to light, component by component (c), and wavelength by wavelength (w).
+
+    Examples
+    --------
+    A medium with the albedo 0.9 that throws light forwards, at two wavelengths:
+
+    >>> from skyscatter.inversion import VoxelOptics
+    >>> optics = VoxelOptics.make(sigma_s=[0.9, 0.45], sigma_t=[1.0, 0.5], g=0.6)
+    >>> optics.sigma_t.shape  # component, wavelength
+    (1, 2)
+    >>> round(float(optics.phase[0, 0, 0] / optics.phase[0, -1, 0]))  # forwards over backwards
+    64
+    """
 
     sigma_s: Array  #: scattering (c, w) [m-1]
     sigma_t: Array  #: extinction (c, w) [m-1]
@@ -152,7 +177,20 @@ class VoxelOptics(NamedTuple):
 
 
 class VoxelLights(NamedTuple):
-    """Stars and distant lights (s)."""
+    """Stars and distant lights (s).
+
+    Examples
+    --------
+    A star of 4 pi W nm-1 has the intensity 1 W sr-1 nm-1.
+
+    >>> import numpy as np
+    >>> from skyscatter.inversion import VoxelLights
+    >>> lights = VoxelLights.stars([[0, 0, 0]], [[4 * np.pi]])
+    >>> round(float(lights.power[0, 0]), 6)
+    1.0
+    >>> VoxelLights.none(3).power.shape  # star, wavelength
+    (0, 3)
+    """
 
     place: Array  #: (s, 3) [m], or the unit vector towards a distant light
     distant: NDArray[np.bool_]  #: (s,)

@@ -23,10 +23,36 @@ def open_raster(path: str | Path, options: SourceOptions | None = None) -> Raste
         metadata file of such a product.
     options : SourceOptions, optional
 
+    Returns
+    -------
+    RasterSource
+        To be closed after use: a ``with`` block does.  ``read(row0, row1, col0, col1)`` gives a window.
+
     Raises
     ------
     MissingDataError, DomainError
         One line with the remedy.
+    SkyscatterError
+        If rasterio is not installed.
+
+    Examples
+    --------
+    A picture file, as light from 0 to 1 (its numbers over 255):
+
+    >>> import pathlib
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from PIL import Image
+    >>> from skyscatter.dehaze import open_raster
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "grey.png"
+    ...     Image.fromarray(np.full((20, 30, 3), 51, dtype=np.uint8)).save(path)
+    ...     with open_raster(path) as source:
+    ...         values = source.read(0, 20, 0, 30)  # rows 0 to 19, columns 0 to 29
+    >>> source.quantity, values.shape, values.dtype.name
+    ('display', (3, 20, 30), 'float32')
+    >>> round(float(values[0, 0, 0]), 2)
+    0.2
     """
     options = options or SourceOptions()
     place = Path(path)
