@@ -110,7 +110,10 @@ def find(entry: str, kinds: str) -> Callable[[bytes], Any] | None:
     symbol, result = loaded.listed.get(entry, {}).get(kinds, (None, ""))
     if symbol is None:
         return None
-    function = loaded.library[symbol]
+    try:
+        function = loaded.library[symbol]
+    except AttributeError:  # another library by that name: what it has not is compiled
+        return None
     function.argtypes, function.restype = (ctypes.c_char_p, ctypes.c_void_p), None
     return _caller(function, result)
 

@@ -51,41 +51,66 @@ class Line(NamedTuple):
     hits_ground: bool
 
 
-@entry
-def fill_reciprocal_air_mass(radius, altitude, cubic, mu, first_node, end_node, column, value):
-    """Fill ``value[node, angle, field]`` with V / K for some of the nodes; `column` (field,) is scratch.
+@inlined
+def place_points(radius, low, foot, high, p, t, at, length):
+    """Four Gauss points on the lines (j,) from the altitude `low` to the top `high` of the cell that begins at `foot`.
 
-    K is summed outward cell by cell, all fields at once, by 4 Gauss points in the distance along the line: within a
-    cell the density is a cubic, and as a function of that distance it is smooth even for a horizontal line.
+    Filled are their places in the cell ``at[k, j]``, from 0 to 1, and the lengths of line ``length[k, j]`` that they
+    stand for; `t` goes on to where the lines leave the cell.
     """
-    fields = cubic.shape[1]
+    height, r_next = high - foot, radius + high
+    for j in range(p.size):
+        t_next = math.sqrt(max((r_next - p[j]) * (r_next + p[j]), t[j] * t[j]))
+        step = t_next - t[j]
+        for k in range(_POINTS.size):
+            s = t[j] + step * _POINTS[k]
+            rise = (s - t[j]) * (s + t[j]) / (radius + low + math.sqrt(p[j] * p[j] + s * s))
+            at[k, j] = (low - foot + rise) / height
+            length[k, j] = step * _WEIGHTS[k]
+        t[j] = t_next
+
+
+@inlined
+def add_cell(cubic, at, length, column):
+    """Add what the lines cross of a field in a cell, where its density is this cubic, to its columns (j,)."""
+    a, b, c, d = cubic[0], cubic[1], cubic[2], cubic[3]
+    for j in range(column.size):
+        total = column[j]
+        for k in range(_POINTS.size):
+            v = at[k, j]
+            total += length[k, j] * (a + v * (b + v * (c + v * d)))
+        column[j] = total
+
+
+@entry
+def fill_reciprocal_air_mass(radius, altitude, cubic, mu, first_node, end_node, work, value):
+    """Fill ``value[node, angle, field]`` with V / K for some of the nodes; `work` (10 + field, angle) is scratch.
+
+    K is summed outward cell by cell, all lines and fields at once, by 4 Gauss points in the distance along the line:
+    within a cell the density is a cubic, and as a function of that distance it is smooth even for a horizontal line.
+    """
+    p, t, at, length, column = work[0], work[1], work[2:6], work[6:10], work[10:]
     for i in range(first_node, end_node):
         # The top has no column; the ratio a little below it is the one to continue with.
         h_start = altitude[i] if i < altitude.size - 1 else altitude[i] - 1e-3 * (altitude[i] - altitude[i - 1])
         first = min(i, altitude.size - 2)
-        u_start = (h_start - altitude[first]) / (altitude[first + 1] - altitude[first])
+        r, low = radius + h_start, h_start
         for j in range(mu.size):
-            r = radius + h_start
-            p, t = r * math.sqrt((1.0 - mu[j]) * (1.0 + mu[j])), r * mu[j]
-            low = h_start
-            for f in range(fields):
-                column[f] = 0.0
-            for c in range(first, altitude.size - 1):
-                r_next = radius + altitude[c + 1]
-                t_next = math.sqrt(max((r_next - p) * (r_next + p), t * t))
-                for k in range(_POINTS.size):
-                    s = t + (t_next - t) * _POINTS[k]
-                    rise = (s - t) * (s + t) / (radius + low + math.sqrt(p * p + s * s))
-                    v = (low - altitude[c] + rise) / (altitude[c + 1] - altitude[c])
-                    for f in range(fields):
-                        n = cubic[c, f, 0] + v * (cubic[c, f, 1] + v * (cubic[c, f, 2] + v * cubic[c, f, 3]))
-                        column[f] += (t_next - t) * _WEIGHTS[k] * n
-                t, low = t_next, altitude[c + 1]
-            for f in range(fields):
-                a = cubic[first, f]
-                vertical = a[4] + u_start * (a[5] + u_start * (a[6] + u_start * a[7]))
+            p[j], t[j] = r * math.sqrt((1.0 - mu[j]) * (1.0 + mu[j])), r * mu[j]
+        column[:] = 0.0
+        for c in range(first, altitude.size - 1):
+            place_points(radius, low, altitude[c], altitude[c + 1], p, t, at, length)
+            for f in range(cubic.shape[1]):
+                add_cell(cubic[c, f], at, length, column[f])
+            low = altitude[c + 1]
+        u_start = (h_start - altitude[first]) / (altitude[first + 1] - altitude[first])
+        for f in range(cubic.shape[1]):
+            a = cubic[first, f]
+            vertical = a[4] + u_start * (a[5] + u_start * (a[6] + u_start * a[7]))
+            for j in range(mu.size):
                 # Above a field there is no column; the ratio of a thin shell keeps the interpolation in order.
-                value[i, j, f] = vertical / column[f] if column[f] > 0.0 and vertical > 0.0 else max(mu[j], 1e-3)
+                there = column[f, j] > 0.0 and vertical > 0.0
+                value[i, j, f] = vertical / column[f, j] if there else max(mu[j], 1e-3)
 
 
 @entry
@@ -271,8 +296,8 @@ def build_column_table(
     value = np.empty((altitude.size, mu.size, fields.kind.size))
 
     def some(nodes: slice) -> None:
-        column = np.zeros(fields.kind.size)
-        fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, nodes.start, nodes.stop, column, value)
+        work = np.empty((10 + fields.kind.size, mu.size))
+        fill_reciprocal_air_mass(fields.radius, altitude, cubic, mu, nodes.start, nodes.stop, work, value)
 
     if in_parts is None:
         some(slice(0, altitude.size))

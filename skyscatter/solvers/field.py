@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
+from skyscatter.kernels.forms import expect
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
@@ -244,6 +245,7 @@ def solve_range(
     checkpoint: Checkpoint | None = None,
 ) -> RadianceField:
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
+    expect("orders")
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
     tolerance = min(tolerance, LOOSEST)
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, cut_peaks=max_order != 1)

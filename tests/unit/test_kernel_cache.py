@@ -184,3 +184,29 @@ def test_a_stale_index_is_not_used(tmp_path: Path) -> None:
     assert IndexDataCacheFile(str(tmp_path), "kernel", "stamp 1").load("signature") == "machine code"
     assert IndexDataCacheFile(str(tmp_path), "kernel", "stamp 2").load("signature") is None
     assert isinstance(columns.exact_columns.compiled._cache._cache_file, IndexDataCacheFile)
+
+
+UNWRITABLE = """
+import sys
+if sys.argv[1] == "refused":  # root may write anywhere: the system's answers are made up
+    import os
+    import numba.core.caching
+    def refuse(*words, **options):
+        raise PermissionError(13, "Permission denied")
+    os.access, numba.core.caching.tempfile.TemporaryFile = lambda path, mode: mode != os.W_OK, refuse
+from skyscatter.kernels import forms
+form = next(form for form in forms.every() if form.entry.endswith("voxels:box_extremes"))
+print(sum(forms.compile_form(form).stats.cache_hits.values()))
+"""
+
+
+def test_what_lies_in_a_folder_that_may_not_be_written_to_is_used(tmp_path: Path) -> None:
+    """As in the image of a container, run by a user who may write nowhere; where nothing lies ready, it is said."""
+    said = []
+    for folder, may in (("kept", "allowed"), ("kept", "refused"), ("empty", "refused")):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / folder)}
+        command = [sys.executable, "-c", UNWRITABLE, may]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        said.append((done.stdout.strip(), "cannot be kept" in done.stderr))
+    assert said == [("0", False), ("1", False), ("0", True)]

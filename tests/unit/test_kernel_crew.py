@@ -13,7 +13,7 @@ import pytest
 
 from skyscatter.cli import warm
 from skyscatter.cli.main import main
-from skyscatter.kernels import crew, forms
+from skyscatter.kernels import crew, forms, processors
 from skyscatter.kernels.forms import Form
 
 
@@ -80,7 +80,7 @@ def test_a_users_own_entry_needs_no_helper(tmp_path: Path) -> None:
 
 PARENT = """
 import sys
-from skyscatter.kernels import crew, forms
+from skyscatter.kernels import crew, forms, processors
 held = crew.Crew(forms.every(), 1)
 while not held._processes:
     pass
@@ -129,3 +129,25 @@ def test_every_command_has_forms_to_warm() -> None:
 def test_what_is_wrong_is_named(arguments: list[str], word: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2
     assert word in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("written", "count"), [("max 100000", 8), ("250000 100000", 3), ("50000 100000", 1), ("", 8), ("-1 100000", 8)]
+)
+def test_a_containers_share_of_the_processors_counts(
+    written: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cpu.max").write_text(written)
+    monkeypatch.setattr(processors, "QUOTA", tmp_path / "cpu.max")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
+    assert processors.processors() == count
+
+
+def test_what_is_left_to_compile_is_told_by_pace() -> None:
+    held = crew.Crew([], 1, seconds=dict.fromkeys(small(), 4.0))
+    assert held.seconds_left() == pytest.approx(4.0)
+    held._began -= 6.0  # seconds in which one of two was compiled: 12 of two hands for what was listed with 4
+    held.finished(small()[0])
+    assert held.seconds_left() == pytest.approx(12.0, rel=0.01)
+    held.finished(small()[1])
+    assert held.seconds_left() == 0.0
