@@ -142,7 +142,9 @@ class Progress:
                 self._said, self._last_line = self._said or long, now
                 rest = "" if left is None else f", {format_seconds(left)} left"
                 rest += f"; {self.remark}" if long and self.remark else ""
-                self._line(f"{self._doing()}{100 * self.done / self.total:.0f} %{rest}")
+                compiling = self._compiling.seconds_left() if self._compiling.depth > 0 else 0.0
+                share = f"about {format_seconds(compiling)} left" if compiling > 1 else f"{100 * self.done / self.total:.0f} %"
+                self._line(f"{self._doing()}{share}{rest}")
             if self._bar is not None:
                 self._bar.update(self._task, completed=self.done, description=self._title())
 

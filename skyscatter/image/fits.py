@@ -207,7 +207,7 @@ def _images(image: SpectralImage, unit: str | Counts | None) -> list[Any]:
     fill(primary, cards, "Spectral radiance.")
     stamp(primary, image.recipe)
     hdus = [primary]
-    if image.error is not None:
+    if image.error is not None and image.error_kind != "none":
         name, sort = ("ESTERR", "Estimated") if image.error_kind == "estimated" else ("STDERR", "Standard")
         hdus.append(fits.ImageHDU(flipped(image.error), name=name))
         fill(hdus[-1], cards, f"{sort} error of the radiance in the primary array.")
