@@ -49,7 +49,11 @@ html_static_path = ["_static"]
 html_css_files = ["skyscatter.css"]
 html_sourcelink_suffix = ""
 html_show_sourcelink = False
+html_favicon = "_static/skyscatter.svg"
+html_sidebars = {"gallery/README": []}
+smartquotes_action = "qe"  # two hyphens begin an option
 html_theme_options = {
+    "logo": {"image_light": "_static/skyscatter.svg", "image_dark": "_static/skyscatter.svg", "text": "skyscatter"},
     "navbar_align": "left",
     "header_links_before_dropdown": 7,
     "navbar_end": ["theme-switcher"],

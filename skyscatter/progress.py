@@ -142,9 +142,7 @@ class Progress:
                 self._said, self._last_line = self._said or long, now
                 rest = "" if left is None else f", {format_seconds(left)} left"
                 rest += f"; {self.remark}" if long and self.remark else ""
-                compiling = self._compiling.seconds_left() if self._compiling.depth > 0 else 0.0
-                share = f"about {format_seconds(compiling)} left" if compiling > 1 else f"{100 * self.done / self.total:.0f} %"
-                self._line(f"{self._doing()}{share}{rest}")
+                self._line(f"{self._doing()}{self._share()}{rest}")
             if self._bar is not None:
                 self._bar.update(self._task, completed=self.done, description=self._title())
 
@@ -163,6 +161,11 @@ class Progress:
             self._foretold = True
             with self._lock:
                 self._line(f"{COMPILING}: about {format_seconds(left)}")
+
+    def _share(self) -> str:
+        """How much is done; while functions are compiled, how long that will go on."""
+        compiling = self._compiling.seconds_left() if self._compiling.depth > 0 else 0.0
+        return f"about {format_seconds(compiling)} left" if compiling > 1 else f"{100 * self.done / self.total:.0f} %"
 
     def _doing(self) -> str:
         words = COMPILING if self._compiling.depth > 0 else self.words

@@ -240,15 +240,15 @@ class SpectralImage:
         )
 
     def through(
-        self, filters: str | Iterable[Any], errors: Literal["correlated", "independent"] = "correlated"
+        self, *filters: str | Iterable[Any] | Any, errors: Literal["correlated", "independent"] = "correlated"
     ) -> FilterImage:
         """Radiance averaged over the bands of filters, a plane for each.
 
         Parameters
         ----------
-        filters : str or iterable
-            Names with commas between them (``"B,V,R"``), or a list of names, paths of csv files and `FilterCurve`; see
-            `skyscatter.image.filters` for the names and for what the average is.
+        *filters : str, path or FilterCurve
+            Names, one by one or with commas between them (``"B,V,R"``), paths of csv files and `FilterCurve`, or one
+            list of those; see `skyscatter.image.filters` for the names and for what the average is.
         errors : {"correlated", "independent"}
             How the standard errors of the wavelengths combine.  Random walks carry all wavelengths at once, so by
             default they are taken as fully correlated, which is right for grey errors and else an upper bound;
@@ -270,7 +270,7 @@ class SpectralImage:
         """
         from skyscatter.image.filterimage import through
 
-        return through(self, filters, errors)
+        return through(self, filters[0] if len(filters) == 1 else filters, errors)
 
     def xyz(self) -> Array:
         """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""

@@ -257,8 +257,9 @@ class Normal(Distribution):
         return self.sigma * self._mass * _density(z) / max(_density(x), 1e-300)
 
     def __str__(self) -> str:
-        cut = "" if self.low == -math.inf and self.high == math.inf else f" in {self.low:g} to {self.high:g}"
-        return f"normal({self.mean:g}, {self.sigma:g}){cut}"
+        low = "" if self.low == -math.inf else f" from {self.low:g}"
+        high = "" if self.high == math.inf else f" up to {self.high:g}"
+        return f"normal({self.mean:g}, {self.sigma:g}){low}{high}"
 
 
 @dataclass(frozen=True)

@@ -242,3 +242,11 @@ def test_filter_images_check_their_shapes() -> None:
         FilterImage(np.full((2, 3, 1), np.inf), "V")
     with pytest.raises(DomainError, match="one of V"):
         FilterImage(np.ones((2, 3, 1)), "V").plane("R")
+
+
+def test_filters_are_given_in_every_way() -> None:
+    made = image(np.ones(WL.size))
+    names = [[curve.name for curve in made.through(*given).filters] for given in (("B,V",), ("B", "V"), (["B", "V"],))]
+    assert names[0] == names[1] == names[2]
+    with pytest.raises(DomainError, match="filters"):
+        made.through()
