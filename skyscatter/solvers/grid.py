@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from math import factorial, sqrt
 
@@ -179,6 +180,13 @@ def cubic_weights(nodes: Array, points: ArrayLike) -> tuple[NDArray[np.int64], A
     return number.astype(np.int64), weights
 
 
+@cache
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes between 0 and 1, and their weights; asked for at every height."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (x + 1), 0.5 * w
+
+
 def directions(
     altitudes: Array, radius: float, degree: int, tolerance: float, counts: tuple[int, int, int] = DIRECTIONS
 ) -> Array:
@@ -193,19 +201,15 @@ def directions(
     # Above the horizontal, where the aureole is, the light is as uneven as the moments that it is taken into.
     above, below = max(above, degree // 2 + 4, degree), max(below, degree // 2 + 3)
 
-    def rule(count: int) -> tuple[Array, Array]:
-        x, w = np.polynomial.legendre.leggauss(count)
-        return 0.5 * (x + 1), 0.5 * w
-
     out = []
     for h in altitudes:
         ratio = radius / (radius + h)
         dip = sqrt(max((1 - ratio) * (1 + ratio), 0.0))
-        x, w = rule(above)
+        x, w = _gauss(above)
         parts = [(x * x, 2 * x * w)]
-        x, w = rule(between)
+        x, w = _gauss(between)
         parts.append((-dip * x * x, 2 * dip * x * w))
-        x, w = rule(below)
+        x, w = _gauss(below)
         parts.append((-(dip + (1 - dip) * x), (1 - dip) * w))
         out.append(np.stack([np.concatenate([p[k] for p in parts]) for k in (0, 1)], axis=-1))
     return np.array(out)
