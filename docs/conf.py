@@ -25,7 +25,7 @@ extensions = [
     "equations",
     "notebooks",
 ]
-exclude_patterns = ["_build", "_extensions", "gallery/inversion", "gallery/surfaces"]
+exclude_patterns = ["_build", "_extensions", "paper", "gallery/inversion", "gallery/surfaces"]
 suppress_warnings = ["misc.highlighting_failure"]  # fences of several languages' shells
 
 myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "deflist", "dollarmath"]

@@ -76,7 +76,9 @@ _HOME = {
     "register": "skyscatter.registry",
     "transmittance": "skyscatter.columns",
     "fit": "skyscatter.inversion.fitting",
+    "Answer": "skyscatter.solvers.base",
     "CorrectionTerms": "skyscatter.solvers.terms",
+    "Fluxes": "skyscatter.solvers.fluxes",
     "RadianceField": "skyscatter.solvers.field",
     "radiance": "skyscatter.solvers.run",
     "solve": "skyscatter.solvers.field",
@@ -125,8 +127,10 @@ if TYPE_CHECKING:
     from skyscatter.scene import Scene as Scene
     from skyscatter.scene import Star as Star
     from skyscatter.scene import Sun as Sun
+    from skyscatter.solvers.base import Answer as Answer
     from skyscatter.solvers.field import RadianceField as RadianceField
     from skyscatter.solvers.field import solve as solve
+    from skyscatter.solvers.fluxes import Fluxes as Fluxes
     from skyscatter.solvers.render import render as render
     from skyscatter.solvers.run import radiance as radiance
     from skyscatter.solvers.terms import CorrectionTerms as CorrectionTerms

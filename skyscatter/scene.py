@@ -55,11 +55,11 @@ class Star(Record):
 
     >>> import skyscatter
     >>> star = skyscatter.Star(spectrum="blackbody", temperature=3000, radius="0.14 Rsun", distance="0.05 au")
-    >>> star.irradiance([450, 1000], star.distance).round(2)
-    array([0.08, 0.53])
+    >>> [round(float(star.irradiance([nm], star.distance)[0]), 2) for nm in (450, 1000)]
+    [0.08, 0.53]
     >>> sun = skyscatter.Star()
-    >>> sun.irradiance([450, 1000], sun.distance).round(2)
-    array([1.5 , 0.79])
+    >>> [round(float(sun.irradiance([nm], sun.distance)[0]), 2) for nm in (450, 1000)]  # alone: not means over cells
+    [2.07, 0.74]
     """
 
     spectrum: StarSpectrum = default("astm-g173")

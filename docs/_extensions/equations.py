@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from docutils import nodes
+from reference import write
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
@@ -77,7 +79,7 @@ def listing(file: Path, definition: ast.FunctionDef | ast.ClassDef) -> str:
 
 
 def make(app: Sphinx) -> None:
-    """Write the list of equations and functions, with the functions' sources: ``api/functions.md``."""
+    """Write the list of equations, ``api/functions.md``, and pages with the functions' sources, one for a package."""
     source = Path(app.srcdir)
     by_function: dict[str, list[int]] = {path: [] for page in theory_pages(source) for path in named(page.read_text())}
     table = ["| equation | page | computed by |", "| --- | --- | --- |"]
@@ -87,20 +89,30 @@ def make(app: Sphinx) -> None:
             by_function[path].append(number)
         links = ", ".join(f"[`{path}`](#{anchor(path)})" for path in unique)
         table.append(f"| [({number})](#eq-{number}) | [{page.split('/')[1]}](../{page}.md) | {links} |")
-    lines = ["# Equations and functions", "", *table, ""]
+    pages = {PAGE: ["# Equations and functions", "", *table, ""]}
+    children = [f"{PAGE}-{name}" for name in sorted(packages(by_function))]
+    pages[PAGE] += ["```{toctree}", ":hidden:", "", *children, "```", ""]
+    for name in packages(by_function):
+        pages[f"{PAGE}-{name}"] = [f"# Functions of {name}", ""]
     for path in sorted(by_function):
-        file, definition = find(path) or (None, None)
-        if file is None or definition is None:
-            continue
+        file, definition = found(path)
         numbers = ", ".join(f"[({n})](#eq-{n})" for n in by_function[path])
-        lines += [f"({anchor(path)})=", f"## `{path}`", ""]
-        lines += [f"Equation {numbers}.", ""] if numbers else []
-        lines += ["```python", listing(file, definition), "```", ""]
-    target = source / "api" / f"{PAGE}.md"
-    target.parent.mkdir(exist_ok=True)
-    text = "\n".join(lines)
-    if not target.exists() or target.read_text() != text:
-        target.write_text(text)
+        entry = [f"({anchor(path)})=", f"## `{path}`", "", *([f"Equation {numbers}.", ""] if numbers else [])]
+        pages[f"{PAGE}-{path.split('.')[0]}"] += [*entry, "```python", listing(file, definition), "```", ""]
+    for name, lines in pages.items():
+        write(source / "api" / f"{name}.md", "\n".join(lines))
+
+
+def packages(paths: Iterable[str]) -> set[str]:
+    """First words of the paths of functions, each of which has a page."""
+    return {path.split(".")[0] for path in paths}
+
+
+def found(path: str) -> tuple[Path, ast.FunctionDef | ast.ClassDef]:
+    """What `find` finds, where something is there."""
+    place = find(path)
+    assert place is not None
+    return place
 
 
 def anchor(path: str) -> str:

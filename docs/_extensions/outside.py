@@ -50,7 +50,9 @@ def bring(app: Sphinx) -> None:
     root = source.parent
     for name, stem in PAGES.items():
         page = source / FOLDER / f"{stem}.md"
-        write(page, retarget((root / name).read_text(), (root / name).parent, page, root))
+        text = (root / name).read_text(encoding="utf-8")
+        text = text.replace("# skyscatter\n", "# The tour\n", 1) if stem == "tour" else text
+        write(page, retarget(text, (root / name).parent, page, root))
 
 
 def inside(app: Sphinx, docname: str, content: list[str]) -> None:

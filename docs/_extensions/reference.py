@@ -25,7 +25,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Nebulae": ("NebulaModel", "SpaceScene", "View", "PointStar", "ParallelLight", "StarField"),
     "Lamps, surfaces and fog": ("SurfaceModel", "SurfaceScene", "SurfaceMedium", "Body", "Viewpoint"),
     "Cameras": ("Panorama", "Fisheye", "Perspective", "PlanetView", "Telescope"),
-    "Light": ("optical_depth", "transmittance", "radiance", "render", "solve", "RadianceField", "CorrectionTerms"),
+    "Light": ("optical_depth", "transmittance", "radiance", "Answer", "render", "solve", "RadianceField", "Fluxes",
+              "CorrectionTerms"),
     "Pictures and instruments": ("SpectralImage", "SkyFrame", "observe", "FilterCurve", "FilterImage"),
     "From light back to matter": ("fit",),
 }  # fmt: skip

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from skyscatter.solvers.state import Checkpoint
 
 Wavelengths = Annotated[
-    str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.")
+    str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.  "
+        "Sunlight is averaged half-way to neighbours.")
 ]
 Place = Annotated[str | None, typer.Option(metavar="LAT,LON", help="Place on Earth [degree]; needs --time.")]
 Moment = Annotated[

@@ -192,6 +192,7 @@ def _write(dataset: Any, path: Path) -> None:
 def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
     import skyscatter
     from skyscatter.solvers.fluxdata import QUANTITIES
+    from skyscatter.spectra.cells import cell_edges, wide_cells
 
     # Relative to what goes down at that place: net and upward fluxes may be near to nothing.
     share = (dataset["net_error"] / dataset["down"].where(dataset["down"] > 0)).values
@@ -202,6 +203,7 @@ def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
         "altitude_m": request.altitudes.tolist(),
         "sun_elevation_deg": dataset["sun_elevation"].values.tolist(),
         "wavelengths_nm": request.wavelengths.tolist(),
+        "cells_nm": np.transpose(cell_edges(request.wavelengths)).tolist(),
         "estimated_error": error,
         **({} if request.outputs else {name: dataset[name].values.tolist() for name in QUANTITIES}),
         "seconds": round(seconds, 3),
@@ -217,4 +219,6 @@ def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
         written = f"; wrote {', '.join(summary['outputs'])}" if request.outputs else ""
         done = f"{dataset['net'].size} places, Suns and wavelengths{accuracy}; {format_seconds(seconds)}{written}"
         typer.echo(f"{model.name}: {done}", err=True)
+        if note := wide_cells(request.wavelengths):
+            typer.echo(f"note: {note}", err=True)
     return 0

@@ -26,11 +26,13 @@ LAYER = "layer_"
 _NORTH = "from north through east"
 _TIME = {"standard_name": "time", "long_name": "time (UTC)", "units_metadata": "leap_seconds: none"}
 _SOLID_ANGLE = {"units": "sr", "long_name": "solid angle of the pixel"}
-#: Variable of each Stokes layer.
-STOKES_VARIABLES = {
-    **{name: f"stokes_{name}" for name in STOKES},
-    **{name: f"stokes_{name[0]}_standard_error" for name in STOKES_ERRORS},
-}
+#: Variables of the Stokes layers; those of errors begin so.
+STOKES_VARIABLES = {name: f"stokes_{name[0]}" for name in (*STOKES, *STOKES_ERRORS)}
+
+
+def stokes_variable(layer: str, sort: str) -> str:
+    """Variable of a Stokes layer, errors being "standard" or "estimated"."""
+    return STOKES_VARIABLES[layer] + (f"_{sort}_error" if layer in STOKES_ERRORS else "")
 
 
 def to_dataset(image: SpectralImage) -> xarray.Dataset:
@@ -141,16 +143,17 @@ def _scalar(value: float, units: str, standard_name: str | None, long_name: str,
 def _polarisation(image: SpectralImage) -> dict[str, Any]:
     """Stokes layers, and what follows from them; readers need only the former."""
     variables: dict[str, Any] = {}
-    for name, variable in STOKES_VARIABLES.items():
+    sort = "estimated" if image.error_kind == "estimated" else "standard"
+    for name in STOKES_VARIABLES:
         if name not in image.layers:
             continue
         what = f"Stokes {name[0]} per wavelength"
         attributes = {"units": UNITS, "long_name": what, "comment": FRAME, "layer": name}
         if name in STOKES_ERRORS:
-            attributes["long_name"] = f"standard error of {what}"
+            attributes["long_name"] = f"{sort} error of {what}"
         elif f"{name}_error" in image.layers:
-            attributes["ancillary_variables"] = STOKES_VARIABLES[f"{name}_error"]
-        variables[variable] = (DIMS, image.layers[name], attributes)
+            attributes["ancillary_variables"] = stokes_variable(f"{name}_error", sort)
+        variables[stokes_variable(name, sort)] = (DIMS, image.layers[name], attributes)
     biased = "Noise makes small values too large."
     linear = {"units": "1", "long_name": "degree of linear polarisation", "comment": f"sqrt(Q^2 + U^2) / I. {biased}"}
     total = {"units": "1", "long_name": "degree of polarisation", "comment": f"sqrt(Q^2 + U^2 + V^2) / I. {biased}"}

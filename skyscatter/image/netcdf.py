@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyscatter.errors import DomainError
-from skyscatter.image.dataset import DIMS, LAYER, STOKES_VARIABLES, UNITS
+from skyscatter.image.dataset import DIMS, LAYER, STOKES_VARIABLES, UNITS, stokes_variable
 from skyscatter.image.skyframe import read_sky
 from skyscatter.image.spectral import SpectralImage
 from skyscatter.netcdf import save_dataset
@@ -44,7 +44,12 @@ def from_dataset(dataset: xarray.Dataset) -> SpectralImage:
         cubes.get("radiance_estimated_error", cubes.get("radiance_standard_error")),
         recipe=recipe,
         layers={
-            **{layer: cubes[variable] for layer, variable in STOKES_VARIABLES.items() if variable in cubes},
+            **{
+                layer: cubes[variable]
+                for layer in STOKES_VARIABLES
+                for variable in dict.fromkeys(stokes_variable(layer, sort) for sort in ("standard", "estimated"))
+                if variable in cubes
+            },
             **{name.removeprefix(LAYER): cube for name, cube in cubes.items() if name.startswith(LAYER)},
         },
         sky=read_sky(dataset.attrs.get("sky"), "dataset"),

@@ -81,6 +81,19 @@ class Answer:
     error_kind : {"standard", "estimated", "none"}
         Whether `error` is a standard error (``path``, ``photons``), an error estimated from a coarser solution, to
         which no probability belongs (``orders``), or 0 because the solver states none (``single``).
+
+    Examples
+    --------
+    The zenith, scattered once; such light of molecules is polarised across the plane of the Sun, which stands in the
+    south.
+
+    >>> import skyscatter
+    >>> scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=0, sun_azimuth_deg=180)
+    >>> found = skyscatter.radiance(scene, scene.observer.position, [0, 0, 1], [550], solver="single", stokes=True)
+    >>> found.radiance.shape, found.stokes.shape, found.error_kind
+    ((1,), (1, 4), 'none')
+    >>> bool(found.layers["Q"][0] < 0)
+    True
     """
 
     radiance: Array

@@ -150,7 +150,8 @@ def solve(
     scene : Scene
         Its medium, ground and star; where the Sun and the observer stand is asked for later.
     wavelengths : array_like, shape (wavelength,)
-        Vacuum wavelengths [nm], rising.
+        Vacuum wavelengths [nm], rising.  Sunlight is averaged over the cell of each, half-way to its neighbours; a
+        single one stands for itself.
     sun_elevations_deg : (float, float)
         Elevations of the Sun, as observers inside the atmosphere have it, that will be asked for [degree].  All of them
         when not given, which observers in space need too; a narrow range is solved faster.

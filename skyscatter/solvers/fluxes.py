@@ -30,7 +30,18 @@ COLUMN_ERROR = 1e-3
 
 
 class Fluxes(NamedTuple):
-    """Spectral fluxes [W m-2 nm-1], each (..., wavelength), and their estimated errors in the same units."""
+    """Spectral fluxes [W m-2 nm-1], each (..., wavelength), and their estimated errors in the same units.
+
+    Examples
+    --------
+    On the ground below clear air, with the Sun at 50 degrees: the share of the light that comes from the sky.
+
+    >>> import skyscatter
+    >>> field = skyscatter.solve(skyscatter.load_model("earth-simple").scene(), [550], sun_elevations_deg=(50, 50))
+    >>> fluxes = field.fluxes(0.0, sun_elevation_deg=50)
+    >>> bool(0.05 < fluxes.diffuse_down[0] / (fluxes.direct[0] + fluxes.diffuse_down[0]) < 0.2)
+    True
+    """
 
     direct: Array  #: sunlight never scattered, downward through a horizontal plane; negative where it passes upward
     diffuse_down: Array  #: everything else downward

@@ -260,7 +260,8 @@ def radiance(
     directions : array_like, shape (..., 3)
         Unit vectors in which to look.  Broadcast against the origins.
     wavelengths : array_like, shape (wavelength,)
-        Vacuum wavelengths [nm], rising.
+        Vacuum wavelengths [nm], rising.  Light of stars and lamps is averaged over the cell of each, half-way to its
+        neighbours; a single one stands for itself.
     solver : {"orders", "path", "single", "photons"}
         All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, the first by
         quadrature (planets and nebulae), or all by photons from the lamps that are gathered along the rays (nebulae and
@@ -289,7 +290,7 @@ def radiance(
     orders : int
         Return the first so many orders of scattering as layers order1, order2, ... (``path``).
     stokes : bool
-        Treat light as polarised: layers Q, U and V beside the radiance I, with their standard errors Q_error, U_error
+        Treat light as polarised: layers Q, U and V beside the radiance I, with their errors Q_error, U_error
         and V_error; `Answer.stokes` puts them together.  They are referred to the meridian plane (see
         `skyscatter.geometry.meridian.meridian_frame`): Q > 0 is upright, U > 0 leans to the left, V > 0 turns
         anticlockwise for the observer (IAU 1974).  Without it multiple scattering is that of scalar light, which

@@ -9,6 +9,7 @@ from skyscatter.errors import DomainError
 
 Array = NDArray[np.float64]
 
+WIDE_CELL = 20.0  #: width from which on a cell is worth a word [nm]
 SINGLE_CELL = 1.0  #: width of the cell of a grid of one wavelength [nm]
 
 
@@ -44,6 +45,16 @@ def cell_edges(wavelengths_nm: ArrayLike) -> tuple[Array, Array]:
     low, high = np.empty_like(wl), np.empty_like(wl)
     low[order], high[order] = wl[order] - 0.5 * gaps[:-1], wl[order] + 0.5 * gaps[1:]
     return low, high
+
+
+def wide_cells(wavelengths_nm: ArrayLike) -> str:
+    """What to say of a grid whose cells are so wide that a wavelength may be taken for what it is not; else nothing."""
+    wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
+    low, high = cell_edges(wl)
+    if wl.size == 1 or (high - low).max() < WIDE_CELL:
+        return ""
+    k = int(np.argmax(high - low))
+    return f"{wl[k]:g} nm is the mean of sunlight from {low[k]:g} to {high[k]:g} nm: cells reach half-way to neighbours"
 
 
 def cell_means(nodes: Array, values: Array, wavelengths_nm: ArrayLike) -> Array:
