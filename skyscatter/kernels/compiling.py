@@ -24,7 +24,8 @@ from skyscatter.kernels.stamps import PACKAGE, source_stamp
 def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Numba's dispatcher of a function, with these options of numba's."""
     compiled = njit(nogil=True, error_model="numpy", pipeline_class=OnceOptimised, **options)(function)
-    stamp = source_stamp(Path(function.__code__.co_filename))
+    file = Path(function.__code__.co_filename)
+    stamp = source_stamp(file) if file.is_file() else ""  # of what was typed in there is no file
     try:
         compiled.enable_caching()
         # The index of the cache compares this stamp and starts over when it differs.
@@ -32,7 +33,7 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         unkept = ""
     except RuntimeError:  # no folder that numba knows of may be written to
         unkept = "no folder may be written to"
-    others = read_only(function, stamp)
+    others = read_only(function, stamp) if stamp else []
     load, save = compiled._cache.load_overload, compiled._cache.save_overload
 
     is_entry = not options.get("no_cpython_wrapper")
