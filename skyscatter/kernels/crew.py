@@ -18,8 +18,8 @@ from skyscatter.kernels.processors import processors
 
 #: Set in the environment of a helper, which has none of its own.
 HELPER = "SKYSCATTER_HELPER"
-#: Listed seconds of what must be done before the pace of this machine is known.
-TRIAL = 2.0
+#: Processes that share out forms compile what these share twice: how much longer that takes than listed.
+TWICE = 1.5
 
 
 class Crew:
@@ -33,8 +33,9 @@ class Crew:
         seconds: Mapping[Form, float] | None = None,
     ) -> None:
         self._waiting = deque(wanted)
-        self._left, self._passed, self._began = dict(seconds or {}), 0.0, time.monotonic()
-        self._hands = size + 1  # the process that called them works too
+        self._left, self._began = dict(seconds or {}), time.monotonic()
+        listed, hands = list(self._left.values()), size + 1  # the process that called them works too
+        self._needed = max(sum(listed) / hands * (TWICE if size else 1.0), max(listed, default=0.0))
         self._ready = {form: threading.Event() for form in self._waiting}
         self._lock, self._done, self._closed = threading.Lock(), done, False
         self._processes: list[subprocess.Popen[str]] = []
@@ -85,13 +86,12 @@ class Crew:
 
     def finished(self, form: Form) -> None:
         """Note that a form has been compiled, by whomever."""
-        self._passed += self._left.pop(form, 0.0)
+        self._left.pop(form, None)
 
     def seconds_left(self) -> float:
-        """About how long the rest will take, at the pace so far [s]."""
-        left = list(self._left.values())
-        pace = (time.monotonic() - self._began) * self._hands / self._passed if self._passed > TRIAL else 1.0
-        return pace * max(sum(left) / self._hands, max(left, default=0.0))
+        """About how long the rest will take, as far as the list knows: no more than what was foretold."""
+        rest = self._needed - (time.monotonic() - self._began)
+        return max(rest, 0.0) if self._left else 0.0
 
     def join(self) -> None:
         """Wait for all of them."""

@@ -143,11 +143,12 @@ def test_a_containers_share_of_the_processors_counts(
     assert processors.processors() == count
 
 
-def test_what_is_left_to_compile_is_told_by_pace() -> None:
-    held = crew.Crew([], 1, seconds=dict.fromkeys(small(), 4.0))
-    assert held.seconds_left() == pytest.approx(4.0)
-    held._began -= 6.0  # seconds in which one of two was compiled: 12 of two hands for what was listed with 4
-    held.finished(small()[0])
-    assert held.seconds_left() == pytest.approx(12.0, rel=0.01)
-    held.finished(small()[1])
-    assert held.seconds_left() == 0.0
+def test_what_is_left_to_compile_is_told() -> None:
+    alone, helped = (crew.Crew([], size, seconds=dict.fromkeys(small(), 4.0)) for size in (0, 1))
+    assert alone.seconds_left() == pytest.approx(8.0, abs=0.1)
+    assert helped.seconds_left() == pytest.approx(6.0, abs=0.1)  # by two, who both compile what the forms share
+    alone._began -= 5.0
+    assert alone.seconds_left() == pytest.approx(3.0, abs=0.1)
+    for form in small():
+        alone.finished(form)
+    assert alone.seconds_left() == 0.0
