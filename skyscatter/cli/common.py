@@ -52,6 +52,14 @@ Estimator = Annotated[
     str | None, typer.Option(metavar="NAME", help="What is gathered: points, paths or both (photons).")
 ]
 Threads = Annotated[str | None, typer.Option(metavar="N", help="Threads; by default one per processor.")]
+WorkerCount = Annotated[
+    str | None,
+    typer.Option("--workers", metavar="N", help="Processes of this machine that share the work, in place of threads."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Have the workers of a dask scheduler do it: tcp://host:8786, or its file."),
+]
 Exposure = Annotated[
     str | None, typer.Option(metavar="EV", help="For PNG: auto (the default) or an exposure value (ISO 100).")
 ]
@@ -121,6 +129,8 @@ class RunRequest:
     max_order: int | None
     seed: int | None
     threads: int | None
+    workers: int | None
+    scheduler: str | None
     bits: int
     outputs: list[Path]
     #: Options of the files by their extension, but for those of pictures.
@@ -143,12 +153,23 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
+        **worker_options(texts["workers"], texts["scheduler"]),
         "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
         "json": texts["as_json"],
         "quiet": texts["quiet"],
         "progress": talk(texts["quiet"], texts["verbose"], texts["progress"]),
         "every": None if texts["every"] is None else parse.parse_time(texts["every"], "checkpoint"),
         "resume": None if texts["resume"] is None else parse.check_input(texts["resume"], "checkpoint"),
+    }
+
+
+def worker_options(workers: str | None, scheduler: str | None) -> dict[str, Any]:
+    """What runs the work, from what was typed."""
+    if workers is not None and scheduler is not None:
+        raise DomainError("workers", workers, "give --workers or --scheduler, not both")
+    return {
+        "workers": parse.parse_integer(workers, "workers", 1, "give a number of processes, 1 or more"),
+        "scheduler": scheduler,
     }
 
 
@@ -386,10 +407,15 @@ def render_request(
     import skyscatter
     from skyscatter.progress import Progress
     from skyscatter.solvers.run import Interrupted
+    from skyscatter.tasks.cluster import executor_of
 
     checkpoint = checkpoint_for(request.resume, request.outputs, request.every)
     try:
-        with stopping.keeping(lambda: keep(checkpoint, arguments)), Progress(1.0, label, request.progress) as progress:
+        with (
+            stopping.keeping(lambda: keep(checkpoint, arguments)),
+            Progress(1.0, label, request.progress) as progress,
+            executor_of(request.workers, request.scheduler) as executor,
+        ):
             image = skyscatter.render(
                 scene,
                 camera,
@@ -401,6 +427,7 @@ def render_request(
                 max_order=request.max_order,
                 seed=request.seed or 0,
                 threads=request.threads,
+                executor=executor,
                 progress=progress.to,
                 resume=request.resume,
                 checkpoint=checkpoint,

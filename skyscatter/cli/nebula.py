@@ -69,6 +69,8 @@ def nebula(
     estimator: common.Estimator = None,
     seed: common.Seed = None,
     threads: common.Threads = None,
+    workers: common.WorkerCount = None,
+    scheduler: common.Scheduler = None,
     filters: common.Filters = None,
     palette: Annotated[
         str | None,
@@ -155,6 +157,8 @@ def nebula(
             max_order=max_order,
             seed=None if solver == "single" and aperture is not None else seed,
             threads=threads,
+            workers=workers,
+            scheduler=scheduler,
             bits=bits,
             as_json=as_json,
             quiet=quiet,

@@ -81,6 +81,8 @@ def render(
     estimator: common.Estimator = None,
     seed: common.Seed = None,
     threads: common.Threads = None,
+    workers: common.WorkerCount = None,
+    scheduler: common.Scheduler = None,
     exposure: common.Exposure = None,
     tone: Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear.")] = None,
     space: common.Space = None,
@@ -129,7 +131,7 @@ def render(
         ),
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            threads=threads, bits=bits, as_json=as_json, quiet=quiet, verbose=verbose, progress=progress,
+            threads=threads, workers=workers, scheduler=scheduler, bits=bits, as_json=as_json, quiet=quiet, verbose=verbose, progress=progress,
             every=every, resume=resume,
         ),
     )  # fmt: skip

@@ -6,23 +6,25 @@ works in this way sets ``PASSES = True`` and offers
 - ``passes(options)``: how many passes to make at most;
 - ``solve_pass(context, rays, number, options)``: an `Answer` from pass `number` alone; its standard error is not read.
 
-Passes have their own random streams and their own sums, and threads take one after the other.  What is kept are sums
+Passes have their own random streams and their own sums, and workers take one after the other.  What is kept are sums
 over passes, added in the order of their numbers: the same digits come whatever the threads, and a checkpoint goes on
-where it stopped.  Threads that are ahead wait, so that no more than twice as many answers as threads are in memory.
+where it stopped.  Workers that are ahead wait, so that no more than twice as many answers as workers are in memory.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Any
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.state import Checkpoint, RenderState
-from skyscatter.workers import GRACE, Workers
+from skyscatter.tasks.engine import Engine
+from skyscatter.tasks.task import Shared, Task
+from skyscatter.workers import GRACE
 
 #: With ``noise``, the answer is looked at after this many passes and whenever their number has doubled.
 FIRST_LOOK = 16
@@ -80,35 +82,37 @@ def solve_passes(
     rays: Rays,
     options: Options,
     state: RenderState,
-    workers: int,
+    engine: Engine,
     progress: Callable[[float], None] | None,
     checkpoint: Checkpoint | None = None,
 ) -> bool:
     """Make the passes that `state` lacks; False if interrupted, with all passes before the first unfinished one."""
     series = _Series(module, context, rays, options, state, checkpoint.lock if checkpoint else threading.RLock())
     tell = progress or (lambda share: None)
-    jobs: set[Future[None]] = set()
     if state.passes:
         tell(series.share)
+
+    def tick() -> None:
+        tell(series.share)
+        if checkpoint is not None:
+            checkpoint.tick()
+
+    def kept(task: Task, done: Future[Any]) -> None:
+        if not engine.local and not done.cancelled() and done.exception() is None:
+            series.keep(task.number, done.result())
+
     try:
-        with Workers(workers) as pool:
-            while series.share < 1.0:
-                while series.following < min(series.total, state.passes + 2 * workers):
-                    jobs.add(pool.submit(series.work, series.following))
-                    series.following += 1
-                due = None if checkpoint is None else checkpoint.due_in()
-                finished, jobs = wait(jobs, due, return_when=FIRST_COMPLETED)
-                for job in finished:
-                    job.result()
-                    tell(series.share)
-                if checkpoint is not None:
-                    checkpoint.tick()
-            series.stop.set()
-            tell(series.share)
+        for _ in engine.results(series.tasks(engine.local), tick, kept, lambda: series.room(engine.workers)):
+            if series.share >= 1.0:
+                break
+        series.stop.set()
+        if engine.local:
+            wait(engine.running)
+        tell(series.share)
         complete = True
     except KeyboardInterrupt:
         series.stop.set()
-        wait(jobs, GRACE)
+        wait(engine.running, GRACE)
         complete = False
     except BaseException:
         series.stop.set()
@@ -117,6 +121,21 @@ def solve_passes(
         series.closed = True
         sum_up(state)
     return complete
+
+
+class Passing(NamedTuple):
+    """What passes share."""
+
+    module: Any
+    context: Any
+    rays: Rays
+    options: Options
+
+
+def make_pass(passing: Passing, number: int) -> Answer:
+    """A pass in a process that knows nothing else."""
+    answer: Answer = passing.module.solve_pass(passing.context, passing.rays, number, passing.options)
+    return answer
 
 
 class _Series:
@@ -135,11 +154,25 @@ class _Series:
         self.stop, self.closed, self.lock = threading.Event(), False, lock
         self.share = _share(state, options, self.total) if state.passes else 0.0
 
+    def room(self, workers: int) -> int:
+        """Passes that may be at work: those that are ahead of the sums wait in memory."""
+        return max(2 * workers - (self.following - self.state.passes), 0)
+
+    def tasks(self, local: bool) -> Iterator[Task]:
+        """The passes that come next, as far as there are any."""
+        shared = None if local else Shared(Passing(self.module, self.context, self.rays, self.options))
+        while self.following < self.total and self.share < 1.0:
+            number = self.following
+            self.following += 1
+            yield Task(self.work if shared is None else make_pass, (number,), shared, number)
+
     def work(self, number: int) -> None:
-        """Make a pass, and add up those that come next."""
-        if self.stop.is_set():
-            return
-        answer = self.module.solve_pass(self.context, self.rays, number, self.options)
+        """Make a pass, and keep it."""
+        if not self.stop.is_set():
+            self.keep(number, self.module.solve_pass(self.context, self.rays, number, self.options))
+
+    def keep(self, number: int, answer: Answer) -> None:
+        """Add up the passes that come next, of which this may be one."""
         with self.lock:
             self.held[number] = answer
             while self.state.passes in self.held and self.share < 1.0 and not self.closed:

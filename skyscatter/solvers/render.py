@@ -49,6 +49,7 @@ def render(
     subpixels: int = 1,
     sun_disk: bool = True,
     threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
     checkpoint: Checkpoint | str | os.PathLike[str] | None = None,
@@ -70,7 +71,7 @@ def render(
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
     solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads
-    photons, radius, estimator, direct
+    executor, photons, radius, estimator, direct
         As for `skyscatter.radiance`; samples are those of a pixel.  Q, U and V of a nebula are not averaged over the
         pixels around a star as the radiance is.
     subpixels : int
@@ -148,7 +149,7 @@ def render(
     kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
         kept.begin(state)
-    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept)
+    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept, executor)
     if kept is not None and (kept.written or not complete):
         kept.save()
     image = _picture(scene, camera, grid, inside, wl, state)

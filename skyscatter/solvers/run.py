@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,8 +20,10 @@ from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.tasks.engine import Engine, opened
+from skyscatter.tasks.task import Shared, Task
 from skyscatter.units import WAVELENGTHS
-from skyscatter.workers import GRACE, Workers, processors
+from skyscatter.workers import GRACE, processors
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -32,8 +34,8 @@ if TYPE_CHECKING:
 
 #: Rays in a tile at most: enough to hide the cost of handing it out, few enough for Ctrl-C and progress.
 TILE_RAYS = 128
-#: Tiles for each thread at least, as far as there are rays.
-TILES_PER_THREAD = 8
+#: Tiles of a picture at least, as far as there are rays; whatever runs them, so that a store fits every run.
+TILES = 64
 #: The golden section: its multiples spread evenly, however many.
 GOLDEN = 0.6180339887498949
 #: Seconds after which the finished rays of a tile are kept, and the rays by which the pace is found.
@@ -123,11 +125,13 @@ def solve_rays(
     progress: Callable[[float], None] | None,
     wrap: Callable[[Any], Any] | None = None,
     checkpoint: Checkpoint | None = None,
+    executor: Any = None,
 ) -> bool:
     """Fill `state` tile by tile, or pass by pass; False if interrupted, with all in it that was finished.
 
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
-    of threads.  `wrap` makes another solver of the one that was named, see `skyscatter.solvers.subpixels`.
+    of threads, and wherever `executor` has the tiles solved.  `wrap` makes another solver of the one that was named,
+    see `skyscatter.solvers.subpixels`.
     """
     module = load_solver(solver, scene)
     if wrap is not None:
@@ -149,32 +153,35 @@ def solve_rays(
         return False
     if progress is not None:
         say("passes" if by_passes else "rays")
-    if by_passes:
-        return solve_passes(module, context, rays, options, state, workers, progress, checkpoint)
-    return _solve_tiles(_Tiles(module, context, rays, options, state, checkpoint), workers, progress, checkpoint)
+    with opened(executor, workers) as engine:
+        if by_passes:
+            return solve_passes(module, context, rays, options, state, engine, progress, checkpoint)
+        return _solve_tiles(_Tiles(module, context, rays, options, state, checkpoint), engine, progress, checkpoint)
 
 
 def _solve_tiles(
-    tiles: _Tiles, workers: int, progress: Callable[[float], None] | None, checkpoint: Checkpoint | None
+    tiles: _Tiles, engine: Engine, progress: Callable[[float], None] | None, checkpoint: Checkpoint | None
 ) -> bool:
     """Hand the tiles out; False if interrupted."""
-    jobs: set[Future[None]] = set()
+
+    def tick() -> None:
+        if progress is not None:
+            progress(float(tiles.state.done.mean()))
+        if checkpoint is not None:
+            checkpoint.tick()
+
+    def kept(task: Task, done: Future[Any]) -> None:
+        if not engine.local and not done.cancelled() and done.exception() is None:
+            tiles.keep(task.arguments[1], done.result())
+
     try:
-        with Workers(workers) as pool:
-            jobs |= {pool.submit(tiles.work, tile) for tile in tiles.waiting(workers)}
-            while jobs:
-                # A tile may take long, and parts of it are finished before.
-                finished, jobs = wait(jobs, SLICE, return_when=FIRST_COMPLETED)
-                for job in finished:
-                    job.result()
-                if progress is not None:
-                    progress(float(tiles.state.done.mean()))
-                if checkpoint is not None:
-                    checkpoint.tick()
+        for _ in engine.results(tiles.tasks(engine.local), tick, kept):
+            pass
+        tick()
         return True
     except KeyboardInterrupt:
         tiles.stop.set()
-        wait(jobs, GRACE)
+        wait(engine.running, GRACE)
         return False
     except BaseException:
         tiles.stop.set()
@@ -184,10 +191,24 @@ def _solve_tiles(
             tiles.closed = True
 
 
-class _Tiles:
-    """Rays in parts that threads solve, and what they keep of them.
+class Solving(NamedTuple):
+    """What the tiles of a picture share."""
 
-    Threads keep their answers themselves: Ctrl-C strikes the main thread only, and so never half-way.
+    module: Any
+    context: Any
+    options: Options
+
+
+def solve_tile(solving: Solving, rays: Rays, tile: slice) -> Answer:
+    """The rays of a tile in a process that knows nothing else; where they stand among all is for whoever keeps them."""
+    answer: Answer = solving.module.solve(solving.context, rays, solving.options)
+    return answer
+
+
+class _Tiles:
+    """Rays in parts that workers solve, and what is kept of them.
+
+    It is kept in the threads of the engine: Ctrl-C strikes the main thread only, and so never half-way.
     """
 
     def __init__(
@@ -200,14 +221,19 @@ class _Tiles:
         self.lock = threading.RLock() if checkpoint is None else checkpoint.lock
         self.pace = 0.0  #: rays that a thread solves in a second
 
-    def waiting(self, workers: int) -> list[slice]:
+    def waiting(self) -> list[slice]:
         """Tiles that are not finished, spread over the picture so that the first ones tell how long all take."""
-        n = len(self.rays.origins)
-        count = getattr(self.module, "TILES", TILES_PER_THREAD * workers)
-        size = min(max(n // count, 1), getattr(self.module, "TILE_RAYS", TILE_RAYS))
-        tiles = [slice(k, min(k + size, n)) for k in range(0, n, size)]
+        tiles = tiles_of(self.module, len(self.rays.origins))
         order = np.argsort(np.arange(len(tiles)) * GOLDEN % 1, kind="stable")
         return [tiles[k] for k in order if not self.state.done[tiles[k]].all()]
+
+    def tasks(self, local: bool) -> Iterator[Task]:
+        """The tiles that are not finished as tasks: of this process, which keep them, or of any other."""
+        if local:
+            yield from (Task(self.work, (tile,)) for tile in self.waiting())
+            return
+        shared = Shared(Solving(self.module, self.context, self.options))
+        yield from (Task(solve_tile, (self.rays.part(tile), tile), shared) for tile in self.waiting())
 
     def work(self, tile: slice) -> None:
         """Solve what is not finished of a tile, and keep it part by part."""
@@ -217,12 +243,22 @@ class _Tiles:
             part = slice(first, min(first + rays, tile.stop))
             began = time.monotonic()
             answer = self.module.solve(self.context, self.rays.part(part), self.options)
-            with self.lock:
-                if self.closed:
-                    return
-                self.pace = (part.stop - part.start) / max(time.monotonic() - began, 1e-9)
-                self.state.put(part, answer)
+            self.pace = (part.stop - part.start) / max(time.monotonic() - began, 1e-9)
+            self.keep(part, answer)
             first = part.stop
+
+    def keep(self, part: slice, answer: Answer) -> None:
+        """Keep the answer of some rays, unless all is over."""
+        with self.lock:
+            if not self.closed:
+                self.state.put(part, answer)
+
+
+def tiles_of(module: Any, rays: int) -> list[slice]:
+    """The tiles of a picture, whoever solves them."""
+    count = getattr(module, "TILES", TILES)
+    size = min(max(rays // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
+    return [slice(k, min(k + size, rays)) for k in range(0, rays, size)]
 
 
 def radiance(
@@ -247,6 +283,7 @@ def radiance(
     estimator: str | None = None,
     direct: bool | None = None,
     threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> Answer:
     """Spectral radiance that arrives along rays, and its error.
@@ -310,6 +347,9 @@ def radiance(
         on when not given.
     threads : int, optional
         All processors when not given.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        What solves the rays: so many processes of this machine, an executor, or a client of dask; threads of this
+        process when not given.  The numbers are the same.
     progress : callable, optional
         Called with the finished share, 0 to 1.
 
@@ -349,7 +389,7 @@ def radiance(
         radius, estimator, direct,
     )  # fmt: skip
     state = RenderState.empty({}, len(rays.origins), wl.size)
-    if not solve_rays(scene, rays, wl, solver, options, state, threads, progress):
+    if not solve_rays(scene, rays, wl, solver, options, state, threads, progress, executor=executor):
         raise KeyboardInterrupt
     return Answer(
         state.radiance.reshape(*shape, wl.size),

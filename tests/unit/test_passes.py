@@ -13,6 +13,7 @@ from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.passes import solve_passes, worst_noise
 from skyscatter.solvers.run import radiance
 from skyscatter.solvers.state import RenderState
+from skyscatter.tasks import Engine
 
 RAYS = Rays(np.zeros((3, 3)), np.tile([0.0, 0.0, 1.0], (3, 1)), np.arange(3))
 
@@ -31,7 +32,7 @@ def module(stop_at: int = -1) -> Any:
 
 def solved(options: Options, workers: int = 1, state: RenderState | None = None, stop_at: int = -1) -> RenderState:
     state = state or RenderState.empty({}, 3, 4)
-    state.complete = solve_passes(module(stop_at), None, RAYS, options, state, workers, None)
+    state.complete = solve_passes(module(stop_at), None, RAYS, options, state, Engine(workers), None)
     return state
 
 
@@ -75,7 +76,7 @@ def test_errors_are_not_swallowed() -> None:
 
     broken = SimpleNamespace(passes=lambda _: 8, solve_pass=fail)
     with pytest.raises(ValueError, match="broken"):
-        solve_passes(broken, None, RAYS, Options(), RenderState.empty({}, 3, 4), 2, None)
+        solve_passes(broken, None, RAYS, Options(), RenderState.empty({}, 3, 4), Engine(2), None)
 
 
 def test_noise_ends_the_work_at_a_power_of_two() -> None:
@@ -89,7 +90,7 @@ def test_noise_ends_the_work_at_a_power_of_two() -> None:
 def test_progress_rises_to_one() -> None:
     seen: list[float] = []
     state = RenderState.empty({}, 3, 4)
-    assert solve_passes(module(), None, RAYS, Options(samples=9), state, 2, seen.append)
+    assert solve_passes(module(), None, RAYS, Options(samples=9), state, Engine(2), seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == 1
     assert 2 < len(seen) <= 10

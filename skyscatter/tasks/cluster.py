@@ -1,0 +1,59 @@
+"""Workers by what a command was told: processes of this machine, or those of a dask scheduler."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from skyscatter.errors import DomainError, SkyscatterError
+
+#: Seconds in which a scheduler has to answer.
+PATIENCE = 20
+
+
+@contextmanager
+def executor_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
+    """What `executor` shall be; the connection to a scheduler ends with the body.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes of this machine.
+    scheduler : str, optional
+        Address of a dask scheduler, or the file in which it wrote that.
+
+    Yields
+    ------
+    None, int or distributed.Client
+
+    Raises
+    ------
+    SkyscatterError
+        If dask is not installed, or nobody answers.
+    """
+    if scheduler is None:
+        yield workers
+        return
+    client = _connected(scheduler)
+    try:
+        yield client
+    finally:
+        client.close()
+
+
+def _connected(address: str) -> Any:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SkyscatterError(
+            "scheduler: dask.distributed is not installed; install it with: pip install 'skyscatter[cluster]'"
+        ) from None
+    where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    try:
+        client: Any = Client(timeout=PATIENCE, **where)
+    except (OSError, ValueError, TypeError) as error:
+        rule = f"no dask scheduler answers there within {PATIENCE} s; start one with: dask scheduler"
+        raise DomainError("scheduler", address, rule) from error
+    return client

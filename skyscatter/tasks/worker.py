@@ -1,0 +1,56 @@
+"""What runs in a worker process: it keeps what tasks share, and asks for it where it has not got it."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+#: Shared values that a worker keeps: that of the job at work, and of one beside it.
+MOST_KEPT = 2
+
+_kept: OrderedDict[str, Any] = OrderedDict()
+_lock = threading.Lock()
+
+
+class Missing(NamedTuple):
+    """The answer of a worker that has not got what a task shares with others."""
+
+    process: int
+
+
+class InFile(NamedTuple):
+    """A shared value in a file that workers of this machine can read."""
+
+    path: str
+
+
+#: How a shared value comes: in a file, packed, or not at all because the worker should have it.
+Gift = InFile | bytes | None
+
+
+def run(call: Callable[..., Any], arguments: tuple[Any, ...], key: str | None = None, gift: Gift = None) -> Any:
+    """Run a task; `Missing` where what it shares is neither kept nor given."""
+    if key is None:
+        return call(*arguments)
+    with _lock:
+        if key not in _kept:
+            if gift is None:
+                return Missing(os.getpid())
+            _kept[key] = _unpacked(gift)
+        _kept.move_to_end(key)
+        value = _kept[key]
+        while len(_kept) > MOST_KEPT:
+            _kept.popitem(last=False)
+    return call(value, *arguments)
+
+
+def _unpacked(gift: InFile | bytes) -> Any:
+    if isinstance(gift, InFile):
+        with Path(gift.path).open("rb") as file:
+            return pickle.load(file)
+    return pickle.loads(gift)
