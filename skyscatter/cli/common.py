@@ -60,6 +60,14 @@ Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Have the workers of a dask scheduler do it: tcp://host:8786, or its file."),
 ]
+StoreFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--store",
+        metavar="DIR",
+        help="Folder (zarr) that keeps each finished part; repeat the command to go on, or with more --samples.",
+    ),
+]
 Exposure = Annotated[
     str | None, typer.Option(metavar="EV", help="For PNG: auto (the default) or an exposure value (ISO 100).")
 ]
@@ -131,6 +139,7 @@ class RunRequest:
     threads: int | None
     workers: int | None
     scheduler: str | None
+    store: Path | None
     bits: int
     outputs: list[Path]
     #: Options of the files by their extension, but for those of pictures.
@@ -154,6 +163,7 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
         **worker_options(texts["workers"], texts["scheduler"]),
+        "store": checked_store(texts["store"], texts["resume"], texts["every"]),
         "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
         "json": texts["as_json"],
         "quiet": texts["quiet"],
@@ -161,6 +171,14 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "every": None if texts["every"] is None else parse.parse_time(texts["every"], "checkpoint"),
         "resume": None if texts["resume"] is None else parse.check_input(texts["resume"], "checkpoint"),
     }
+
+
+def checked_store(store: Path | None, resume: Path | None, every: str | None) -> Path | None:
+    """The folder of a run, which needs no checkpoints."""
+    for name, value in {"resume": resume, "checkpoint": every}.items():
+        if store is not None and value is not None:
+            raise DomainError(name, str(value), "a --store keeps each part as it is finished; leave it out")
+    return store
 
 
 def worker_options(workers: str | None, scheduler: str | None) -> dict[str, Any]:
@@ -370,7 +388,7 @@ class Rendered:
     outputs: list[Path]
     request: RunRequest
     arguments: list[str]
-    checkpoint: Checkpoint
+    checkpoint: Checkpoint | None
 
     @contextmanager
     def writing(self) -> Iterator[list[Path]]:
@@ -385,9 +403,10 @@ class Rendered:
             if self.finished < 1.0 and isinstance(error, SkyscatterError):
                 print(f"skyscatter: the unfinished picture is not kept: {error}", file=sys.stderr)
                 return
-            keep(self.checkpoint, self.arguments)
+            keep(self.checkpoint, self.arguments, self.request.store)
             raise
-        self.checkpoint.remove()
+        if self.checkpoint is not None:
+            self.checkpoint.remove()
         if self.request.resume is not None:
             for path in self.outputs:
                 with suppress(FileNotFoundError):
@@ -409,10 +428,11 @@ def render_request(
     from skyscatter.solvers.run import Interrupted
     from skyscatter.tasks.cluster import executor_of
 
-    checkpoint = checkpoint_for(request.resume, request.outputs, request.every)
+    store = request.store
+    checkpoint = None if store else checkpoint_for(request.resume, request.outputs, request.every)
     try:
         with (
-            stopping.keeping(lambda: keep(checkpoint, arguments)),
+            stopping.keeping(lambda: keep(checkpoint, arguments, store)),
             Progress(1.0, label, request.progress) as progress,
             executor_of(request.workers, request.scheduler) as executor,
         ):
@@ -431,11 +451,12 @@ def render_request(
                 progress=progress.to,
                 resume=request.resume,
                 checkpoint=checkpoint,
+                store=store,
                 **more,
             )
     except Interrupted as stop:
         with stopping.undisturbed():
-            keep(checkpoint, arguments)
+            keep(checkpoint, arguments, store)
         if stop.state.share <= 0.0:
             raise KeyboardInterrupt from None
         # never 1: what `report` says of an interrupted run
@@ -443,14 +464,17 @@ def render_request(
         outputs = [partial_path(path) for path in request.outputs]
         return Rendered(stop.partial, finished, outputs, request, arguments, checkpoint)
     except KeyboardInterrupt:
-        keep(checkpoint, arguments)
+        keep(checkpoint, arguments, store)
         raise
     return Rendered(image, 1.0, request.outputs, request, arguments, checkpoint)
 
 
-def keep(checkpoint: Checkpoint, arguments: list[str]) -> None:
+def keep(checkpoint: Checkpoint | None, arguments: list[str], store: Path | None = None) -> None:
     """Save what is needed to go on, and say how."""
-    if checkpoint.save():
+    if store is not None and store.is_dir():
+        command = shlex.join(["skyscatter", *arguments])
+        print(f"skyscatter: stopped; what is finished is in {store}; go on with:\n  {command}", file=sys.stderr)
+    if checkpoint is not None and checkpoint.save():
         say_how_to_go_on(checkpoint.path, arguments)
 
 

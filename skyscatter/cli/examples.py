@@ -35,6 +35,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "models reference": ("skyscatter models reference", "skyscatter models reference tabulated"),
     "models show": ("skyscatter models show mars", "skyscatter models show titan --plot titan.png"),
     "models check": ("skyscatter models check mine.toml", "skyscatter models check mine.toml --plot mine.svg"),
+    "store": ("skyscatter store list run.zarr", "skyscatter store export run.zarr -o sky.fits"),
+    "store list": ("skyscatter store list run.zarr", "skyscatter store list run.zarr --json"),
+    "store verify": ("skyscatter store verify run.zarr", "skyscatter store verify run.zarr --repair"),
+    "store export": ("skyscatter store export run.zarr -o sky.png", "skyscatter store export run.zarr -o sky.nc"),
     "warm": ("skyscatter warm sky", "skyscatter warm all --progress log"),
     "info": ("skyscatter info", "skyscatter info > report.txt"),
 }

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 import skyscatter
 from skyscatter.atomic import explained
-from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping, warm
+from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping, store, warm
 from skyscatter.cli.examples import epilog
 from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, SkyscatterError
 from skyscatter.problems import problem_lines
@@ -41,6 +41,7 @@ app.command("render", epilog=epilog("render"))(render.render)
 app.command("dehaze", epilog=epilog("dehaze"))(dehaze.dehaze)
 app.command("invert", epilog=epilog("invert"))(invert.invert)
 app.add_typer(models.app, name="models", epilog=epilog("models"))
+app.add_typer(store.app, name="store", epilog=epilog("store"))
 app.command("warm", epilog=epilog("warm"))(warm.warm)
 app.command("info", epilog=epilog("info"))(info.info)
 

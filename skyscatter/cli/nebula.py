@@ -71,6 +71,7 @@ def nebula(
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
     scheduler: common.Scheduler = None,
+    store: common.StoreFolder = None,
     filters: common.Filters = None,
     palette: Annotated[
         str | None,
@@ -159,6 +160,7 @@ def nebula(
             threads=threads,
             workers=workers,
             scheduler=scheduler,
+            store=store,
             bits=bits,
             as_json=as_json,
             quiet=quiet,

@@ -83,6 +83,7 @@ def render(
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
     scheduler: common.Scheduler = None,
+    store: common.StoreFolder = None,
     exposure: common.Exposure = None,
     tone: Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear.")] = None,
     space: common.Space = None,
@@ -131,8 +132,8 @@ def render(
         ),
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            threads=threads, workers=workers, scheduler=scheduler, bits=bits, as_json=as_json, quiet=quiet, verbose=verbose, progress=progress,
-            every=every, resume=resume,
+            threads=threads, workers=workers, scheduler=scheduler, store=store, bits=bits, as_json=as_json, quiet=quiet,
+            verbose=verbose, progress=progress, every=every, resume=resume,
         ),
     )  # fmt: skip
     common.check_solver(request, MEANINGLESS, REMEDY)

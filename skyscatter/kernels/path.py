@@ -676,6 +676,14 @@ def statistics(sums, batches, walks_per_batch, mean, error):
 
 
 @merged
+def copy_sums(of, to):
+    """Copy sums (batch, wavelength)."""
+    for b in range(of.shape[0]):
+        for i in range(of.shape[1]):
+            to[b, i] = of[b, i]
+
+
+@merged
 def relative_noise(error, mean, base):
     """Relative standard error, averaged over wavelengths where there is light."""
     noise, n = 0.0, 0
@@ -688,8 +696,8 @@ def relative_noise(error, mean, base):
 
 @entry
 def path_rays(
-    scene, ground, origins, directions, ids, base, seed, samples, noise, max_order, scratch, polar, mean, error,
-    by_order, used,
+    scene, ground, origins, directions, ids, base, seed, samples, first, kept, noise, max_order, scratch, polar,
+    mean, error, by_order, used,
 ):  # fmt: skip
     """Light of the second and higher orders along many rays (and of the first, of emission and light from outside).
 
@@ -705,6 +713,10 @@ def path_rays(
     seed : int
     samples : int
         Walks per ray, at most; a multiple of `BATCHES`, or fewer than that.
+    first : int
+        Walks of each batch that were made before, whose sums are in `kept` and `by_order`.
+    kept : (ray, 1 or 4, batch, wavelength)
+        Sums over the walks, of polarised light those of Q, U and V as well; added to.
     noise : float
         Stop when the relative standard error is below this; 0 to use all samples.
     max_order : int
@@ -715,7 +727,7 @@ def path_rays(
         Where polarisation is asked for, its scratch and its output; `mean` then is that of polarised light.
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
-        Mean by number of scatterings and reflections, as far as there is room; order 1 excludes sunlight.
+        Sum over the walks by number of scatterings and reflections, as far as there is room; order 1 excludes sunlight.
     used : (ray,) int64, output
     """
     work, camera_work, camera, leg, walk, sums, shift = scratch
@@ -727,8 +739,6 @@ def path_rays(
         for i in range(mean.shape[1]):
             mean[ray, i] = 0.0
             error[ray, i] = 0.0
-            for k in range(by_order.shape[1]):
-                by_order[ray, k, i] = 0.0
         line = trace_line(scene.columns, o[0], o[1], o[2], d[0], d[1], d[2])
         # A ray that starts on the ground and looks down has no length, but light to reflect.
         if line.leave <= line.enter and not line.hits_ground:
@@ -740,19 +750,20 @@ def path_rays(
         begin(polar, ray, 0)
         march(scene, line, np.int64(0), 0.5, GUIDED_LEGS > 0, camera, camera_work, walk, polar)
         if polar is not None:
-            polar.sums[:] = 0.0
+            for k in range(3):
+                copy_sums(kept[ray, k + 1], polar.sums[k])
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):
                 shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
-            for i in range(mean.shape[1]):
-                sums[b, i] = 0.0
+        copy_sums(kept[ray, 0], sums)
 
         # Rounds of walks, each doubling their number, until the noise is low enough.
-        done, goal = 0, first_goal
+        done, goal = first, max(first, first_goal)
         while True:
-            for b in range(batches):
-                for n in range(done, goal):
+            # Walk by walk over the batches: walks that are added later come after all that were made before.
+            for n in range(done, goal):
+                for b in range(batches):
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(shift[b], n, walk.even)
                     depart(walk, o, d)
@@ -767,12 +778,11 @@ def path_rays(
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
+        copy_sums(sums, kept[ray, 0])
         if polar is not None:
             for k in range(3):
+                copy_sums(polar.sums[k], kept[ray, k + 1])
                 statistics(polar.sums[k], batches, done, polar.mean[ray, k], polar.error[ray, k])
-        for k in range(by_order.shape[1]):
-            for i in range(mean.shape[1]):
-                by_order[ray, k, i] /= used[ray]
 
 
 def make_scratch(components: int, wavelengths: int, samples: int) -> tuple[Any, ...]:

@@ -27,7 +27,7 @@ from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.gridwalk import Walker, make_walker
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.optics import phase_at, transmittance
-from skyscatter.kernels.path import BATCHES, Walk, make_walk, rebalance, relative_noise, statistics
+from skyscatter.kernels.path import BATCHES, Walk, copy_sums, make_walk, rebalance, relative_noise, statistics
 from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.kernels.space import clip_to_space, space_densities
 from skyscatter.kernels.tracking import QUADRATURE, light_reaching, watch_point
@@ -230,7 +230,8 @@ def seen_everywhere(mean, camera):
 
 @entry
 def volume_path_rays(
-    v, origins, directions, ids, base, walked, seed, samples, noise, max_order, s, mean, error, by_order, apart, used
+    v, origins, directions, ids, base, walked, seed, samples, first, kept, noise, max_order, s, mean, error, by_order,
+    apart, used,
 ):  # fmt: skip
     """Light of the second and higher orders along many rays, and of the first that is no light of stars.
 
@@ -247,6 +248,10 @@ def volume_path_rays(
     seed : int
     samples : int
         Walks per ray, at most; a multiple of `BATCHES`, or fewer than that.
+    first : int
+        Walks of each batch that were made before, whose sums are in `kept`, `by_order` and `apart`.
+    kept : (ray, 1, batch, wavelength)
+        Sums over the walks; added to.
     noise : float
         Stop when the relative standard error is below this; 0 to use all samples.
     max_order : int
@@ -254,9 +259,9 @@ def volume_path_rays(
     s : WalkScratch
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
-        Mean by number of scatterings, as far as there is room; order 1 without stars unless it is walked.
+        Sum over the walks by number of scatterings, as far as there is room; order 1 without stars unless it is walked.
     apart : (ray, 2, wavelength), output
-        What of the mean is not scattered, and scattered once, where these are walked.
+        What of that sum is not scattered, and scattered once, where these are walked.
     used : (ray,) int64, output
     """
     batches = s.sums.shape[0]
@@ -267,9 +272,6 @@ def volume_path_rays(
         used[ray] = 0
         for i in range(mean.shape[1]):
             mean[ray, i], error[ray, i] = 0.0, 0.0
-            apart[ray, 0, i], apart[ray, 1, i] = 0.0, 0.0
-            for k in range(by_order.shape[1]):
-                by_order[ray, k, i] = 0.0
         start, end = clip_to_space(v.space, o[0], o[1], o[2], d[0], d[1], d[2])
         if end <= start:
             if walked:
@@ -282,12 +284,12 @@ def volume_path_rays(
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):
                 s.shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
-            for i in range(mean.shape[1]):
-                s.sums[b, i] = 0.0
-        done, goal, quiet = 0, first_goal, False
+        copy_sums(kept[ray, 0], s.sums)
+        done, goal, quiet = first, max(first, first_goal), False
         while True:
-            for b in range(batches):
-                for n in range(done, goal):
+            # Walk by walk over the batches: walks that are added later come after all that were made before.
+            for n in range(done, goal):
+                for b in range(batches):
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
@@ -304,11 +306,7 @@ def volume_path_rays(
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
-        for i in range(mean.shape[1]):
-            apart[ray, 0, i] /= used[ray]
-            apart[ray, 1, i] /= used[ray]
-            for k in range(by_order.shape[1]):
-                by_order[ray, k, i] /= used[ray]
+        copy_sums(s.sums, kept[ray, 0])
 
 
 def scratch_of(table: VolumeTable, samples: int) -> Any:

@@ -64,6 +64,34 @@ def prepare_tables(
     return Tables(compile_scene(scene, wavelengths), compile_ground(scene.ground, wavelengths), matrix)
 
 
+@dataclass
+class Walks:
+    """Sums over the walks of some rays: with them more walks are added later, to the same digits as all at once.
+
+    Attributes
+    ----------
+    done : int
+        Walks of each batch that are in the sums.
+    sums : ndarray, shape (ray, 1 or 4, batch, wavelength)
+        Of the radiance, and of Q, U and V where light is polarised.
+    marked : ndarray, shape (ray, mark, wavelength)
+        Of what is told apart, such as the first orders.
+    """
+
+    done: int
+    sums: Array
+    marked: Array
+
+    @classmethod
+    def none(cls, rays: int, layers: int, batches: int, marks: int, wavelengths: int) -> Walks:
+        """No walks so far."""
+        return cls(0, np.zeros((rays, layers, batches, wavelengths)), np.zeros((rays, marks, wavelengths)))
+
+    def mean(self, marks: slice, used: NDArray[np.int64]) -> Array:
+        """Mean over the walks of some of what is told apart."""
+        return np.asarray(self.marked[:, marks] / np.maximum(used, 1)[:, None, None])
+
+
 @dataclass(frozen=True)
 class Answer:
     """Spectral radiance along rays.

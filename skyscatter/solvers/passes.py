@@ -22,6 +22,7 @@ import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.stored import StoredPasses
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.workers import GRACE
@@ -84,7 +85,7 @@ def solve_passes(
     state: RenderState,
     engine: Engine,
     progress: Callable[[float], None] | None,
-    checkpoint: Checkpoint | None = None,
+    checkpoint: Checkpoint | StoredPasses | None = None,
 ) -> bool:
     """Make the passes that `state` lacks; False if interrupted, with all passes before the first unfinished one."""
     series = _Series(module, context, rays, options, state, checkpoint.lock if checkpoint else threading.RLock())

@@ -19,7 +19,7 @@ from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.kernels.flight import flight_rays, make_flight_scratch
 from skyscatter.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.kernels.polar import make_polar
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, Walks, prepare_tables
 from skyscatter.solvers.direct import outward_profile, slant_columns
 from skyscatter.solvers.single import single_parts, single_polarisation
 
@@ -178,34 +178,43 @@ def walks_for(options: Options) -> int:
     return samples if samples < BATCHES else -(-samples // BATCHES) * BATCHES
 
 
-def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
-    """Radiance of all orders, see `skyscatter.radiance`."""
+def no_walks(tables: Tables, rays: int, options: Options) -> Walks:
+    """The sums with which walks begin."""
+    layers = 1 if tables.matrix is None else 4
+    wavelengths = tables.scene.optics.sigma_s.shape[1]
+    return Walks.none(rays, layers, min(walks_for(options), BATCHES), options.orders, wavelengths)
+
+
+def solve(tables: Tables, rays: Rays, options: Options, walks: Walks | None = None) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with."""
     scene, land, matrix = tables
     n, (components, wavelengths) = len(rays.origins), scene.optics.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     used = np.empty(n, np.int64)
     max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
-    seed, walks = np.int64(options.seed), walks_for(options)
+    seed, count = np.int64(options.seed), walks_for(options)
     tolerance = options.tolerance or DEFAULT_TOLERANCE
     polar = None
     if matrix is not None:
-        sums = 3 if options.sampling == "free-flight" else min(walks, BATCHES)
+        sums = 3 if options.sampling == "free-flight" else min(count, BATCHES)
         polar = make_polar(matrix, meridian_frame(rays.origins, rays.directions)[0], sums)
     if options.sampling == "free-flight":
         flight_rays(
-            scene, land, rays.origins, rays.directions, rays.numbers, seed, walks, max_order,
+            scene, land, rays.origins, rays.directions, rays.numbers, seed, count, max_order,
             make_flight_scratch(components, wavelengths), polar, mean, error, by_order, used,
         )  # fmt: skip
         scattered = ground = np.zeros_like(mean)
         direct = single_parts(scene, land, rays, DEFAULT_TOLERANCE)[2]
     else:
         scattered, ground, direct = single_parts(scene, land, rays, tolerance)
+        walks = walks or no_walks(tables, n, options)
         path_rays(
-            scene, land, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, walks,
-            options.noise or 0.0, max_order, make_scratch(components, wavelengths, walks), polar, mean, error, by_order,
-            used,
+            scene, land, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, count, walks.done,
+            walks.sums, options.noise or 0.0, max_order, make_scratch(components, wavelengths, count), polar, mean,
+            error, walks.marked, used,
         )  # fmt: skip
+        walks.done, by_order = count // walks.sums.shape[2], walks.mean(slice(None), used)
     layers = {}
     if matrix is not None and polar is not None:
         layers = {name: polar.mean[:, k] for k, name in enumerate("QUV")}

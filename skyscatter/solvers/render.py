@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.space import SpaceScene
     from skyscatter.surfaces.scene import SurfaceScene
+    from skyscatter.tasks.store import Store
 
     AnyScene = Scene | SpaceScene | SurfaceScene
 
@@ -53,6 +55,7 @@ def render(
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
     checkpoint: Checkpoint | str | os.PathLike[str] | None = None,
+    store: str | os.PathLike[str] | None = None,
 ) -> SpectralImage:
     """Render a picture.
 
@@ -88,6 +91,10 @@ def render(
     checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
         File in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
         Ctrl-C.
+    store : path, optional
+        Folder in zarr's format in which every finished part is kept at once, in place of a checkpoint.  What it holds
+        is not done again, by whatever program and however the last one ended; several may work on one at a time.
+        With more `samples` than before, walks are added to those that it has.
 
     Returns
     -------
@@ -126,17 +133,13 @@ def render(
     needed = check_picture(camera.width, camera.height, wl.size, layers, subpixels**2)
     if progress is not None:
         remark(f"some {format_bytes(needed)} of memory")
-    grid = camera.directions(scene.observer)
+    grid = _seen(scene, camera)
     wrap = _wrapper(scene, camera, grid, subpixels)
     recipe = _recipe(scene, camera, wl, solver, options, subpixels)
     if not sun_disk:
         if not isinstance(scene, Scene):
             raise DomainError("sun_disk", sun_disk, "is for skies of planets; leave it out")
         recipe["sun_disk"] = False
-    if isinstance(camera, Telescope) and is_space(scene):
-        from skyscatter.solvers.starlight import beside_stars
-
-        grid = beside_stars(scene, camera, grid)
     inside = np.isfinite(grid[..., 0])
     numbers = np.flatnonzero(inside.ravel())
     directions = grid.reshape(-1, 3)[numbers]
@@ -149,13 +152,34 @@ def render(
     kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
         kept.begin(state)
-    complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept, executor)
+    with _opened(store, recipe, scene, resume or checkpoint) as folder:
+        complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept, executor, folder)
+    if folder is not None and "samples" in recipe["options"] and state.samples.size:
+        recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])  # it may hold more
     if kept is not None and (kept.written or not complete):
         kept.save()
     image = _picture(scene, camera, grid, inside, wl, state)
     if not complete:
         raise Interrupted(image, state)
     return image
+
+
+@contextmanager
+def _opened(store: Any, recipe: dict[str, Any], scene: AnyScene, other: Any) -> Iterator[Store | None]:
+    """The store of a render, where there is to be one."""
+    if store is None:
+        yield None
+        return
+    from skyscatter.solvers.stored import open_store
+
+    if other is not None:
+        raise DomainError("store", str(store), "keeps what is finished by itself; leave out the checkpoint")
+    sort = "shells" if isinstance(scene, Scene) else "space" if is_space(scene) else "surfaces"
+    folder = open_store(store, recipe, sort)
+    try:
+        yield folder
+    finally:
+        folder.close()
 
 
 def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int) -> Callable[[Any], Any] | None:
@@ -264,3 +288,76 @@ def _sun_correction(
         return sundisk.disk_correction(scene, table, camera, grid), recipe
     seen = sundisk.disk_along(scene, table, grid, wl)
     return seen and (seen[0], -seen[1]), {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table)}
+
+
+def picture_of(store: str | os.PathLike[str]) -> SpectralImage:
+    """The picture in a store as far as it is finished, whoever works on it; NaN elsewhere.
+
+    Parameters
+    ----------
+    store : path
+        Folder that `render` was given.
+
+    Returns
+    -------
+    SpectralImage
+
+    Raises
+    ------
+    DomainError
+        For a folder that is no store of a picture.
+
+    Examples
+    --------
+    >>> import pathlib
+    >>> import tempfile
+    >>> import skyscatter
+    >>> from skyscatter.solvers.render import picture_of
+    >>> scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=45)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     run = pathlib.Path(folder, "run.zarr")
+    ...     camera = skyscatter.Panorama(width=8, height=4)
+    ...     made = skyscatter.render(scene, camera, [550], solver="single", store=run)
+    ...     bool((picture_of(run).radiance == made.radiance).all())
+    True
+    """
+    from pydantic import TypeAdapter
+
+    from skyscatter.geometry.camera import Camera
+    from skyscatter.solvers.stored import fill, opened_again
+
+    with opened_again(store) as folder:
+        recipe = folder.attributes["recipe"]
+        scene = _scene_class(folder.attributes["sort"]).model_validate(recipe["scene"])
+        camera: Any = TypeAdapter(Camera).validate_python(recipe["camera"])
+        wl = np.asarray(recipe["wavelengths_nm"], float)
+        grid = _seen(scene, camera)
+        inside = np.isfinite(grid[..., 0])
+        state = RenderState.empty(recipe, int(inside.sum()), wl.size)
+        module = load_solver(recipe["solver"], scene)
+        fill(state, folder, module, recipe.get("subpixels", 1))
+    if "samples" in recipe["options"] and state.samples.size:
+        recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])
+    return _picture(scene, camera, grid, inside, wl, state)
+
+
+def _scene_class(sort: str) -> Any:
+    if sort == "shells":
+        return Scene
+    if sort == "space":
+        from skyscatter.space import SpaceScene
+
+        return SpaceScene
+    from skyscatter.surfaces.scene import SurfaceScene
+
+    return SurfaceScene
+
+
+def _seen(scene: AnyScene, camera: Any) -> Array:
+    """Directions of the pixels, NaN outside of the camera's field."""
+    grid = camera.directions(scene.observer)
+    if isinstance(camera, Telescope) and is_space(scene):
+        from skyscatter.solvers.starlight import beside_stars
+
+        grid = beside_stars(scene, camera, grid)
+    return np.asarray(grid)

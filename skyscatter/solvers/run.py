@@ -6,11 +6,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errorkind import kind_of
 from skyscatter.errors import DomainError
@@ -20,7 +21,9 @@ from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
 from skyscatter.tasks.engine import Engine, opened
+from skyscatter.tasks.store import Store
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.units import WAVELENGTHS
 from skyscatter.workers import GRACE, processors
@@ -126,12 +129,13 @@ def solve_rays(
     wrap: Callable[[Any], Any] | None = None,
     checkpoint: Checkpoint | None = None,
     executor: Any = None,
+    store: Store | None = None,
 ) -> bool:
     """Fill `state` tile by tile, or pass by pass; False if interrupted, with all in it that was finished.
 
     Kernels release the GIL, and each tile depends on nothing but its own rays: the answer is the same for any number
-    of threads, and wherever `executor` has the tiles solved.  `wrap` makes another solver of the one that was named,
-    see `skyscatter.solvers.subpixels`.
+    of threads, and wherever `executor` has the tiles solved; with a `store` each finished part is kept there.  `wrap`
+    makes another solver of the one that was named, see `skyscatter.solvers.subpixels`.
     """
     module = load_solver(solver, scene)
     if wrap is not None:
@@ -146,14 +150,20 @@ def solve_rays(
         return True
     if progress is not None:
         say("tables")
+    prepare = partial(module.prepare, scene, rays, wavelengths, options, workers, progress)
+    keeps = getattr(module, "KEEPS", False)
     try:
-        kept = {"checkpoint": checkpoint} if getattr(module, "KEEPS", False) else {}
-        context = module.prepare(scene, rays, wavelengths, options, workers, progress, **kept)
+        if store is not None:
+            context = stored_context(store, prepare, keeps, progress)
+        else:
+            context = prepare(**({"checkpoint": checkpoint} if keeps else {}))
     except KeyboardInterrupt:
         return False
     if progress is not None:
         say("passes" if by_passes else "rays")
     with opened(executor, workers) as engine:
+        if store is not None:
+            return _solve_stored(Solving(module, context, options), rays, state, engine, progress, store)
         if by_passes:
             return solve_passes(module, context, rays, options, state, engine, progress, checkpoint)
         return _solve_tiles(_Tiles(module, context, rays, options, state, checkpoint), engine, progress, checkpoint)
@@ -199,6 +209,30 @@ class Solving(NamedTuple):
     options: Options
 
 
+def _solve_stored(
+    solving: Solving,
+    rays: Rays,
+    state: RenderState,
+    engine: Engine,
+    progress: Callable[[float], None] | None,
+    store: Store,
+) -> bool:
+    """Do what the store lacks; False if interrupted."""
+    if not getattr(solving.module, "PASSES", False):
+        tiles = tiles_of(solving.module, len(rays.origins))
+        return solve_tiles_stored(StoredTiles(solving, rays, tiles, state, store), spread(len(tiles)), engine, progress)
+    passes = StoredPasses(state, store)
+    try:
+        passes.begin()
+        complete = solve_passes(*solving[:2], rays, solving.options, state, engine, progress, passes)
+        passes.save()
+    except KeyboardInterrupt:
+        complete = False
+    finally:
+        passes.end()
+    return complete
+
+
 def solve_tile(solving: Solving, rays: Rays, tile: slice) -> Answer:
     """The rays of a tile in a process that knows nothing else; where they stand among all is for whoever keeps them."""
     answer: Answer = solving.module.solve(solving.context, rays, solving.options)
@@ -224,8 +258,7 @@ class _Tiles:
     def waiting(self) -> list[slice]:
         """Tiles that are not finished, spread over the picture so that the first ones tell how long all take."""
         tiles = tiles_of(self.module, len(self.rays.origins))
-        order = np.argsort(np.arange(len(tiles)) * GOLDEN % 1, kind="stable")
-        return [tiles[k] for k in order if not self.state.done[tiles[k]].all()]
+        return [tiles[k] for k in spread(len(tiles)) if not self.state.done[tiles[k]].all()]
 
     def tasks(self, local: bool) -> Iterator[Task]:
         """The tiles that are not finished as tasks: of this process, which keep them, or of any other."""
@@ -252,6 +285,11 @@ class _Tiles:
         with self.lock:
             if not self.closed:
                 self.state.put(part, answer)
+
+
+def spread(tiles: int) -> NDArray[np.intp]:
+    """An order in which tiles are spread over the picture from the first on."""
+    return np.argsort(np.arange(tiles) * GOLDEN % 1, kind="stable")
 
 
 def tiles_of(module: Any, rays: int) -> list[slice]:

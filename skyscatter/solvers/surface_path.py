@@ -31,7 +31,7 @@ from skyscatter.kernels.surfaces.lamps import LampGuide
 from skyscatter.kernels.surfaces.rays import sample_items
 from skyscatter.kernels.surfaces.tables import SurfaceTable
 from skyscatter.kernels.surfaces.walks import surface_path_rays
-from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.base import Answer, Options, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.far_lamps import warn_of_far_lamps, warn_of_small_lamps
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
@@ -102,24 +102,32 @@ def out_of_reach(table: SurfaceTable) -> bool:
     return bool(smooth.any() and np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP)).any())
 
 
-def solve(table: WalkTable, rays: Rays, options: Options) -> Answer:
-    """Radiance of all orders, see `skyscatter.radiance`."""
+def no_walks(table: WalkTable, rays: int, options: Options) -> Walks:
+    """The sums with which walks begin; what comes straight, was scattered or turned once is told apart."""
+    batches = min(walks_for(options), BATCHES)
+    return Walks.none(rays, 1, batches, options.orders + 3, table.media.index.shape[1])
+
+
+def solve(table: WalkTable, rays: Rays, options: Options, walks: Walks | None = None) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with."""
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
-    by_order = np.empty((n, options.orders, wavelengths))
-    apart = np.empty((n, 3, wavelengths))
     used = np.empty(n, np.int64)
-    walks = walks_for(options)
+    count = walks_for(options)
+    walks = walks or no_walks(table, n, options)
+    orders, apart = (np.ascontiguousarray(part) for part in np.split(walks.marked, [options.orders], axis=1))
     components, lamps = len(table.media.density), len(table.lamps.kind)
-    scratch = make_scratch(components, wavelengths, lamps, min(walks, BATCHES))
+    scratch = make_scratch(components, wavelengths, lamps, min(count, BATCHES))
     surface_path_rays(
-        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), walks, options.noise or 0.0,
-        MOST_ORDERS if options.max_order is None else int(options.max_order), SAMPLINGS[options.sampling],
-        scratch, mean, error, by_order, apart, used,
+        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), count, walks.done,
+        walks.sums, options.noise or 0.0, MOST_ORDERS if options.max_order is None else int(options.max_order),
+        SAMPLINGS[options.sampling], scratch, mean, error, orders, apart, used,
     )  # fmt: skip
     if np.any(used < 0):
         place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])
         raise DomainError("origins", place, f"lies inside more than {STACK} media; let fewer bodies overlap there")
+    walks.done, walks.marked = count // walks.sums.shape[2], np.concatenate([orders, apart], axis=1)
+    by_order, apart = np.split(walks.mean(slice(None), used), [options.orders], axis=1)
     layers = {}
     if options.parts:
         direct, scattered, reflected = np.moveaxis(apart, 1, 0)

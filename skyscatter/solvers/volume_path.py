@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from skyscatter.errors import DomainError
+from skyscatter.kernels.path import BATCHES
 from skyscatter.kernels.tracking import QUADRATURE, RATIO, RESIDUAL
 from skyscatter.kernels.volume import VolumeTable
 from skyscatter.kernels.volume_flight import make_flight_scratch, volume_flight_rays
 from skyscatter.kernels.volume_walks import scratch_of, volume_path_rays
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
 from skyscatter.solvers.bounds import check_bounds, check_excess
 from skyscatter.solvers.depths import warn_of_depths
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
@@ -80,14 +81,19 @@ def prepare(
     return Context(table, tuple(component.name for component in scene.medium.components))
 
 
-def solve(context: Context, rays: Rays, options: Options) -> Answer:
-    """Radiance of all orders, see `skyscatter.radiance`."""
+def no_walks(context: Context, rays: int, options: Options) -> Walks:
+    """The sums with which walks begin; those of light that is not scattered, and once, are told apart."""
+    return Walks.none(rays, 1, min(walks_for(options), BATCHES), options.orders + 2, context.table.sigma_s.shape[1])
+
+
+def solve(context: Context, rays: Rays, options: Options, walks: Walks | None = None) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with."""
     table = context.table
     n, (components, wavelengths) = len(rays.origins), table.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     by_order = np.empty((n, options.orders, wavelengths))
     used = np.empty(n, np.int64)
-    walks = walks_for(options)
+    count = walks_for(options)
     max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
     tolerance = options.tolerance or DEFAULT_TOLERANCE
     scattered = direct = np.zeros_like(mean)
@@ -96,18 +102,21 @@ def solve(context: Context, rays: Rays, options: Options) -> Answer:
         flights = make_flight_scratch(components, wavelengths, table.tracking != QUADRATURE)
         volume_flight_rays(
             table, options.sampling == "delta", rays.origins, rays.directions, rays.numbers, np.int64(options.seed),
-            walks, max_order, flights, mean, error, by_order, used,
+            count, max_order, flights, mean, error, by_order, used,
         )  # fmt: skip
         check_excess(flights.work.excess, context.names)
     else:
-        walked, apart = not has_cheap_columns(table), np.empty((n, 2, wavelengths))
+        walked, walks = not has_cheap_columns(table), walks or no_walks(context, n, options)
+        orders, apart = (np.ascontiguousarray(part) for part in np.split(walks.marked, [options.orders], axis=1))
         if not walked:
             scattered, direct = single_parts(table, rays, tolerance)
-        scratch = scratch_of(table, walks)
+        scratch = scratch_of(table, count)
         volume_path_rays(
-            table, rays.origins, rays.directions, rays.numbers, scattered, walked, np.int64(options.seed), walks,
-            options.noise or 0.0, max_order, scratch, mean, error, by_order, apart, used,
+            table, rays.origins, rays.directions, rays.numbers, scattered, walked, np.int64(options.seed), count,
+            walks.done, walks.sums, options.noise or 0.0, max_order, scratch, mean, error, orders, apart, used,
         )  # fmt: skip
+        walks.done, walks.marked = count // walks.sums.shape[2], np.concatenate([orders, apart], axis=1)
+        by_order, apart = np.split(walks.mean(slice(None), used), [options.orders], axis=1)
         check_excess(scratch.work.excess, context.names)
         if walked:
             direct, scattered = apart[:, 0], apart[:, 1]

@@ -20,7 +20,7 @@ import numpy as np
 
 from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, TRANSMITTED
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
-from skyscatter.kernels.path import BATCHES, statistics
+from skyscatter.kernels.path import BATCHES, copy_sums, statistics
 from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import is_delta, sample_bsdf
 from skyscatter.kernels.surfaces.flights import (
@@ -350,7 +350,8 @@ def walk_once(table, origin, direction, max_order, sampling, s, sums):
 
 @entry
 def surface_path_rays(
-    table, origins, directions, ids, seed, samples, noise, max_order, sampling, s, mean, error, by_order, apart, used
+    table, origins, directions, ids, seed, samples, first, kept, noise, max_order, sampling, s, mean, error, by_order,
+    apart, used,
 ):  # fmt: skip
     """Light of all orders along many rays.
 
@@ -363,6 +364,10 @@ def surface_path_rays(
     seed : int
     samples : int
         Walks per ray, at most; a multiple of `BATCHES`, or fewer than that.
+    first : int
+        Walks of each batch that were made before, whose sums are in `kept`, `by_order` and `apart`.
+    kept : (ray, 1, batch, wavelength)
+        Sums over the walks; added to.
     noise : float
         Stop when the relative standard error is below this; 0 to use all samples.
     max_order : int
@@ -372,9 +377,9 @@ def surface_path_rays(
     s : Scratch
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
-        Mean by number of interactions from 1 on, as far as there is room.
+        Sum over the walks by number of interactions from 1 on, as far as there is room.
     apart : (ray, 3, wavelength), output
-        What of the mean comes straight, was scattered once by a medium, or turned once by a surface.
+        What of that sum comes straight, was scattered once by a medium, or turned once by a surface.
     used : (ray,) int64, output
         Walks; -1 where a ray starts inside of more media than a stack holds.
     """
@@ -383,10 +388,6 @@ def surface_path_rays(
     for ray in range(origins.shape[0]):
         for i in range(mean.shape[1]):
             mean[ray, i], error[ray, i] = 0.0, 0.0
-            for k in range(3):
-                apart[ray, k, i] = 0.0
-            for k in range(by_order.shape[1]):
-                by_order[ray, k, i] = 0.0
         used[ray] = -1
         if fill_stack(table.shapes, origins[ray], directions[ray], np.int64(-1), s.first_stack, s.hit) < 0:
             continue
@@ -394,13 +395,13 @@ def surface_path_rays(
             start_stream(walk.state, seed, ids[ray], -1 - b)
             for k in range(EVEN_DIMENSIONS):
                 s.shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
-            for i in range(mean.shape[1]):
-                s.sums[b, i] = 0.0
-        done, goal, quiet = 0, first_goal, False
+        copy_sums(kept[ray, 0], s.sums)
+        done, goal, quiet = first, max(first, first_goal), False
         while True:
-            for b in range(batches):
-                sums = Sums(s.sums[b], by_order[ray], apart[ray])
-                for n in range(done, goal):
+            # Walk by walk over the batches: walks that are added later come after all that were made before.
+            for n in range(done, goal):
+                for b in range(batches):
+                    sums = Sums(s.sums[b], by_order[ray], apart[ray])
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     copy_stack(s.first_stack, s.stack)
@@ -414,8 +415,4 @@ def surface_path_rays(
                 break
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
-        for i in range(mean.shape[1]):
-            for k in range(3):
-                apart[ray, k, i] /= used[ray]
-            for k in range(by_order.shape[1]):
-                by_order[ray, k, i] /= used[ray]
+        copy_sums(s.sums, kept[ray, 0])

@@ -1,0 +1,103 @@
+"""``skyscatter store``: what is in the folders that --store makes, whether it is whole, and pictures from it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from skyscatter.cli import common, parse
+from skyscatter.cli.examples import epilog
+from skyscatter.errors import DomainError
+
+app = typer.Typer(
+    help="List, verify and export the folders that --store keeps runs in.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder that --store was given.")]
+
+
+@app.command("list", epilog=epilog("store list"))
+def list_(folder: Folder, as_json: common.AsJson = False) -> None:
+    """Say what a store holds, and how much of it is finished."""
+    from skyscatter.solvers.stored import opened_again
+
+    with opened_again(folder) as store:
+        recipe, finished = store.attributes["recipe"], store.numbers()
+        amounts = [found[0] for found in (store.get(k, 1) for k in finished) if found is not None]
+        summary = {
+            "store": str(folder),
+            "skyscatter": recipe["skyscatter"],
+            "solver": recipe["solver"],
+            "options": recipe["options"],
+            "camera": recipe["camera"],
+            "wavelengths": len(recipe["wavelengths_nm"]),
+            "tasks": store.tasks(),
+            "finished": len(amounts),
+            "amount": [min(amounts), max(amounts)] if amounts else None,
+            "bytes": sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()),
+        }
+    typer.echo(json.dumps(summary) if as_json else describe(summary))
+
+
+def describe(summary: dict[str, Any]) -> str:
+    """A summary for people."""
+    from skyscatter.solvers.memory import format_bytes
+
+    camera, amount = summary["camera"], summary["amount"]
+    more = f", {amount[0]} to {amount[1]} walks or passes in each batch" if amount and amount[1] > 1 else ""
+    total = summary["tasks"] or "an unknown number of"
+    return (
+        f"{summary['store']}: {camera['width']}x{camera['height']} pixels, {summary['wavelengths']} wavelengths, "
+        f"solver {summary['solver']}; {summary['finished']} of {total} tasks finished{more}; "
+        f"{format_bytes(summary['bytes'])}, by skyscatter {summary['skyscatter']}"
+    )
+
+
+@app.command("verify", epilog=epilog("store verify"))
+def verify(
+    folder: Folder,
+    repair: Annotated[bool, typer.Option("--repair", help="Remove what is damaged; a run does it again.")] = False,
+) -> None:
+    """Read every part and compare its checksum and its key; exit status 2 where one is damaged."""
+    from skyscatter.solvers.stored import opened_again
+    from skyscatter.tasks.store import damaged
+
+    with opened_again(folder) as store:
+        count, broken = len(store.numbers()), list(damaged(store))
+        for number, reason in broken:
+            typer.echo(f"task {number}: {reason}")
+            if repair:
+                store.remove(number)
+    typer.echo(f"{folder}: {count - len(broken)} of {count} finished tasks are whole")
+    if broken and not repair:
+        rule = "is damaged; repair it with: skyscatter store verify --repair, and repeat the run"
+        raise DomainError("store", str(folder), rule)
+
+
+@app.command("export", epilog=epilog("store export"))
+def export(
+    folder: Folder,
+    output: common.Output = None,
+    exposure: common.Exposure = None,
+    bits: common.Bits = None,
+    no_clobber: common.NoClobber = False,
+) -> None:
+    """Write the picture of a store, finished or not, to files."""
+    from skyscatter.solvers.render import picture_of
+
+    outputs = parse.check_outputs(output or [], no_clobber)
+    if not outputs:
+        raise DomainError("output", None, "give at least one file: -o picture.png")
+    common.check_png_options(outputs, {"exposure": exposure, "bits": bits})
+    image = picture_of(folder)
+    for path in outputs:
+        png = path.suffix.lower() == ".png"
+        given = {"exposure": "auto" if exposure is None else parse.parse_exposure(exposure)} if png else {}
+        depth = parse.parse_integer(bits, "bits", 8, "choose 8 or 16") if png else None
+        image.save(path, **given, **({"bits": depth} if depth else {}))
+    typer.echo(f"wrote {', '.join(map(str, outputs))}", err=True)

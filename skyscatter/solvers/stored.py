@@ -1,0 +1,304 @@
+"""Renders that keep every finished part in a store, from which any number of programs go on, today or tomorrow.
+
+A task is a tile of the picture: rays that are solved by themselves.  Of solvers that walk, the sums over the walks are
+kept too, so that more of them can be added later, to the same digits as if all had been made at once.  Solvers that
+work in passes keep the sums over their passes, in two chunks by turns.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skyscatter.errors import DomainError
+from skyscatter.progress import say
+from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
+from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.tasks.engine import Engine
+from skyscatter.tasks.store import Store, read_attributes
+from skyscatter.tasks.task import Shared, Task
+from skyscatter.workers import GRACE
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.run import Solving
+
+#: Fewest walks whose sums can be gone on with: a batch has one of each sixteen.
+FEWEST = 16
+#: Seconds between two looks at what others work on.
+LOOK = 0.5
+#: Share of the time of passes that may be spent on keeping them.
+KEEPING = 0.1
+#: What all rays share, where that takes long to solve.
+SOLUTION = "solution.npz"
+
+
+def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
+    """The store of a render; samples may grow.
+
+    Raises
+    ------
+    DomainError
+        For a folder of another render, and for walks whose sums cannot be kept.
+    """
+    options = recipe["options"]
+    walks = recipe["solver"] == "path"
+    if walks and "noise" in options:
+        raise DomainError("noise", options["noise"], "has no end that a store could know; give samples, and more later")
+    if walks and options.get("sampling") in ("free-flight", "delta"):
+        raise DomainError("sampling", options["sampling"], "keeps no sums to go on with; leave it or the store out")
+    if walks and options["samples"] < FEWEST:
+        raise DomainError("samples", options["samples"], f"a store adds walks in sixteens; give {FEWEST} or more")
+    grows = ("samples",) if recipe["solver"] in ("path", "photons") and "subpixels" not in recipe else ()
+    return Store(path, recipe, grows, {"sort": sort})
+
+
+def stored_context(
+    store: Store, prepare: Callable[..., Any], keeps: bool, progress: Callable[[float], None] | None
+) -> Any:
+    """What all rays share; where that is kept too, one program solves it and the others wait and read it."""
+    if not keeps:
+        return prepare()
+    path, recipe = store.beside / SOLUTION, store.attributes["recipe"]
+    ready = path.with_suffix(".ready")
+    waits = False
+    while not ready.is_file() and not store.claims.take("solution"):
+        if not waits and progress is not None:
+            say("another program solves what the rays share")
+        waits = True
+        time.sleep(LOOK)
+    try:
+        checkpoint = Checkpoint(path)
+        checkpoint.begin(RenderState.load(path, recipe) if path.is_file() else RenderState.empty(recipe, 0, 0))
+        try:
+            context = prepare(checkpoint=checkpoint)
+        finally:
+            if not ready.is_file():
+                checkpoint.save()
+        ready.touch()
+    finally:
+        store.claims.give_back("solution")
+    return context
+
+
+def solve_more(solving: Solving, rays: Rays, before: Walks | None) -> tuple[Answer, Walks | None]:
+    """The rays of a tile, with walks that were made before."""
+    module, context, options = solving
+    if not hasattr(module, "no_walks"):
+        return module.solve(context, rays, options), None
+    walks = before or module.no_walks(context, len(rays.origins), options)
+    return module.solve(context, rays, options, walks), walks
+
+
+class StoredTiles:
+    """Tiles of a picture between a store and an engine.
+
+    Attributes
+    ----------
+    failed : Exception or None
+        What keeping a tile has met.
+    """
+
+    def __init__(self, solving: Solving, rays: Rays, tiles: list[slice], state: RenderState, store: Store) -> None:
+        self.solving, self.rays, self.tiles, self.state, self.store = solving, rays, tiles, state, store
+        self.most = max((tile.stop - tile.start for tile in tiles), default=0)
+        self.goal = amount_of(solving.module, solving.options)
+        self.failed: Exception | None = None
+        self.tick: Callable[[], object] = lambda: None
+
+    def tasks(self, order: Any) -> Iterator[Task]:
+        """The tiles that nobody has finished and nobody works on; at last those that somebody has left."""
+        shared = Shared(self.solving)
+        others: deque[int] = deque()
+        for number in order:
+            task = self._claimed(int(number), shared)
+            if task is not None:
+                yield task
+            elif not self.state.done[self.tiles[number]].all():
+                others.append(int(number))
+        while others:
+            for _ in range(len(others)):
+                number = others.popleft()
+                task = self._claimed(number, shared)
+                if task is not None:
+                    yield task
+                elif not self.state.done[self.tiles[number]].all():
+                    others.append(number)
+            self.tick()
+            if others:
+                time.sleep(LOOK)
+
+    def _claimed(self, number: int, shared: Shared) -> Task | None:
+        """A task to be done; None where it is finished, or somebody else's."""
+        found = self._found(number)
+        if found is not None and found[0] >= self.goal:
+            return None
+        if not self.store.claims.take(f"{number}"):
+            return None
+        found = self._found(number)  # it may have been finished just before it was claimed
+        if found is not None and found[0] >= self.goal:
+            self.store.claims.give_back(f"{number}")
+            return None
+        tile = self.tiles[number]
+        before = None if found is None else self._walks(found[0], found[1])
+        return Task(solve_more, (self.rays.part(tile), before), shared, number)
+
+    def _found(self, number: int) -> tuple[int, dict[str, Array]] | None:
+        """What the store has of a tile; put into the picture where it is enough."""
+        tile = self.tiles[number]
+        found = self.store.get(number, tile.stop - tile.start)
+        if found is not None and found[0] >= self.goal:
+            self.state.put(tile, answer_of(found[1]))
+        return found
+
+    def _walks(self, done: int, values: dict[str, Array]) -> Walks | None:
+        module, context, options = self.solving
+        if "sums" not in values or not hasattr(module, "no_walks"):
+            return None
+        shape = module.no_walks(context, len(values["sums"]), options)
+        if values["sums"].shape[1] != shape.sums[0].size or values["marked"].shape[1] != shape.marked[0].size:
+            return None
+        return Walks(
+            done, np.ascontiguousarray(values["sums"]).reshape(shape.sums.shape),
+            np.ascontiguousarray(values["marked"]).reshape(shape.marked.shape),
+        )  # fmt: skip
+
+    def kept(self, task: Task, done: Future[Any]) -> None:
+        """Keep what a worker has solved; called where Ctrl-C does not strike."""
+        try:
+            if done.cancelled() or done.exception() is not None or self.failed is not None:
+                return
+            answer, walks = done.result()
+            values = {"radiance": answer.radiance, "standard_error": answer.standard_error}
+            used = np.broadcast_to(np.asarray(answer.samples, float), len(answer.radiance))
+            values["samples"] = used[:, None]
+            values |= {f"layer_{name}": layer for name, layer in answer.layers.items()}
+            if walks is not None:
+                values |= {"sums": walks.sums.reshape(len(walks.sums), -1)}
+                values |= {"marked": walks.marked.reshape(len(walks.marked), -1)}
+            self.store.put(task.number, self.goal, values, len(self.tiles), self.most)
+            self.state.put(self.tiles[task.number], answer)
+        except Exception as error:
+            self.failed = error
+        finally:
+            self.store.claims.give_back(f"{task.number}")
+
+
+def amount_of(module: Any, options: Options) -> int:
+    """How much work a finished tile has in it: walks of each batch, or 1."""
+    if not hasattr(module, "no_walks"):
+        return 1
+    from skyscatter.solvers.path import walks_for
+
+    return walks_for(options) // FEWEST
+
+
+def solve_tiles_stored(
+    tiles: StoredTiles, order: Any, engine: Engine, progress: Callable[[float], None] | None
+) -> bool:
+    """Hand the tiles out; False if interrupted."""
+
+    def tick() -> None:
+        if tiles.failed is not None:
+            raise tiles.failed
+        if progress is not None:
+            progress(float(tiles.state.done.mean()))
+
+    tiles.tick = tick
+    try:
+        for _ in engine.results(tiles.tasks(order), tick, tiles.kept):
+            tick()
+        tick()
+        return True
+    except KeyboardInterrupt:
+        wait(engine.running, GRACE)
+        return False
+
+
+class StoredPasses:
+    """The sums over the passes of a picture, in two chunks by turns; one program at a time adds to them."""
+
+    def __init__(self, state: RenderState, store: Store) -> None:
+        self.state, self.store = state, store
+        #: Held by whoever changes the sums, and while they are written.
+        self.lock = threading.RLock()
+        self._spent, self._last, self._kept = 0.0, time.monotonic(), 0
+
+    def begin(self) -> None:
+        """Wait for whoever is at it, and take over what there is."""
+        while not self.store.claims.take("passes"):
+            time.sleep(LOOK)
+        self.take_over()
+
+    def take_over(self) -> None:
+        """Go on from the sums that are kept."""
+        rays = len(self.state.done)
+        for slot in (0, 1):
+            found = self.store.get(slot, rays)
+            if found is not None and found[0] > self.state.passes:
+                self.state.sums = {name: np.ascontiguousarray(values) for name, values in found[1].items()}
+                self.state.passes = self._kept = found[0]
+
+    def tick(self) -> None:
+        """Keep the sums, as often as costs little."""
+        if time.monotonic() - self._last > self._spent / KEEPING:
+            self.save()
+
+    def save(self) -> None:
+        """Keep the sums where they are new."""
+        began = time.monotonic()
+        with self.lock:
+            if self.state.passes > self._kept:
+                self.store.put(self.state.passes % 2, self.state.passes, self.state.sums, 2, len(self.state.done))
+                self._kept = self.state.passes
+        self._last = time.monotonic()
+        self._spent = self._last - began
+
+    def end(self) -> None:
+        """Let others go on."""
+        self.store.claims.give_back("passes")
+
+
+@contextmanager
+def opened_again(path: Any) -> Iterator[Store]:
+    """A store as it is, to be read."""
+    attributes = read_attributes(path)
+    if attributes.get("sort") not in ("shells", "space", "surfaces"):
+        raise DomainError("store", str(path), "holds no picture")
+    store = Store(path, attributes["recipe"], tuple(attributes["grows"]))
+    try:
+        yield store
+    finally:
+        store.close()
+
+
+def fill(state: RenderState, store: Store, module: Any, subpixels: int = 1) -> None:
+    """Put all that a store has into the state of a picture."""
+    from skyscatter.solvers.passes import sum_up
+    from skyscatter.solvers.run import tiles_of
+
+    if getattr(module, "PASSES", False):
+        passes = StoredPasses(state, store)
+        passes.take_over()
+        sum_up(state)
+        return
+    if subpixels > 1:
+        from skyscatter.solvers.subpixels import Subpixels
+
+        module = Subpixels(module, np.zeros((0, subpixels**2, 3)), subpixels**2)
+    for number, tile in enumerate(tiles_of(module, len(state.done))):
+        found = store.get(number, tile.stop - tile.start)
+        if found is not None:
+            state.put(tile, answer_of(found[1]))
+
+
+def answer_of(values: dict[str, Array]) -> Answer:
+    """The answer of a tile as it is kept."""
+    layers = {name[6:]: array for name, array in values.items() if name.startswith("layer_")}
+    return Answer(values["radiance"], values["standard_error"], layers, values["samples"][:, 0].astype(np.int64))

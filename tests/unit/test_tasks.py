@@ -1,0 +1,153 @@
+"""Tasks give the same results wherever they run, survive the death of workers, and get what they share once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.tasks import Engine, Shared, Task, engine_for
+from skyscatter.tasks.engine import Elsewhere, Processes, opened
+from skyscatter.tasks.task import key_of
+
+
+def add(shared: list[int], number: int) -> int:
+    return sum(shared) + number
+
+
+def tasks(shared: Shared, count: int = 20) -> list[Task]:
+    return [Task(add, (k,), shared, k) for k in range(count)]
+
+
+def results(engine: Engine, made: list[Task]) -> list[Any]:
+    found = {task.number: result for task, result in engine.results(made)}
+    return [found[k] for k in range(len(made))]
+
+
+def test_threads_and_processes_agree() -> None:
+    shared = Shared([1, 2, 3])
+    wanted = [6 + k for k in range(20)]
+    with engine_for(threads=3) as engine:
+        assert results(engine, tasks(shared)) == wanted
+    with engine_for(2) as engine:
+        assert results(engine, tasks(shared)) == wanted
+        assert engine.sent == len(shared.packed), "what tasks share is written once, for all workers"  # type: ignore[attr-defined]
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool, engine_for(pool) as engine:
+        assert results(engine, tasks(shared)) == wanted
+        # A worker that has it keeps it; those that begin together may each ask once for every task they began with.
+        assert engine.sent <= len(shared.packed) * engine.room  # type: ignore[attr-defined]
+
+
+def test_another_executor_is_asked_once_by_each_worker() -> None:
+    """One worker, one task at a time: it lacks what is shared once, and once more for what is shared next."""
+
+    class Counting(Executor):
+        def __init__(self, pool: Executor) -> None:
+            self.pool, self.gifts = pool, 0
+
+        def submit(self, call: Any, /, *arguments: Any, **more: Any) -> Future[Any]:
+            self.gifts += arguments[-1] is not None
+            return self.pool.submit(call, *arguments, **more)
+
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        counting = Counting(pool)
+        engine = Elsewhere(counting, 1)
+        for shared in (Shared([1]), Shared([2])):
+            for task in tasks(shared, 5):
+                assert engine.submit(task).result() == sum(shared.value) + task.number
+        assert counting.gifts == 2
+
+
+def test_closures_travel() -> None:
+    factor = 3
+    with engine_for(1) as engine:
+        assert engine.submit(Task(lambda n: factor * n, (5,))).result() == 15
+
+
+def fail(number: int) -> int:
+    raise ValueError(f"task {number}")
+
+
+def test_errors_of_tasks_arrive_as_they_are() -> None:
+    for executor in (None, 1):
+        with engine_for(executor) as engine, pytest.raises(ValueError, match="task 4"):
+            engine.submit(Task(fail, (4,))).result()
+
+
+def die_once(folder: str, number: int) -> int:
+    """The first that comes by ends its process."""
+    mark = Path(folder, "dead")
+    try:
+        mark.touch(exist_ok=False)
+    except FileExistsError:
+        return number
+    os.kill(os.getpid(), signal.SIGKILL)
+    return -1
+
+
+def test_a_worker_that_is_killed_is_replaced(tmp_path: Path) -> None:
+    with engine_for(2) as engine:
+        made = [Task(die_once, (str(tmp_path), k), None, k) for k in range(12)]
+        assert results(engine, made) == list(range(12))
+
+
+def die(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_tasks_that_kill_every_worker_are_given_up() -> None:
+    with engine_for(1) as engine, pytest.raises(SkyscatterError, match="more memory, or take fewer"):
+        engine.submit(Task(die, (1,))).result()
+
+
+def test_few_tasks_wait_at_a_time() -> None:
+    begun, lock, most = [0], threading.Lock(), [0]
+
+    def source() -> Any:
+        for k in range(50):
+            begun[0] += 1
+            yield Task(work, (k,), None, k)
+
+    def work(number: int) -> int:
+        with lock:
+            most[0] = max(most[0], begun[0] - number)
+        return number
+
+    with engine_for(threads=2) as engine:
+        assert sorted(result for _, result in engine.results(source())) == list(range(50))
+        assert most[0] <= engine.room + 1
+
+
+def test_an_engine_stays_open_for_its_owner() -> None:
+    with Processes(1) as engine:
+        with opened(engine) as same:
+            assert same is engine
+        assert engine.submit(Task(pow, (2, 3))).result() == 8
+
+
+@pytest.mark.parametrize("executor", [0, True, "two", object()])
+def test_what_is_no_executor_is_refused(executor: Any) -> None:
+    with pytest.raises(DomainError, match="executor"):
+        engine_for(executor)
+
+
+def test_keys_tell_recipes_apart() -> None:
+    assert key_of({"a": 1, "b": [1, 2]}) == key_of({"b": (1, 2), "a": 1})
+    assert key_of({"a": 1}) != key_of({"a": 2})
+
+
+def test_cost_of_a_task() -> None:
+    """Below 2 ms in a process, as measured over many; the benchmark has the number of a quiet machine."""
+    with engine_for(1) as engine:
+        engine.submit(Task(pow, (1, 1))).result()
+        began = time.perf_counter()
+        assert len(list(engine.results(Task(pow, (2, 1), None, k) for k in range(300)))) == 300
+        assert (time.perf_counter() - began) / 300 < 0.02  # ten times that: other programs may be running
