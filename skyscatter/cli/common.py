@@ -266,7 +266,7 @@ def has_suffix(outputs: list[Path], *suffixes: str) -> bool:
 
 def check_png_options(outputs: list[Path], options: dict[str, Any]) -> None:
     """Options that only a picture for a display has would otherwise be ignored in silence."""
-    if has_suffix(outputs, ".png"):
+    if has_suffix(outputs, ".png", *parse.FILMS):
         return
     for name, value in options.items():
         if value is not None:

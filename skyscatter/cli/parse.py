@@ -17,6 +17,8 @@ from skyscatter.units import ANGLE, LENGTH, TIME, WAVELENGTHS, Measure, degrees,
 
 #: Formats by extension: picture, spectral layers, RGB for lighting, FITS cube, netCDF.
 OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc")
+#: Files that hold all frames of a sequence.
+FILMS = (".mp4", ".webm", ".mkv", ".gif")
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 MAX_WAVELENGTHS = 10_000
 
@@ -272,12 +274,12 @@ def check_new(paths: Iterable[Path | None]) -> None:
             raise DomainError("output", str(path), "exists; choose another name, or leave out --no-clobber")
 
 
-def check_outputs(paths: list[Path], no_clobber: bool = False) -> list[Path]:
-    """All paths, each writable and each only once; with `no_clobber` none of them there."""
+def check_outputs(paths: list[Path], no_clobber: bool = False, more: tuple[str, ...] = ()) -> list[Path]:
+    """All paths, each writable and each only once; with `no_clobber` none of them there; `more` extensions may be."""
     seen: set[Path] = set()
     check_new(paths if no_clobber else ())
     for path in paths:
-        check_output(path)
+        check_output(path, (*OUTPUT_SUFFIXES, *more))
         if path.resolve() in seen:
             raise DomainError("output", str(path), "is named twice; give each file once")
         seen.add(path.resolve())

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from skyscatter.cli import common, parse
+from skyscatter.cli import common, parse, sequence
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
@@ -49,7 +49,11 @@ class Request(common.RunRequest):
 def sky(
     context: typer.Context,
     model: Annotated[
-        str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")
+        str,
+        typer.Argument(
+            help="Name of a shipped model (see: skyscatter models) or a TOML file; several with commas between them "
+            "are the frames of a sequence."
+        ),
     ] = "earth",
     place: common.Place = None,
     time: common.Moment = None,
@@ -57,6 +61,17 @@ def sky(
         str | None,
         typer.Option(metavar="DEG", help=f"Sun's elevation [degree], {DEFAULT_SUN_ELEVATION:g} if nothing is said."),
     ] = None,
+    times: Annotated[
+        str | None,
+        typer.Option(metavar="START:END:STEP", help="A frame for each time: 2026-06-21T04:00:2026-06-21T22:00:15min."),
+    ] = None,
+    sun_elevations: Annotated[
+        str | None, typer.Option(metavar="START:END:STEP", help="A frame for each elevation of the Sun, or a list.")
+    ] = None,
+    exposure_step: Annotated[
+        str | None, typer.Option(metavar="EV", help="Most that the exposure changes from frame to frame, else 0.1.")
+    ] = None,
+    frame_rate: Annotated[str | None, typer.Option(metavar="N", help="Frames a second of a film, else 24.")] = None,
     sun_azimuth: Annotated[
         str | None,
         typer.Option(
@@ -141,9 +156,17 @@ def sky(
 
     The Sun stands where --place and --time put it, or at --sun-elevation and --sun-azimuth.  Ctrl-C keeps what is
     finished, a picture as NAME.partial.EXT, and says how to go on.
+
+    --times, --sun-elevations and lists of models make a sequence from one solved field: numbered files, or a film
+    where the output is .mp4, .webm or .gif.  Its exposure follows smoothly.  Repeat the command to go on with one.
     """
-    elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth)
-    outputs = parse.check_outputs(output or [], no_clobber)
+    frames = sequence.asked(model, times, sun_elevations, exposure_step, frame_rate)
+    if frames is not None:
+        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, resume, store, no_sun or stokes or bool(show))
+    elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth, bool(times))
+    outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if frames else ())
+    if frames is not None:
+        sequence.check_output(outputs)
     parse.check_new(lamp_files(outputs) if no_clobber and no_sun else ())
     shown, shown_wavelength = parse.parse_show(show)
     development = {"exposure": exposure, "tone": tone, "space": space}
@@ -199,11 +222,34 @@ def sky(
     )
     common.check_solver(request, MEANINGLESS, REMEDY)
     _check_picture(request)
+    if frames is not None:
+        asked = frames
+        kept = "repeat the command to go on with the frames that are missing"
+        return common.stoppable(lambda: sequence.run(request, asked, list(context.obj or [])), kept)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 
-def _sun_choice(place: str | None, time: str | None, elevation: str | None, azimuth: str | None) -> tuple[float, float]:
-    common.check_place(place, time, {"sun_elevation": elevation, "sun_azimuth": azimuth})
+def _check_sequence(
+    frames: sequence.FrameList, place: str | None, time: str | None, elevation: str | None, azimuth: str | None,
+    resume: Path | None, store: Path | None, special: bool,
+) -> None:  # fmt: skip
+    """Refuse options that a sequence has no use for."""
+    if frames.times and place is None:
+        raise DomainError("times", f"{frames.times[0]} ...", "needs --place as well")
+    for name, value in {"time": time if frames.times else None, "resume": resume, "store": store}.items():
+        if value is not None:
+            raise DomainError(name, str(value), "means nothing to a sequence; leave it out")
+    if frames.elevations and (elevation is not None or place is not None):
+        given = "place" if elevation is None else "sun_elevation"
+        raise DomainError(given, elevation or place, "--sun-elevations settles where the Sun is; leave it out")
+    if special:
+        raise DomainError("stokes", True, "a sequence has colours and the Sun; leave out --stokes, --show and --no-sun")
+
+
+def _sun_choice(
+    place: str | None, time: str | None, elevation: str | None, azimuth: str | None, times: bool = False
+) -> tuple[float, float]:
+    common.check_place(place, time or (place if times else None), {"sun_elevation": elevation, "sun_azimuth": azimuth})
     return (
         parse.parse_degrees(elevation, "sun_elevation", 90.0, DEFAULT_SUN_ELEVATION),
         parse.parse_degrees(azimuth, "sun_azimuth", 360.0, DEFAULT_SUN_AZIMUTH),

@@ -656,6 +656,14 @@ class RadianceField:
             layers |= {"direct": direct, "scattered": scattered[:, 0], "ground": ground, "multiple": multiple[:, 0]}
         return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
 
+    def quick_look(self, table: SceneTable, origins: Array, directions: Array, direct: bool) -> Array:
+        """Radiance of a few rays (ray, wavelength), without an error; with or without what comes unscattered."""
+        scattered, multiple, ground, unscattered = view(
+            self.fine.problem, self.fine.loaded, table, origins, directions
+        )
+        diffuse = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
+        return np.asarray(diffuse + unscattered if direct else diffuse)
+
     def _error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
         """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays.
 

@@ -75,6 +75,18 @@ def window(low: float, high: float, reach: float, aloft: float = 0.0) -> tuple[f
     return (min(first, SUNLIT) if high > SUNLIT else first), high + max(0.25 * reach, aloft)
 
 
+def window_of(scene: Scene, table: SceneTable, origins: Array, directions: Array) -> tuple[float, float]:
+    """Zenith angles of the Sun [rad] for which a field is solved, for rays in a scene."""
+    medium, top = scene.medium, scattering_top(table)
+    above = highest_sight(origins, directions, medium.radius, medium.top)
+    if above > LIMB * top:  # a limb is seen where there is next to nothing, too
+        top = medium.top
+    low, high = needed_zenith(origins, directions, scene.sun.direction, medium.radius, top)
+    if low != low:  # not a number: every ray passes by
+        low = high = 0.0
+    return window(low, high, reach(medium.radius, top), reach(medium.radius, above))
+
+
 def prepare(
     scene: Scene,
     rays: Rays,
@@ -87,16 +99,8 @@ def prepare(
     """Solve the field for the positions of the Sun that the rays can see."""
     from skyscatter.solvers.compile import compile_scene
 
-    medium = scene.medium
     table = compile_scene(scene, wavelengths)
-    top = scattering_top(table)
-    above = highest_sight(rays.origins, rays.directions, medium.radius, medium.top)
-    if above > LIMB * top:  # a limb is seen where there is next to nothing, too
-        top = medium.top
-    low, high = needed_zenith(rays.origins, rays.directions, scene.sun.direction, medium.radius, top)
-    if low != low:  # not a number: every ray passes by
-        low = high = 0.0
-    zenith = window(low, high, reach(medium.radius, top), reach(medium.radius, above))
+    zenith = window_of(scene, table, rays.origins, rays.directions)
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     field = solve_range(
         scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress, checkpoint

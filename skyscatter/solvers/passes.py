@@ -16,16 +16,18 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.state import Checkpoint, RenderState
-from skyscatter.solvers.stored import StoredPasses
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.workers import GRACE
+
+if TYPE_CHECKING:
+    from skyscatter.solvers.stored import StoredPasses
 
 #: With ``noise``, the answer is looked at after this many passes and whenever their number has doubled.
 FIRST_LOOK = 16

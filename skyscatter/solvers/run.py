@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skyscatter.errorkind import kind_of
 from skyscatter.errors import DomainError
@@ -22,6 +22,7 @@ from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
+from skyscatter.solvers.tiles import spread, tiles_of
 from skyscatter.tasks.engine import Engine, opened
 from skyscatter.tasks.store import Store
 from skyscatter.tasks.task import Shared, Task
@@ -35,12 +36,6 @@ if TYPE_CHECKING:
 
     AnyScene = Scene | SpaceScene | SurfaceScene
 
-#: Rays in a tile at most: enough to hide the cost of handing it out, few enough for Ctrl-C and progress.
-TILE_RAYS = 128
-#: Tiles of a picture at least, as far as there are rays; whatever runs them, so that a store fits every run.
-TILES = 64
-#: The golden section: its multiples spread evenly, however many.
-GOLDEN = 0.6180339887498949
 #: Seconds after which the finished rays of a tile are kept, and the rays by which the pace is found.
 SLICE, FIRST_RAYS = 1.0, 4
 #: The modules of the solvers, by the sort of medium.
@@ -285,18 +280,6 @@ class _Tiles:
         with self.lock:
             if not self.closed:
                 self.state.put(part, answer)
-
-
-def spread(tiles: int) -> NDArray[np.intp]:
-    """An order in which tiles are spread over the picture from the first on."""
-    return np.argsort(np.arange(tiles) * GOLDEN % 1, kind="stable")
-
-
-def tiles_of(module: Any, rays: int) -> list[slice]:
-    """The tiles of a picture, whoever solves them."""
-    count = getattr(module, "TILES", TILES)
-    size = min(max(rays // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
-    return [slice(k, min(k + size, rays)) for k in range(0, rays, size)]
 
 
 def radiance(

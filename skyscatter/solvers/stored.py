@@ -20,7 +20,9 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
+from skyscatter.solvers.passes import sum_up
 from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.tiles import tiles_of
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.store import Store, read_attributes
 from skyscatter.tasks.task import Shared, Task
@@ -280,9 +282,6 @@ def opened_again(path: Any) -> Iterator[Store]:
 
 def fill(state: RenderState, store: Store, module: Any, subpixels: int = 1) -> None:
     """Put all that a store has into the state of a picture."""
-    from skyscatter.solvers.passes import sum_up
-    from skyscatter.solvers.run import tiles_of
-
     if getattr(module, "PASSES", False):
         passes = StoredPasses(state, store)
         passes.take_over()

@@ -62,7 +62,7 @@ class Subpixels:
     @property
     def TILE_RAYS(self) -> int:  # noqa: N802
         """Pixels in a tile at most."""
-        from skyscatter.solvers.run import TILE_RAYS
+        from skyscatter.solvers.tiles import TILE_RAYS
 
         return max(getattr(self.module, "TILE_RAYS", TILE_RAYS) // self.count, 1)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import typer.main
 
+import skyscatter
 from skyscatter.cli.examples import EXAMPLES
 from skyscatter.cli.main import app, main
 
@@ -46,6 +47,11 @@ def test_examples_are_understood(name, line, capsys, monkeypatch, tmp_path):
     module = import_module(f"skyscatter.cli.{name.split()[0]}")
     if name.startswith("models check"):
         Path("mine.toml").write_text((Path(__file__).parents[2] / "models" / "mars.toml").read_text())
+    if name.startswith("store"):
+        scene = skyscatter.load_model("earth-simple").scene()
+        camera = skyscatter.Panorama(width=8, height=4)
+        skyscatter.render(scene, camera, [450, 550, 650], solver="single", store="run.zarr")
+        begun.append(camera)
     if hasattr(module, "run"):
         monkeypatch.setattr(module, "run", lambda request, *more: begun.append(request) or 0)
     elif hasattr(module, "plot_model"):

@@ -1,0 +1,391 @@
+"""Sequences of skies: frames from one solved field, to numbered files or to a film."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import time as clock
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyscatter.cli import common, parse
+from skyscatter.cli.parse import FILMS
+from skyscatter.errors import DomainError, SkyscatterError
+
+#: A date, and a time and an offset where they are given.
+_ISO = r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d+)?)?)?)?(?:Z|[+-]\d\d:\d\d)?"
+_TIMES = re.compile(rf"^({_ISO})[:/]({_ISO})[:/](\d.*)$")
+#: Frames of a film in a second.
+RATE = 24
+MOST_FRAMES = 100_000
+
+
+@dataclass(frozen=True)
+class FrameList:
+    """What a sequence is asked for beside a single sky."""
+
+    times: tuple[str, ...]
+    elevations: tuple[float, ...]
+    models: tuple[str, ...]
+    step: float
+    rate: float
+
+    def __len__(self) -> int:
+        return max(len(self.times), len(self.elevations), len(self.models))
+
+
+def parse_times(text: str) -> tuple[str, ...]:
+    """Moments of ``START:END:STEP``, ends included: dates and times by ISO 8601, and a step such as 15min.
+
+    Examples
+    --------
+    >>> from skyscatter.cli.sequence import parse_times
+    >>> parse_times("2026-06-21T04:00:2026-06-21T05:00:30min")
+    ('2026-06-21T04:00:00', '2026-06-21T04:30:00', '2026-06-21T05:00:00')
+    """
+    found = _TIMES.match(text.strip())
+    rule = "give START:END:STEP, such as 2026-06-21T04:00:2026-06-21T22:00:15min, with at most 100000 frames"
+    if found is None:
+        raise DomainError("times", text, rule)
+    try:
+        start, end = (datetime.fromisoformat(word) for word in found.groups()[:2])
+        step = timedelta(seconds=parse.parse_time(found[3], "times"))
+        count = int((end - start) / step * (1 + 1e-12)) + 1
+    except (ValueError, TypeError, ZeroDivisionError) as error:
+        raise DomainError("times", text, rule) from error
+    if not 1 <= count <= MOST_FRAMES:
+        raise DomainError("times", text, rule)
+    return tuple((start + k * step).isoformat() for k in range(count))
+
+
+def parse_elevations(text: str) -> tuple[float, ...]:
+    """Elevations of the Sun, in the order of the frames: 40:-10:-1, or a list.
+
+    Examples
+    --------
+    >>> from skyscatter.cli.sequence import parse_elevations
+    >>> parse_elevations("10:-5:-5")
+    (10.0, 5.0, 0.0, -5.0)
+    """
+    rule = "give START:END:STEP in degrees, such as 40:-10:-0.5, or a list: 10,5,0"
+    try:
+        if ":" in text:
+            start, end, step = (float(word) for word in text.split(":"))
+            if not (step != 0 and (end - start) / step >= 0 and (end - start) / step < MOST_FRAMES):
+                raise ValueError
+            values = [start + k * step for k in range(int((end - start) / step * (1 + 1e-12) + 1e-9) + 1)]
+        else:
+            values = [float(word) for word in text.split(",")]
+    except ValueError as error:
+        raise DomainError("sun_elevations", text, rule) from error
+    if not all(-90 <= value <= 90 for value in values):
+        raise DomainError("sun_elevations", text, "lie between -90 and 90 degrees")
+    return tuple(values)
+
+
+def asked(
+    model: str, times: str | None, elevations: str | None, step: str | None, rate: str | None
+) -> FrameList | None:
+    """The sequence that a command asks for; None for a single sky."""
+    models = tuple(word.strip() for word in model.split(",")) if "," in model else ()
+    given = {"times": times, "sun_elevations": elevations, "model": model if models else None}
+    chosen = [name for name, value in given.items() if value is not None]
+    if not chosen:
+        for name, value in {"exposure_step": step, "frame_rate": rate}.items():
+            if value is not None:
+                raise DomainError(name, value, "is for --times, --sun-elevations and lists of models; leave it out")
+        return None
+    if len(chosen) > 1:
+        raise DomainError(chosen[1], given[chosen[1]], f"give one list of frames: leave out {chosen[0]} or this")
+    return FrameList(
+        () if times is None else parse_times(times),
+        () if elevations is None else parse_elevations(elevations),
+        models,
+        float(parse.parse_positive(step, "exposure_step") or 0.1),
+        float(parse.parse_positive(rate, "frame_rate") or RATE),
+    )
+
+
+def check_output(outputs: Sequence[Path]) -> None:
+    """Refuse, before any time is spent, what a sequence cannot be written to."""
+    if len(outputs) != 1:
+        rule = "a sequence has one output: frame.png for numbered files, or a film such as day.mp4"
+        raise DomainError("output", ", ".join(map(str, outputs)), rule)
+    if outputs[0].suffix.lower() in FILMS:
+        _film_writer()
+
+
+def _film_writer() -> Any:
+    try:
+        import imageio.v3 as writer
+        import imageio_ffmpeg  # noqa: F401 - what it writes with
+    except ImportError:
+        raise SkyscatterError(
+            "output: films need imageio-ffmpeg; install it with: pip install 'skyscatter[video]'"
+        ) from None
+    return writer
+
+
+def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
+    """A name for all of it, and the scene of each frame."""
+    import skyscatter
+
+    if sequence.models:
+        loaded: list[Any] = [skyscatter.load_model(name) for name in sequence.models]
+        for name, model in zip(sequence.models, loaded, strict=True):
+            common.check_command(model, name, "sky")
+        scenes = [_scene(request, model, name) for name, model in zip(sequence.models, loaded, strict=True)]
+        return f"{len(scenes)} models", tuple(scenes)
+    air: Any = skyscatter.load_model(request.model)
+    common.check_command(air, request.model, "sky")
+    if sequence.times:
+        at = (common.scene_at(air, request.model, request.place, t, request.altitude) for t in sequence.times)
+        return air.name, tuple(at)
+    return air.name, tuple(
+        air.scene(sun_elevation_deg=e, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude)
+        for e in sequence.elevations
+    )
+
+
+def _scene(request: Any, model: Any, name: str) -> Any:
+    if request.place is not None and request.time is not None:
+        return common.scene_at(model, name, request.place, request.time, request.altitude)
+    return model.scene(
+        sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
+    )
+
+
+def run(request: Any, sequence: FrameList, arguments: list[str]) -> int:
+    """Solve, render the frames, write them; returns the exit status."""
+    from skyscatter.geometry.camera import camera_from_view
+    from skyscatter.progress import Progress
+    from skyscatter.solvers.sequence import Frames
+    from skyscatter.tasks.cluster import executor_of
+
+    started = clock.monotonic()
+    name, scenes = scenes_of(request, sequence)
+    highest = max(scenes, key=lambda scene: scene.sun.elevation_deg)
+    # A panorama is centred on the highest Sun, and stays there.
+    camera = camera_from_view(request.view, request.size[0], request.size[1], highest.sun.azimuth_deg)
+    camera.directions(scenes[0].observer)
+    with (
+        Progress(1.0, f"{name} sequence", request.progress) as progress,
+        executor_of(request.workers, request.scheduler) as executor,
+    ):
+        frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
+        folder = FrameFolder.of(request, sequence, frames)
+        missing = folder.missing()
+        if missing:
+            frames = _solved(request, sequence, frames, progress)
+            exposures = _exposures(request, sequence, frames, executor, progress)
+            _write(request, frames, missing, folder, exposures, executor, progress)
+        outputs = folder.finish(sequence, progress)
+    summary = {
+        "model": name,
+        "frames": len(scenes),
+        "made": len(missing),
+        "size": list(request.size),
+        "solver": request.solver,
+        "seconds": round(clock.monotonic() - started, 3),
+        "complete": True,
+        "outputs": [str(path) for path in outputs],
+    }
+    return common.report(request, summary, describe)
+
+
+def _options(request: Any) -> dict[str, Any]:
+    given = {name: getattr(request, name) for name in ("samples", "tolerance", "max_order", "noise")}
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return {"solver": request.solver, "seed": request.seed or 0, **chosen}
+
+
+def _solved(request: Any, sequence: FrameList, frames: Any, progress: Any) -> Any:
+    """The frames with the field that serves them all, where there is one."""
+    from dataclasses import replace
+
+    from skyscatter.progress import say
+    from skyscatter.solvers.sequence import field_for
+
+    if sequence.models or request.solver != "orders" or request.max_order is not None:
+        return frames
+    say("one field for all frames")
+    solved = field_for(
+        frames.scenes, frames.camera, frames.wavelengths, tolerance=request.tolerance, threads=request.threads,
+        progress=progress.to,
+    )  # fmt: skip
+    return replace(frames, solved=solved)
+
+
+def _exposures(request: Any, sequence: FrameList, frames: Any, executor: Any, progress: Any) -> Any:
+    """Exposure of each frame [EV]; None where the files have none."""
+    from skyscatter.progress import say
+    from skyscatter.solvers.sequence import adapted, own_exposures
+
+    if request.outputs[0].suffix.lower() not in (".png", *FILMS):
+        return None
+    if request.exposure != "auto":
+        return np.full(len(frames.scenes), float(request.exposure))
+    say("exposures")
+    return adapted(own_exposures(frames, executor, request.threads), sequence.step)
+
+
+def _write(
+    request: Any, frames: Any, missing: list[int], folder: FrameFolder, exposures: Any, executor: Any, progress: Any
+) -> None:
+    from skyscatter.progress import say
+    from skyscatter.solvers.sequence import files
+
+    say("frames")
+
+    def options(number: int) -> dict[str, Any]:
+        if exposures is None:
+            return dict(request.file_options.get(folder.suffix, {}))
+        look = {"tone": request.tone, "space": request.space, "bits": request.bits}
+        return {"exposure": float(exposures[number]), **look}
+
+    made = files(frames, missing, folder.suffix, options, executor, request.threads)
+    for done, (number, content) in enumerate(made, start=1):
+        folder.keep(number, content)
+        progress.to(done / len(missing))
+
+
+@dataclass(frozen=True)
+class FrameFolder:
+    """Where the frames are: numbered files, each there whole or not at all, and a note of what they are frames of.
+
+    Attributes
+    ----------
+    output : Path
+        As it was asked for.
+    suffix : str
+        Of the frames.
+    paths : tuple of Path
+    note : Path
+    key : str
+        Of the recipe; frames of another one are made anew.
+    """
+
+    output: Path
+    suffix: str
+    paths: tuple[Path, ...]
+    note: Path
+    key: str
+
+    @classmethod
+    def of(cls, request: Any, sequence: FrameList, frames: Any) -> FrameFolder:
+        """The folder for what a command asks."""
+        import skyscatter
+        from skyscatter.tasks.task import key_of
+
+        output: Path = request.outputs[0]
+        film = output.suffix.lower() in FILMS
+        suffix = ".png" if film else output.suffix.lower()
+        place, stem = (output.with_name(f"{output.name}.frames"), "frame") if film else (output.parent, output.stem)
+        digits = max(len(str(len(frames.scenes))), 4)
+        paths = tuple(place / f"{stem}-{k + 1:0{digits}d}{suffix}" for k in range(len(frames.scenes)))
+        look = {name: getattr(request, name) for name in ("exposure", "tone", "space", "bits", "file_options")}
+        recipe = {
+            "skyscatter": skyscatter.__version__,
+            "scenes": [scene.model_dump(mode="json", exclude_none=True) for scene in frames.scenes],
+            "camera": frames.camera.model_dump(mode="json"),
+            "wavelengths_nm": frames.wavelengths.tolist(),
+            "options": dict(frames.options),
+            "look": look | {"step": sequence.step},
+        }
+        return cls(output, suffix, paths, place / f".{stem}.frames.json", key_of(recipe))
+
+    def missing(self) -> list[int]:
+        """Numbers of the frames that are not there yet."""
+        try:
+            known = json.loads(self.note.read_text())["key"] == self.key
+        except (OSError, ValueError, KeyError):
+            known = False
+        if not known:
+            from skyscatter.atomic import atomic_path
+
+            self.paths[0].parent.mkdir(exist_ok=True)
+            for path in self.paths if self.output.suffix.lower() in FILMS else ():
+                path.unlink(missing_ok=True)
+            with atomic_path(self.note) as beside:
+                beside.write_text(json.dumps({"key": self.key, "frames": len(self.paths), "made": []}))
+        made = set(self._made())
+        return [k for k, path in enumerate(self.paths) if k not in made or not path.is_file()]
+
+    def _made(self) -> list[int]:
+        return list(json.loads(self.note.read_text())["made"])
+
+    def keep(self, number: int, content: bytes) -> None:
+        """Write a frame, and note that it is one of this sequence."""
+        from skyscatter.atomic import atomic_path
+
+        with atomic_path(self.paths[number]) as beside:
+            beside.write_bytes(content)
+        note = json.loads(self.note.read_text())
+        note["made"] = [*note["made"], number]
+        with atomic_path(self.note) as beside:
+            beside.write_text(json.dumps(note))
+
+    def finish(self, sequence: FrameList, progress: Any) -> list[Path]:
+        """All frames are there: a film is made of them; returns the files."""
+        if self.output.suffix.lower() not in FILMS:
+            self.note.unlink()
+            return list(self.paths)
+        from skyscatter.atomic import atomic_path
+        from skyscatter.progress import say
+
+        say("film")
+        writer = _film_writer()
+        with atomic_path(self.output) as beside, _film(writer, beside, sequence.rate) as film:
+            for k, path in enumerate(self.paths):
+                film.append(_even(writer.imread(path)))
+                progress.to((k + 1) / len(self.paths))
+        shutil.rmtree(self.paths[0].parent)
+        return [self.output]
+
+
+def _even(picture: Any) -> Any:
+    """Most codecs want sizes that two divides."""
+    high, wide = (side // 2 * 2 or side for side in picture.shape[:2])
+    return picture[:high, :wide]
+
+
+class _Film:
+    """A film to which pictures are added."""
+
+    def __init__(self, file: Any, path: Path) -> None:
+        self.file, self.path = file, path
+
+    def append(self, picture: Any) -> None:
+        self.file.append_data(picture)
+
+
+@contextmanager
+def _film(writer: Any, path: Path, rate: float) -> Iterator[_Film]:
+    import imageio
+
+    more = {"duration": 1000 / rate, "loop": 0} if path.suffix == ".gif" else {"fps": rate, "macro_block_size": 1}
+    file = imageio.get_writer(str(path), **more)
+    try:
+        yield _Film(file, path)
+    finally:
+        file.close()
+
+
+def describe(summary: dict[str, Any]) -> str:
+    """The summary for people."""
+    from skyscatter.progress import format_seconds
+
+    outputs = summary["outputs"]
+    files = outputs[0] if len(outputs) == 1 else f"{outputs[0]} to {outputs[-1]}"
+    was = summary["frames"] - summary["made"]
+    before = f", {was} of them were there" if was else ""
+    return (
+        f"{summary['model']}: {summary['frames']} frames{before}; {format_seconds(summary['seconds'])}; wrote {files}"
+    )

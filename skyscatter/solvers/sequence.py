@@ -1,0 +1,278 @@
+"""Sequences: many pictures of one air, from one solved field, with an exposure that does not jump.
+
+In a panorama all pixels of a row have one elevation, and the diffuse light there depends on nothing but the azimuth
+from the Sun, evenly to both sides.  So it is computed at nodes between 0 and 180 degrees, close to each other near the
+Sun, and a cubic spline goes through them; the Sun's disk is added to the pixels that see it.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyscatter.errors import DomainError
+from skyscatter.geometry.camera import Panorama
+from skyscatter.scene import Scene
+from skyscatter.solvers import orders, sundisk
+from skyscatter.solvers.base import Array
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
+from skyscatter.solvers.render import render
+from skyscatter.solvers.run import check_wavelengths, worker_count
+from skyscatter.solvers.state import Checkpoint
+from skyscatter.tasks.engine import opened
+from skyscatter.tasks.task import Shared, Task
+
+if TYPE_CHECKING:
+    from skyscatter.image.spectral import SpectralImage
+
+#: Nodes over 180 degrees of azimuth; they stand at squares, 0.01 degrees apart at the Sun and 2.8 opposite to it.
+NODES = 129
+#: Rays that are looked at together.
+CHUNK = 2048
+#: Width of the small pictures from which exposures are found [pixel].
+SMALL = 64
+#: Largest change of exposure from one frame to the next [EV].
+STEP = 0.1
+
+
+def field_for(
+    scenes: Sequence[Scene],
+    camera: Any,
+    wavelengths: ArrayLike,
+    *,
+    tolerance: float | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> RadianceField:
+    """One field for the Suns of all scenes, which differ in nothing else.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+    camera : Camera
+        Of the frames; smaller ones with the same view will do.
+    wavelengths : array_like, shape (wavelength,)
+        Vacuum wavelengths [nm], rising.
+    tolerance, threads, progress, checkpoint
+        As for `skyscatter.solve`.
+
+    Raises
+    ------
+    DomainError
+        For scenes with different air or ground.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> from skyscatter.solvers.sequence import field_for, frame
+    >>> model = skyscatter.load_model("earth-simple")
+    >>> scenes = [model.scene(sun_elevation_deg=e) for e in (40, 50)]
+    >>> camera = skyscatter.Panorama(width=16, height=8)
+    >>> field = field_for(scenes, camera, [550], tolerance=0.02)
+    >>> low, high = (frame(field, scene, camera).radiance.mean() for scene in scenes)
+    >>> bool(low < high)
+    True
+    """
+    wl = check_wavelengths(wavelengths)
+    for scene in scenes[1:]:
+        if not same_air(scenes[0], scene):
+            raise DomainError("scenes", "different air, ground or star", "one field is for one air; solve them apart")
+    small = smaller(camera)
+    ranges = []
+    for scene in scenes:
+        directions = small.directions(scene.observer).reshape(-1, 3)
+        directions = np.ascontiguousarray(directions[np.isfinite(directions[:, 0])])
+        origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
+        ranges.append(orders.window_of(scene, compile_scene(scene, wl), origins, directions))
+    zenith = min(low for low, _ in ranges), max(high for _, high in ranges)
+    return solve_range(
+        scenes[0], wl, zenith, DEFAULT_TOLERANCE if tolerance is None else tolerance, False, None,
+        worker_count(threads), progress, checkpoint,
+    )  # fmt: skip
+
+
+def same_air(one: Scene, other: Scene) -> bool:
+    """Whether one field serves two scenes."""
+    apart = {"sun", "altitude"}
+    return one.model_dump(mode="json", exclude=apart) == other.model_dump(mode="json", exclude=apart)
+
+
+def smaller(camera: Any, width: int = SMALL) -> Any:
+    """The same view with fewer pixels."""
+    height = max(round(camera.height * width / camera.width), 1)
+    if camera.width <= width:
+        return camera
+    return type(camera).model_validate({**camera.model_dump(), "width": width, "height": height})
+
+
+def frame(field: RadianceField, scene: Scene, camera: Any) -> SpectralImage:
+    """A picture of a scene from a field that covers its Sun.
+
+    Parameters
+    ----------
+    field : RadianceField
+    scene : Scene
+        Of the same air; its Sun and its observer count.
+    camera : Camera
+
+    Returns
+    -------
+    SpectralImage
+        Without an error; NaN outside of the camera's field.
+    """
+    from skyscatter.image.spectral import SpectralImage
+
+    grid = camera.directions(scene.observer)
+    table = field.at(scene.sun)
+    inside = np.isfinite(grid[..., 0])
+    cube = np.full((*inside.shape, field.wavelengths.size), np.nan)
+    if isinstance(camera, Panorama) and not table.optics.background.any():
+        cube[:] = rows(field, table, scene, camera)
+        seen = sundisk.disk_along(scene, table, grid, field.wavelengths)
+        if seen is not None:
+            cube.reshape(-1, cube.shape[-1])[seen[0]] += seen[1]
+    else:
+        cube[inside] = looked(field, table, scene, grid[inside])
+    correction = sundisk.disk_correction(scene, table, camera, grid)
+    if correction is not None:
+        cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
+    recipe = {"scene": scene.model_dump(mode="json", exclude_none=True), "camera": camera.model_dump(mode="json")}
+    return SpectralImage(cube, field.wavelengths, recipe=recipe | {"solver": "orders"})
+
+
+def looked(field: RadianceField, table: Any, scene: Scene, directions: Array, direct: bool = True) -> Array:
+    """Radiance along rays from the observer (ray, wavelength), in this thread."""
+    origins = np.broadcast_to(scene.observer.position, directions.shape)
+    found = []
+    for k in range(0, len(directions), CHUNK):
+        o, d = (np.ascontiguousarray(a[k : k + CHUNK]) for a in (origins, directions))
+        found.append(field.quick_look(table, o, d, direct))
+    return np.concatenate(found) if found else np.zeros((0, field.wavelengths.size))
+
+
+def rows(field: RadianceField, table: Any, scene: Scene, camera: Panorama) -> Array:
+    """Diffuse radiance of a panorama, (y, x, wavelength)."""
+    from scipy.interpolate import CubicSpline
+
+    turn = math.pi * (np.arange(NODES) / (NODES - 1)) ** 2
+    elevation = np.radians(camera._elevation(camera.height / 2 - 0.5 - np.arange(camera.height)))
+    azimuth = np.radians(scene.sun.azimuth_deg) + turn
+    level = np.stack(np.broadcast_arrays(np.sin(azimuth), np.cos(azimuth)), axis=-1)
+    directions = np.empty((camera.height, NODES, 3))
+    directions[..., :2] = np.cos(elevation)[:, None, None] * level
+    directions[..., 2] = np.sin(elevation)[:, None]
+    light = looked(field, table, scene, directions.reshape(-1, 3), direct=False).reshape(camera.height, NODES, -1)
+    x = 360.0 * (np.arange(camera.width) + 0.5 - camera.width / 2) / camera.width
+    apart = np.radians(np.abs((camera.centre_azimuth_deg + x - scene.sun.azimuth_deg + 180) % 360 - 180))
+    spline = CubicSpline(turn, np.eye(NODES), bc_type="clamped")(np.minimum(apart, math.pi))
+    joined = np.ascontiguousarray(spline) @ np.moveaxis(light, 1, 0).reshape(NODES, -1)  # one product is the fastest
+    return np.maximum(np.moveaxis(joined.reshape(camera.width, camera.height, -1), 0, 1), 0.0)
+
+
+def adapted(exposures: ArrayLike, step: float = STEP) -> Array:
+    """Exposures that follow others by at most `step` from frame to frame, and overexpose none.
+
+    Parameters
+    ----------
+    exposures : array_like, shape (frame,)
+        What each frame would have by itself [EV].
+    step : float
+        [EV]
+
+    Examples
+    --------
+    >>> from skyscatter.solvers.sequence import adapted
+    >>> adapted([14.0, 14.0, 10.0, 13.9], 0.1).round(2)
+    array([14. , 14. , 13.9, 13.9])
+    """
+    wanted = np.asarray(exposures, float)
+    number = np.arange(wanted.size)
+    return np.asarray((wanted[None, :] - step * np.abs(number[:, None] - number[None, :])).max(axis=1))
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What the frames of a sequence share.
+
+    Attributes
+    ----------
+    scenes : tuple of Scene
+    camera : Camera
+    wavelengths : ndarray
+    solved : RadianceField, optional
+        For all of them; without it each is rendered by itself.
+    options : mapping
+        Of `skyscatter.render`, for those.
+    """
+
+    scenes: tuple[Scene, ...]
+    camera: Any
+    wavelengths: Array
+    solved: RadianceField | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def image(self, number: int, camera: Any = None) -> SpectralImage:
+        """One frame."""
+        if self.solved is not None:
+            return frame(self.solved, self.scenes[number], camera or self.camera)
+        return render(self.scenes[number], camera or self.camera, self.wavelengths, threads=1, **self.options)
+
+
+def own_exposure(frames: Frames, number: int) -> float:
+    """The exposure that a frame would have by itself [EV], from a small picture of it."""
+    return float(frames.image(number, smaller(frames.camera)).auto_exposure())
+
+
+def written(frames: Frames, number: int, suffix: str, options: Mapping[str, Any]) -> bytes:
+    """The file of a frame, as a worker makes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, f"frame{suffix}")
+        frames.image(number).save(path, **options)
+        return path.read_bytes()
+
+
+def own_exposures(frames: Frames, executor: Any = None, threads: int | None = None) -> Array:
+    """`own_exposure` of all frames."""
+    shared, found = Shared(frames), np.zeros(len(frames.scenes))
+    with opened(executor, threads) as engine:
+        tasks = (Task(own_exposure, (k,), shared, k) for k in range(len(found)))
+        for task, exposure in engine.results(tasks):
+            found[task.number] = exposure
+    return found
+
+
+def files(
+    frames: Frames,
+    numbers: Sequence[int],
+    suffix: str,
+    options: Callable[[int], Mapping[str, Any]],
+    executor: Any = None,
+    threads: int | None = None,
+) -> Iterator[tuple[int, bytes]]:
+    """The files of some frames, as they are ready.
+
+    Parameters
+    ----------
+    frames : Frames
+    numbers : sequence of int
+    suffix : str
+        Such as ``.png``.
+    options : callable
+        Number of a frame -> options of `SpectralImage.save`.
+    executor, threads
+        As for `skyscatter.render`; each frame is a task.
+    """
+    shared = Shared(frames)
+    with opened(executor, threads) as engine:
+        tasks = (Task(written, (k, suffix, dict(options(k))), shared, k) for k in numbers)
+        for task, content in engine.results(tasks):
+            yield task.number, content
