@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from types import TracebackType
+from typing import Any
 
 from skyscatter.kernels.processors import processors
 
@@ -20,6 +23,36 @@ class Workers(ThreadPoolExecutor):
     ) -> None:
         wanted = kind is None or issubclass(kind, Exception)
         self.shutdown(wait=wanted, cancel_futures=not wanted)
+
+
+class _Algebra:
+    """How many want the library of linear algebra to use one thread at this moment."""
+
+    lock = threading.Lock()
+    wanted = 0
+    limit: Any = None
+
+
+@contextmanager
+def steady_algebra() -> Iterator[None]:
+    """The library of linear algebra uses one thread in the body: with several the last digits of its products differ.
+
+    They would depend on the machine, and on whether threads or processes do the work.  Our own threads use the
+    processors.  May be used as a decorator.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with _Algebra.lock:
+        _Algebra.wanted += 1
+        if _Algebra.wanted == 1:
+            _Algebra.limit = threadpool_limits(1, "blas")
+    try:
+        yield
+    finally:
+        with _Algebra.lock:
+            _Algebra.wanted -= 1
+            if _Algebra.wanted == 0:
+                _Algebra.limit.restore_original_limits()
 
 
 def in_parts(work: Callable[[slice], object], count: int, part: int) -> None:

@@ -62,22 +62,28 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return ByKernels(config, log)
 
 
+#: Numbers of this machine, by which workers and their scheduler find each other; they are never looked up elsewhere.
+LOOPBACK = ("127.0.0.1", "::1")
+
+
 class NetworkUseError(RuntimeError):
     """A test, or code under test, tried to reach the network."""
 
 
 @pytest.fixture(scope="session", autouse=True)
 def no_network() -> Iterator[None]:
-    """Refuse every connection and every name look-up, other than over local (unix) sockets."""
+    """Refuse every connection and every name look-up, other than within this machine."""
     patch = pytest.MonkeyPatch()
-    connect = socket.socket.connect
+    connect, names = socket.socket.connect, socket.getaddrinfo
 
     def guarded(self: socket.socket, address: Any) -> None:
-        if self.family != getattr(socket, "AF_UNIX", None):
+        if self.family != getattr(socket, "AF_UNIX", None) and address[0] not in LOOPBACK:
             raise NetworkUseError(f"connection to {address!r}: nothing here may use the network")
         connect(self, address)
 
-    def look_up(host: Any, *_: Any, **__: Any) -> None:
+    def look_up(host: Any, *rest: Any, **named: Any) -> Any:
+        if host in LOOPBACK:
+            return names(host, *rest, **named)
         raise NetworkUseError(f"look-up of {host!r}: nothing here may use the network")
 
     patch.setattr(socket.socket, "connect", guarded)

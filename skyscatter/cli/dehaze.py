@@ -40,6 +40,8 @@ class Request:
     given: dict[str, Any]
     source: Any
     options: Any
+    workers: int | None
+    scheduler: str | None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -141,6 +143,8 @@ def dehaze(
     ] = False,
     window: Annotated[str | None, typer.Option(metavar="N", help="Pixels on a side of a window; no influence.")] = None,
     threads: common.Threads = None,
+    workers: common.WorkerCount = None,
+    scheduler: common.Scheduler = None,
     resolution: Annotated[
         str | None, typer.Option(metavar="METRES", help="Grid of a Sentinel-2 product: 10 (the default), 20 or 60.")
     ] = None,
@@ -180,6 +184,7 @@ def dehaze(
     files = {"output": output, "haze_map": haze_map, "sigma": sigma, "mask": mask, "quicklook": quicklook}
     _check_files(image, files, as_json, dtype, compression)
     parse.check_new(files.values() if no_clobber else ())
+    work: dict[str, Any] = common.worker_options(workers, scheduler)
     request = Request(
         image=image,
         **files,
@@ -217,6 +222,8 @@ def dehaze(
             window=parse.parse_integer(window, "window", 16, "give a number of pixels, 16 or more"),
             threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         ),
+        workers=work["workers"],
+        scheduler=work["scheduler"],
     )
     # No checkpoint: solving atmospheres takes long, and they are kept between runs; a Cloud-Optimised GeoTIFF is laid
     # out from its whole content, so that half of one could not be gone on with.
@@ -308,6 +315,7 @@ def run(request: Request) -> int:
     from skyscatter.dehaze.rasters.opening import open_raster
     from skyscatter.dehaze.rasters.sinks import together
     from skyscatter.progress import Progress
+    from skyscatter.tasks.cluster import executor_of
 
     started = clock.monotonic()
     with ExitStack() as stack:
@@ -320,8 +328,9 @@ def run(request: Request) -> int:
         if any(path.suffix.lower() in RASTERS for path in request.files.values()):
             stack.enter_context(environment())
         progress = Progress(1.0, f"dehazing {request.image.name}", request.progress)
-        with together(open_sinks(request, source)) as sinks, progress:
-            summary = dehaze_raster(source, sinks, request.options, progress.to)
+        workers = executor_of(request.workers, request.scheduler)
+        with together(open_sinks(request, source)) as sinks, progress, workers as executor:
+            summary = dehaze_raster(source, sinks, request.options, progress.to, executor)
         if request.quicklook is not None and request.output is not None:
             from skyscatter.dehaze.rasters.quicklook import write_quicklook
 

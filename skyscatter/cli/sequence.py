@@ -342,10 +342,13 @@ class FrameFolder:
 
         say("film")
         writer = _film_writer()
-        with atomic_path(self.output) as beside, _film(writer, beside, sequence.rate) as film:
-            for k, path in enumerate(self.paths):
-                film.append(_even(writer.imread(path)))
-                progress.to((k + 1) / len(self.paths))
+        with atomic_path(self.output) as beside:
+            with _film(beside, sequence.rate) as film:
+                for k, path in enumerate(self.paths):
+                    film.append_data(_even(writer.imread(path)))
+                    progress.to((k + 1) / len(self.paths))
+            if not beside.stat().st_size:
+                raise SkyscatterError(f"{self.output}: the film could not be made; choose .mp4 or .gif")
         shutil.rmtree(self.paths[0].parent)
         return [self.output]
 
@@ -356,26 +359,18 @@ def _even(picture: Any) -> Any:
     return picture[:high, :wide]
 
 
-class _Film:
-    """A film to which pictures are added."""
-
-    def __init__(self, file: Any, path: Path) -> None:
-        self.file, self.path = file, path
-
-    def append(self, picture: Any) -> None:
-        self.file.append_data(picture)
-
-
 @contextmanager
-def _film(writer: Any, path: Path, rate: float) -> Iterator[_Film]:
+def _film(path: Path, rate: float) -> Iterator[Any]:
+    """A film to which pictures are added."""
     import imageio
 
-    more = {"duration": 1000 / rate, "loop": 0} if path.suffix == ".gif" else {"fps": rate, "macro_block_size": 1}
-    file = imageio.get_writer(str(path), **more)
-    try:
-        yield _Film(file, path)
-    finally:
-        file.close()
+    if path.suffix == ".gif":
+        more: dict[str, Any] = {"duration": 1000 / rate, "loop": 0}
+    else:
+        codec = "libvpx-vp9" if path.suffix == ".webm" else "libx264"
+        more = {"fps": rate, "macro_block_size": 1, "codec": codec, "ffmpeg_log_level": "error"}
+    with imageio.get_writer(str(path), **more) as film:
+        yield film
 
 
 def describe(summary: dict[str, Any]) -> str:

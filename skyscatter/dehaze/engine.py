@@ -19,7 +19,11 @@ MOST_PLANES = 16
 
 
 def dehaze_raster(
-    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress | None = None
+    source: RasterSource,
+    sinks: Mapping[str, Any],
+    options: DehazeOptions,
+    progress: Progress | None = None,
+    executor: Any = None,
 ) -> Summary:
     """Take the haze off an image window by window.
 
@@ -31,6 +35,9 @@ def dehaze_raster(
     options : DehazeOptions
     progress : callable, optional
         Called with the finished share, 0 to 1.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        What corrects the windows: so many processes of this machine, an executor, or a client of dask; threads of this
+        process when not given.
 
     Returns
     -------
@@ -63,11 +70,11 @@ def dehaze_raster(
     if entrance(source, options) == "plain":
         from skyscatter.dehaze.plain import dehaze_plain
 
-        summary = dehaze_plain(source, sinks, options, say)
+        summary = dehaze_plain(source, sinks, options, say, executor)
     else:
         from skyscatter.dehaze.physical import dehaze_physical
 
-        summary = dehaze_physical(source, sinks, options, say)
+        summary = dehaze_physical(source, sinks, options, say, executor)
     from skyscatter.dehaze.provenance import tags
 
     for sink in sinks.values():
@@ -75,7 +82,7 @@ def dehaze_raster(
     return Summary(summary)
 
 
-def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> DehazeResult:
+def dehaze(image: Any, *, progress: Progress | None = None, executor: Any = None, **options: Any) -> DehazeResult:
     """Take the haze off an image.
 
     An image whose sensor and geometry are known becomes surface reflectance with an uncertainty; a plain picture
@@ -88,6 +95,9 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
         a labelled array of dask's chunks the haze is found at once, and the result stays lazy.
     progress : callable, optional
         Called with the finished share, 0 to 1.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        What works on an image window by window, as in `dehaze_raster`; not for arrays of dask's chunks, which dask
+        itself works on.
     **options
         Of `skyscatter.dehaze.options.SourceOptions` (sensor, bands, quantity, scale, offset, angles) and
         `skyscatter.dehaze.options.DehazeOptions` (aod, aerosol, pressure_hpa, ozone_du, strength, ...).
@@ -121,11 +131,13 @@ def dehaze(image: Any, *, progress: Progress | None = None, **options: Any) -> D
     if hasattr(image, "dims") and is_lazy(image):
         from skyscatter.dehaze.lazyresult import dehaze_lazy
 
+        if executor is not None:
+            raise DomainError("executor", executor, "dask works on its own arrays; leave it out")
         return dehaze_lazy(image, reading, doing, progress)
     source = _source(image, reading)
     with source:
         sinks = array_sinks(source)
-        summary = dehaze_raster(source, sinks, doing, progress)
+        summary = dehaze_raster(source, sinks, doing, progress, executor)
     found = {name: sink.array for name, sink in sinks.items()}
     if isinstance(source, XarraySource):
         single = {"haze_map": ["haze"], "mask": ["flags"]}

@@ -148,7 +148,9 @@ def above_atmosphere(
     return toa
 
 
-def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) -> tuple[Correction, dict[str, Any]]:
+def prepare(
+    source: RasterSource, options: DehazeOptions, progress: Progress, executor: Any = None
+) -> tuple[Correction, dict[str, Any]]:
     """Look at the whole image once, estimate its haze, and make what corrects it; also a summary for reports."""
     sensing = sense(source)
     pixel = options.pixel_size_m or pixel_size(source)
@@ -169,7 +171,7 @@ def prepare(source: RasterSource, options: DehazeOptions, progress: Progress) ->
     secant = source.geometry.secant_of_sun
     seen = gather(
         source, sensing, lattice, partial(above_atmosphere, sensing, secant, roles, air), roles, options,
-        lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share),
+        lambda share: progress(AFTER_TABLES + (AFTER_LOOK - AFTER_TABLES) * share), executor,
     )  # fmt: skip
     more = other_aerosols(tables, options)
     haze = find_haze(tables, more, seen, sensing, gas, angles, pixel, options, known)
@@ -258,6 +260,7 @@ def gather(
     roles: masks.BandRoles,
     options: DehazeOptions,
     progress: Progress,
+    executor: Any = None,
 ) -> Gathered:
     """What the cells of the whole image hold.
 
@@ -278,7 +281,7 @@ def gather(
 
     found = map_windows(
         source, first_look, size=options.window, multiple=lattice.large, flags=True, threads=options.threads,
-        progress=progress,
+        executor=executor, progress=progress,
     )  # fmt: skip
     clear_somewhere = False
     for window, (cells, clear) in found:
@@ -414,19 +417,18 @@ def told_probabilities(haze: HazeEstimate) -> dict[str, float]:
 
 
 def dehaze_physical(
-    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress
+    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress, executor: Any = None
 ) -> dict[str, Any]:
     """Correct an image into sinks (result, sigma, haze_map, mask: those there are); returns the summary."""
-    correction, report = prepare(source, options, progress)
+    correction, report = prepare(source, options, progress, executor)
     wanted, count = frozenset(sinks), FlagCount()
 
     def work(row0: int, col0: int, values: Values, flags: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
-        found = correction(row0, col0, values, flags, wanted)
-        count.add(found["mask"])
-        return found
+        return dict(correction(row0, col0, values, flags, wanted))
 
     for_each_window(
-        source, sinks, work, size=options.window, flags=True, threads=options.threads,
+        source, sinks, work, lambda found: count.add(found["mask"]), size=options.window, flags=True,
+        threads=options.threads, executor=executor,
         progress=lambda share: progress(AFTER_ESTIMATE + (1 - AFTER_ESTIMATE) * share),
     )  # fmt: skip
     return {**report, "flags": count.shares()}

@@ -90,7 +90,7 @@ def check_seen(source: RasterSource, lattice: Lattice) -> None:
 
 
 def dehaze_plain(
-    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress
+    source: RasterSource, sinks: Mapping[str, Any], options: DehazeOptions, progress: Progress, executor: Any = None
 ) -> dict[str, Any]:
     """Take the veil off a picture into sinks (result, sigma, haze_map, mask: those there are); returns the summary."""
     places = shown_bands(source)
@@ -99,12 +99,11 @@ def dehaze_plain(
     wanted, count = frozenset(sinks), FlagCount()
 
     def work(row0: int, col0: int, values: Values, flags: Flags) -> dict[str, NDArray[Any]]:
-        found = cleaned(veil, places, options.strength, row0, col0, values, flags, wanted)
-        count.add(found["mask"])
-        return found
+        return cleaned(veil, places, options.strength, row0, col0, values, flags, wanted)
 
     for_each_window(
-        source, sinks, work, size=options.window, flags=True, threads=options.threads,
+        source, sinks, work, lambda found: count.add(found["mask"]), size=options.window, flags=True,
+        threads=options.threads, executor=executor,
         progress=lambda share: progress(AFTER_FIT + (1 - AFTER_FIT) * share),
     )  # fmt: skip
     return {**summary(source, veil, places, options), "flags": count.shares()}

@@ -35,6 +35,7 @@ from skyscatter.units import (
     Radii,
     default,
 )
+from skyscatter.workers import steady_algebra
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -330,6 +331,7 @@ class MieAerosol(OpticalModel):
 
 
 @lru_cache(maxsize=1024)
+@steady_algebra()
 def _node(modes: tuple[Mode, ...], wavelength_nm: float, index: complex) -> _NodeOptics:
     """Average over sizes at one wavelength."""
     wavelength = wavelength_nm * 1e-9

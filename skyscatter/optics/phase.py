@@ -26,6 +26,7 @@ from skyscatter.registry import open_to
 from skyscatter.spectra.table import SpectralNumber, SpectralShare, bounds, evaluate
 from skyscatter.tablefile import TableRecord, Wanted, column_names, with_columns
 from skyscatter.units import ANGLE, RELATIVE_AMOUNT, WAVELENGTH, Numbers, Wavelengths, default
+from skyscatter.workers import steady_algebra
 
 #: Wavelength of a table that holds for all [nm].
 DESIGN_NM = 550.0
@@ -458,6 +459,7 @@ class GreekPhase(PhaseFunction):
         series = np.polynomial.legendre.legval(mu, self.alpha1) / (4 * np.pi)
         return np.repeat(series[:, None], np.size(wavelengths_nm), axis=1)
 
+    @steady_algebra()
     def matrix(self, cos_theta: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
         """Scattering matrix; see `PhaseFunction.matrix`."""
         mu = np.atleast_1d(np.asarray(cos_theta, float))

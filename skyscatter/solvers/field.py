@@ -31,7 +31,7 @@ from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.spectral import at_all, at_some, needed
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
-from skyscatter.workers import Workers
+from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
     import xarray
@@ -234,6 +234,7 @@ def zenith_range(scene: Scene, sun_elevations_deg: tuple[float, float], toleranc
     return max(np.radians(90 - high) - margin, 0.0), min(np.radians(90 - low) + margin, np.pi)
 
 
+@steady_algebra()
 def solve_range(
     scene: Scene,
     wavelengths: Array,

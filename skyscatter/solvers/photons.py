@@ -203,7 +203,8 @@ def scout_radius(context: Context, rays: Rays, options: Options) -> float:
     extent = 2 * float(np.sqrt(place.var(axis=0).sum()))
     radius = OF_EXTENT * extent
     if len(media.place):
-        extinction = (media.density @ table.media.sigma_t).mean(axis=1)
+        # Not a matrix product: its last digits depend on the threads that the library of linear algebra takes.
+        extinction = np.einsum("pc,cw->pw", media.density, table.media.sigma_t).mean(axis=1)
         radius = min(radius, OF_FREE_PATH / float(extinction.mean()))
     return max(radius, 1e-12 * float(np.abs(place).max()), 1e-300)
 

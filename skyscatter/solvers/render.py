@@ -18,6 +18,7 @@ from skyscatter.solvers.base import Array, Options, Rays
 from skyscatter.solvers.memory import check_picture, format_bytes
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
+from skyscatter.workers import steady_algebra
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     AnyScene = Scene | SpaceScene | SurfaceScene
 
 
+@steady_algebra()
 def render(
     scene: AnyScene,
     camera: Any,

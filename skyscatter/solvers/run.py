@@ -27,7 +27,7 @@ from skyscatter.tasks.engine import Engine, opened
 from skyscatter.tasks.store import Store
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.units import WAVELENGTHS
-from skyscatter.workers import GRACE, processors
+from skyscatter.workers import GRACE, processors, steady_algebra
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -282,6 +282,7 @@ class _Tiles:
                 self.state.put(part, answer)
 
 
+@steady_algebra()
 def radiance(
     scene: AnyScene,
     origins: ArrayLike,

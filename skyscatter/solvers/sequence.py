@@ -173,9 +173,9 @@ def rows(field: RadianceField, table: Any, scene: Scene, camera: Panorama) -> Ar
     light = looked(field, table, scene, directions.reshape(-1, 3), direct=False).reshape(camera.height, NODES, -1)
     x = 360.0 * (np.arange(camera.width) + 0.5 - camera.width / 2) / camera.width
     apart = np.radians(np.abs((camera.centre_azimuth_deg + x - scene.sun.azimuth_deg + 180) % 360 - 180))
-    spline = CubicSpline(turn, np.eye(NODES), bc_type="clamped")(np.minimum(apart, math.pi))
-    joined = np.ascontiguousarray(spline) @ np.moveaxis(light, 1, 0).reshape(NODES, -1)  # one product is the fastest
-    return np.maximum(np.moveaxis(joined.reshape(camera.width, camera.height, -1), 0, 1), 0.0)
+    # Not a matrix of weights: the last digits of a product depend on the threads of the library of linear algebra.
+    joined = CubicSpline(turn, np.moveaxis(light, 1, 0), bc_type="clamped")(np.minimum(apart, math.pi))
+    return np.maximum(np.moveaxis(joined, 0, 1), 0.0)
 
 
 def adapted(exposures: ArrayLike, step: float = STEP) -> Array:

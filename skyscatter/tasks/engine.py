@@ -24,7 +24,7 @@ from typing import Any, Self
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.tasks import worker
 from skyscatter.tasks.task import Shared, Task
-from skyscatter.workers import Workers, processors
+from skyscatter.workers import Workers, processors, steady_algebra
 
 #: Times that a task is given to other workers when the one that had it has died.
 MOST_TRIES = 3
@@ -61,7 +61,7 @@ class Engine:
 
     def submit(self, task: Task) -> Future[Any]:
         """Have a task run; its result or its error comes with the future."""
-        return self._pool.submit(task.run)
+        return self._pool.submit(steady_algebra()(task.run))
 
     def results(
         self,

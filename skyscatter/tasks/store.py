@@ -210,6 +210,8 @@ def _make(path: Path, attributes: Mapping[str, Any]) -> None:
     import zarr
 
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        if (path / "zarr.json").is_file():  # made by another program just now
+            return
         raise DomainError("store", str(path), "is no store of skyscatter's; choose a new folder")
     if not path.parent.is_dir():
         raise DomainError("store", str(path), "its directory does not exist; make it first")

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skyscatter.workers import steady_algebra
+
 #: Shared values that a worker keeps: that of the job at work, and of one beside it.
 MOST_KEPT = 2
 
@@ -36,7 +38,8 @@ Gift = InFile | bytes | None
 def run(call: Callable[..., Any], arguments: tuple[Any, ...], key: str | None = None, gift: Gift = None) -> Any:
     """Run a task; `Missing` where what it shares is neither kept nor given."""
     if key is None:
-        return call(*arguments)
+        with steady_algebra():
+            return call(*arguments)
     with _lock:
         if key not in _kept:
             if gift is None:
@@ -46,7 +49,8 @@ def run(call: Callable[..., Any], arguments: tuple[Any, ...], key: str | None = 
         value = _kept[key]
         while len(_kept) > MOST_KEPT:
             _kept.popitem(last=False)
-    return call(value, *arguments)
+    with steady_algebra():
+        return call(value, *arguments)
 
 
 def _unpacked(gift: InFile | bytes) -> Any:

@@ -36,7 +36,7 @@ def engine(monkeypatch):
     """An engine that halves the image and says in the maps that it did."""
     calls = SimpleNamespace(options=None, source=None, sinks=None, fail=None)
 
-    def dehaze_raster(source, sinks, options, progress):
+    def dehaze_raster(source, sinks, options, progress, executor=None):
         calls.options, calls.source, calls.sinks = options, source, sorted(sinks)
 
         def work(row0, col0, values, flags):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from skyscatter.dehaze.rasters.handles import environment
 from skyscatter.dehaze.rasters.sinks import RasterSink
 from skyscatter.errors import DomainError
 from skyscatter.kernels.processors import processors
+from skyscatter.tasks.engine import opened
+from skyscatter.tasks.task import Shared, Task
 
 #: Values [byte] of one window, where no size is asked for.
 _WINDOW_BYTES = 48 << 20
@@ -60,11 +62,12 @@ def map_windows(
     bands: Sequence[int | str] | None = None,
     flags: bool = False,
     threads: int | None = None,
+    executor: Any = None,
     progress: Progress | None = None,
 ) -> Iterator[tuple[Window, Any]]:
-    """Apply a function to all windows of an image; results come row by row, whatever the number of threads.
+    """Apply a function to all windows of an image; results come row by row, whatever works on them.
 
-    At most threads + 1 windows are in memory at a time.
+    No more windows are in memory at a time than wait for the workers, or are at work: two for each, and one.
 
     Parameters
     ----------
@@ -82,6 +85,9 @@ def map_windows(
         Whether the function is given the flags too.
     threads : int, optional
         One per processor if not given.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        What works on the windows, as for `skyscatter.render`; they are read here all the same, and the function must
+        change nothing.
     progress : callable, optional
         Called with the finished share, 0 to 1, from the calling thread.
 
@@ -92,23 +98,29 @@ def map_windows(
     result : object
         What the function returned; arrays still have the overlap (see `cropped`).
     """
-    workers = threads or processors()
     count = len(source.bands) if bands is None else len(bands)
     todo = list(windows(source.height, source.width, size or default_size(count), multiple))
 
-    def work(window: Window) -> Any:
+    def read(window: Window) -> tuple[Any, ...]:
         outer = grown(window, overlap, source.height, source.width)
         values, seen = source.read_with_flags(*outer, bands=bands)
-        more = (seen,) if flags else ()
-        return function(outer.row0, outer.col0, values, *more)
+        return (outer.row0, outer.col0, values, *((seen,) if flags else ()))
 
-    with environment(), ThreadPoolExecutor(workers, "dehaze") as pool:
+    with environment(), opened(executor, threads or processors()) as engine:
+        shared = None if engine.local else Shared(function)
+
+        def task(window: Window) -> Task:
+            if engine.local:  # read in the threads, too
+                return Task(lambda: function(*read(window)))
+            return Task(_apply, read(window), shared)
+
         waiting: deque[tuple[Window, Future[Any]]] = deque()
+        most = engine.workers if engine.local else 2 * engine.workers
         try:
             for number, window in enumerate(todo):
-                # The next window goes to the threads before the finished one is handed out, so that they have work.
-                ready = _first(waiting) if len(waiting) >= workers else None
-                waiting.append((window, pool.submit(work, window)))
+                # The next window goes to the workers before the finished one is handed out, so that they have work.
+                ready = _first(waiting) if len(waiting) >= most else None
+                waiting.append((window, engine.submit(task(window))))
                 if ready is not None:
                     yield ready
                     _say(progress, (number + 1 - len(waiting)) / len(todo))
@@ -118,6 +130,10 @@ def map_windows(
         finally:
             for _, future in waiting:
                 future.cancel()
+
+
+def _apply(function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(*arguments)
 
 
 def _say(progress: Progress | None, share: float) -> None:
@@ -134,6 +150,7 @@ def for_each_window(
     source: RasterSource,
     sinks: RasterSink | Mapping[str, RasterSink],
     function: Callable[..., Any],
+    each: Callable[[Any], object] | None = None,
     **options: Any,
 ) -> None:
     """Apply a function to all windows of an image and write what it returns.
@@ -145,11 +162,15 @@ def for_each_window(
         One, for a function that returns an array; or one for each array of the mapping that it returns.
     function : callable
         As in `map_windows`; returns arrays (band, y, x) as large as what it was given.
+    each : callable, optional
+        Called with every result, in the calling thread.
     options
         Of `map_windows`.
     """
     overlap = options.get("overlap", 0)
     for window, result in map_windows(source, function, **options):
+        if each is not None:
+            each(result)
         outer = grown(window, overlap, source.height, source.width)
         named = sinks if isinstance(sinks, Mapping) else {"result": sinks}
         arrays = result if isinstance(result, Mapping) else {"result": result}
