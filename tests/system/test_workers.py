@@ -160,7 +160,7 @@ def test_a_client_is_killed_and_another_goes_on(name: str, plain: dict[str, Any]
     while len(lines(log)) < 3 and first.poll() is None and time.monotonic() < until:
         time.sleep(0.002)
     first.send_signal(signal.SIGKILL)
-    first.wait()
+    first.communicate()
     before = lines(log)
     assert before
     second = client(name, store, log)
