@@ -146,8 +146,8 @@ def main() -> None:
                 ["to claim, write and look up a task [ms]", f"{writing:.1f}"],
             ],
         ),
-        f"On paper: tiles of 128 rays that take {task:.2f} s each ({given.samples} walks a ray), handed out by one client at "
-        f"{handing:.2f} ms and kept at {writing:.1f} ms each, in a picture of 2048x1024 pixels (16 384 tiles).",
+        f"On paper: tiles of 128 rays that take {task:.2f} s each ({given.samples} walks a ray), handed out by one "
+        f"client at {handing:.2f} ms and kept at {writing:.1f} ms each, in a picture of 2048x1024 pixels.",
         table(
             ["workers", "seconds", "busy"],
             [

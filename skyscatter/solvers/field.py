@@ -26,6 +26,7 @@ from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
+from skyscatter.solvers.rows import view_rows
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.spectral import at_all, at_some, needed
@@ -641,7 +642,9 @@ class RadianceField:
 
     def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
         """`radiance` of a few rays, in one thread and without checks."""
-        scattered, multiple, ground, direct = view(self.fine.problem, self.fine.loaded, table, origins, directions)
+        scattered, multiple, ground, direct = view_rows(
+            self.fine.problem, self.fine.loaded, table, origins, directions, self.tolerance
+        )
         # Where there is next to no light, deep in the night, the sum of its moments swings about zero.
         multiple[:, 0] = np.maximum(multiple[:, 0], 0.0)
         stokes = scattered + multiple
@@ -657,13 +660,13 @@ class RadianceField:
             layers |= {"direct": direct, "scattered": scattered[:, 0], "ground": ground, "multiple": multiple[:, 0]}
         return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
 
-    def quick_look(self, table: SceneTable, origins: Array, directions: Array, direct: bool) -> Array:
-        """Radiance of a few rays (ray, wavelength), without an error; with or without what comes unscattered."""
-        scattered, multiple, ground, unscattered = view(
-            self.fine.problem, self.fine.loaded, table, origins, directions
+    def quick_look(self, table: SceneTable, origins: Array, directions: Array) -> Array:
+        """Radiance of a few rays (ray, wavelength), without an error."""
+        scattered, multiple, ground, unscattered = view_rows(
+            self.fine.problem, self.fine.loaded, table, origins, directions, self.tolerance
         )
         diffuse = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
-        return np.asarray(diffuse + unscattered if direct else diffuse)
+        return np.asarray(diffuse + unscattered)
 
     def _error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
         """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays.

@@ -1,13 +1,7 @@
-"""Sequences: many pictures of one air, from one solved field, with an exposure that does not jump.
-
-In a panorama all pixels of a row have one elevation, and the diffuse light there depends on nothing but the azimuth
-from the Sun, evenly to both sides.  So it is computed at nodes between 0 and 180 degrees, close to each other near the
-Sun, and a cubic spline goes through them; the Sun's disk is added to the pixels that see it.
-"""
+"""Sequences: many pictures of one air, from one solved field, with an exposure that does not jump."""
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
-from skyscatter.geometry.camera import Panorama
 from skyscatter.scene import Scene
 from skyscatter.solvers import orders, sundisk
 from skyscatter.solvers.base import Array
@@ -33,10 +26,8 @@ from skyscatter.tasks.task import Shared, Task
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
 
-#: Nodes over 180 degrees of azimuth; they stand at squares, 0.01 degrees apart at the Sun and 2.8 opposite to it.
-NODES = 129
 #: Rays that are looked at together.
-CHUNK = 2048
+CHUNK = 4096
 #: Width of the small pictures from which exposures are found [pixel].
 SMALL = 64
 #: Largest change of exposure from one frame to the next [EV].
@@ -135,13 +126,7 @@ def frame(field: RadianceField, scene: Scene, camera: Any) -> SpectralImage:
     table = field.at(scene.sun)
     inside = np.isfinite(grid[..., 0])
     cube = np.full((*inside.shape, field.wavelengths.size), np.nan)
-    if isinstance(camera, Panorama) and not table.optics.background.any():
-        cube[:] = rows(field, table, scene, camera)
-        seen = sundisk.disk_along(scene, table, grid, field.wavelengths)
-        if seen is not None:
-            cube.reshape(-1, cube.shape[-1])[seen[0]] += seen[1]
-    else:
-        cube[inside] = looked(field, table, scene, grid[inside])
+    cube[inside] = looked(field, table, scene, grid[inside])
     correction = sundisk.disk_correction(scene, table, camera, grid)
     if correction is not None:
         cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
@@ -149,33 +134,14 @@ def frame(field: RadianceField, scene: Scene, camera: Any) -> SpectralImage:
     return SpectralImage(cube, field.wavelengths, recipe=recipe | {"solver": "orders"})
 
 
-def looked(field: RadianceField, table: Any, scene: Scene, directions: Array, direct: bool = True) -> Array:
+def looked(field: RadianceField, table: Any, scene: Scene, directions: Array) -> Array:
     """Radiance along rays from the observer (ray, wavelength), in this thread."""
     origins = np.broadcast_to(scene.observer.position, directions.shape)
     found = []
     for k in range(0, len(directions), CHUNK):
         o, d = (np.ascontiguousarray(a[k : k + CHUNK]) for a in (origins, directions))
-        found.append(field.quick_look(table, o, d, direct))
+        found.append(field.quick_look(table, o, d))
     return np.concatenate(found) if found else np.zeros((0, field.wavelengths.size))
-
-
-def rows(field: RadianceField, table: Any, scene: Scene, camera: Panorama) -> Array:
-    """Diffuse radiance of a panorama, (y, x, wavelength)."""
-    from scipy.interpolate import CubicSpline
-
-    turn = math.pi * (np.arange(NODES) / (NODES - 1)) ** 2
-    elevation = np.radians(camera._elevation(camera.height / 2 - 0.5 - np.arange(camera.height)))
-    azimuth = np.radians(scene.sun.azimuth_deg) + turn
-    level = np.stack(np.broadcast_arrays(np.sin(azimuth), np.cos(azimuth)), axis=-1)
-    directions = np.empty((camera.height, NODES, 3))
-    directions[..., :2] = np.cos(elevation)[:, None, None] * level
-    directions[..., 2] = np.sin(elevation)[:, None]
-    light = looked(field, table, scene, directions.reshape(-1, 3), direct=False).reshape(camera.height, NODES, -1)
-    x = 360.0 * (np.arange(camera.width) + 0.5 - camera.width / 2) / camera.width
-    apart = np.radians(np.abs((camera.centre_azimuth_deg + x - scene.sun.azimuth_deg + 180) % 360 - 180))
-    # Not a matrix of weights: the last digits of a product depend on the threads of the library of linear algebra.
-    joined = CubicSpline(turn, np.moveaxis(light, 1, 0), bc_type="clamped")(np.minimum(apart, math.pi))
-    return np.maximum(np.moveaxis(joined, 0, 1), 0.0)
 
 
 def adapted(exposures: ArrayLike, step: float = STEP) -> Array:

@@ -535,13 +535,18 @@ def off_vertical(origins: Array, directions: Array) -> Array:
     return out
 
 
-def bundles(origins: Array, directions: Array, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """An order of rays in which those that share a course are neighbours, and where the bundles begin and end."""
+def same_course(origins: Array, directions: Array, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """An order of rays in which those that share a course are neighbours, and where the courses begin and end."""
     along = np.einsum("rk,rk->r", origins, directions)
     height = np.linalg.norm(origins, axis=1)
     key = np.round(np.stack([along, height], axis=1) / (SAME_COURSE * radius)).astype(np.int64)
     order = np.lexsort((key[:, 1], key[:, 0])).astype(np.int64)
     sorted_key = key[order]
     first = np.flatnonzero(np.any(np.diff(sorted_key, axis=0) != 0, axis=1)) + 1
-    edges = np.unique(np.concatenate([[0], first, np.arange(0, len(order), MOST_RAYS), [len(order)]]))
-    return order, edges.astype(np.int64)
+    return order, np.concatenate([[0], first, [len(order)]]).astype(np.int64)
+
+
+def bundles(origins: Array, directions: Array, radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The same, in bundles that kernels have room for."""
+    order, edges = same_course(origins, directions, radius)
+    return order, np.unique(np.concatenate([edges, np.arange(0, len(order), MOST_RAYS)])).astype(np.int64)

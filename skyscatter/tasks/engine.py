@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED as FIRST
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
@@ -28,8 +29,6 @@ from skyscatter.workers import Workers, processors, steady_algebra
 
 #: Times that a task is given to other workers when the one that had it has died.
 MOST_TRIES = 3
-#: Tasks that wait at the door for each worker, so that none of them is idle.
-AHEAD = 2
 #: Seconds between two looks at what goes on.
 SLICE = 1.0
 
@@ -52,16 +51,20 @@ class Engine:
 
     #: Whether tasks share this process: what they change is seen here, and they may be asked to stop.
     local = True
+    #: Tasks that wait at the door for each worker, so that none of them is idle.
+    ahead = 2
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
         #: Futures of the tasks that wait or run, while results are asked for.
         self.running: dict[Future[Any], Task] = {}
         self._pool: Executor = Workers(workers)
+        self._steady = contextlib.ExitStack()
+        self._steady.enter_context(steady_algebra())
 
     def submit(self, task: Task) -> Future[Any]:
         """Have a task run; its result or its error comes with the future."""
-        return self._pool.submit(steady_algebra()(task.run))
+        return self._pool.submit(task.run)
 
     def results(
         self,
@@ -114,11 +117,12 @@ class Engine:
     @property
     def room(self) -> int:
         """Tasks that should be waiting or running."""
-        return self.workers * (1 + AHEAD)
+        return self.workers * (1 + self.ahead)
 
     def close(self, wait: bool = True) -> None:
         """End the workers that are its own; without `wait` they are left behind."""
         self._pool.shutdown(wait=wait, cancel_futures=not wait)
+        self._steady.close()
 
     def __enter__(self) -> Self:
         return self
@@ -307,18 +311,24 @@ class Dask(Elsewhere):
         Stays open when the engine is closed.
     """
 
+    #: Messages go in batches, some tens of milliseconds from door to door.
+    ahead = 16
+
     def __init__(self, client: Any) -> None:
         workers = sum(info["nthreads"] for info in client.scheduler_info(n_workers=-1)["workers"].values())
         super().__init__(client.get_executor(pure=False), max(workers, 1))
-        self._client = client
+        self._client, self._asked = client, time.monotonic()
         self._lock = threading.Lock()
         self._scattered: dict[str, Any] = {}
 
     @property
     def room(self) -> int:
         """Tasks that should be waiting or running; workers come and go."""
-        known = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        self.workers = max(sum(info["nthreads"] for info in known), 1)
+        now = time.monotonic()
+        if now - self._asked > SLICE:  # asking the scheduler takes milliseconds
+            self._asked = now
+            known = self._client.scheduler_info(n_workers=-1)["workers"].values()
+            self.workers = max(sum(info["nthreads"] for info in known), 1)
         return super().room
 
     def _gift(self, shared: Shared) -> Any:
@@ -329,10 +339,6 @@ class Dask(Elsewhere):
                 gift = self._client.scatter(shared.packed, hash=True, broadcast=True)
                 self._scattered[shared.key] = gift
         return gift
-
-    def _send(self, task: Task, gift: Any) -> Future[Any]:
-        # Where dask asks for names it would look into the arguments to find them: a name of our own is faster.
-        return super()._send(task, gift)
 
     def _survive(self, error: BaseException, task: Task, answer: Future[Any], tries: int) -> bool:
         if tries <= 1 or not (isinstance(error, CancelledError) or type(error).__name__ == "KilledWorker"):

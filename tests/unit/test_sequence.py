@@ -25,38 +25,9 @@ def scenes(*elevations: float, model: str = "earth-simple", **more: Any) -> list
     return [air.scene(sun_elevation_deg=e, sun_azimuth_deg=170 - e, **more) for e in elevations]
 
 
-@pytest.mark.parametrize("model", ["earth-simple", "earth-hazy"])
-@pytest.mark.parametrize("view", ["panorama", "fisheye"])
-def test_a_frame_is_what_a_render_gives(model: str, view: str) -> None:
-    """Within what the spline over azimuth costs: 0.05 % of a row's light at most, and 3e-5 in the mean square.
-
-    Both take the same field, so that nothing else differs; pixels that see the Sun's disk agree as well.
-    """
-    fisheye = skyscatter.Fisheye(width=32, height=32)
-    camera: Any = skyscatter.Panorama(width=128, height=32) if view == "panorama" else fisheye
-    found = scenes(-4, 5, 40, model=model)
-    field = field_for(found, camera, WAVELENGTHS, tolerance=0.02)
-    for scene in found:
-        image = frame(field, scene, camera)
-        grid = camera.directions(scene.observer)
-        inside = np.isfinite(grid[..., 0])
-        exact = sequence.looked(field, field.at(scene.sun), scene, grid[inside])
-        from skyscatter.solvers import sundisk
-
-        correction = sundisk.disk_correction(scene, field.at(scene.sun), camera, grid)
-        whole = np.full_like(image.radiance, np.nan)
-        whole[inside] = exact
-        if correction is not None:
-            whole.reshape(-1, 3)[correction[0]] += correction[1]
-        off = (image.radiance / np.where(whole > 0, whole, np.nan) - 1)[inside]
-        assert np.nanmax(np.abs(off)) < 5e-4
-        assert np.sqrt(np.nanmean(off**2)) < 3e-5
-        np.testing.assert_array_equal(np.isnan(image.radiance), np.isnan(whole))
-
-
 def test_a_frame_agrees_with_a_render_of_its_own() -> None:
     """Two solutions, each within the tolerance of 0.5 %."""
-    camera = skyscatter.Panorama(width=32, height=16, elevation_min_deg=0.0)
+    camera = skyscatter.Panorama(width=300, height=10, elevation_min_deg=0.0)
     found = scenes(-3, 20)
     field = field_for(found, camera, WAVELENGTHS)
     for scene in found:
