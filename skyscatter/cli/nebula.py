@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from skyscatter.cli import common, parse
+from skyscatter.cli import common, parse, sequence
 from skyscatter.cli import nebula_options as options
 from skyscatter.cli.nebula_options import Request
 from skyscatter.errors import DomainError
@@ -37,6 +37,13 @@ def nebula(
     azimuth: Annotated[
         str | None, typer.Option(metavar="DEG", help="Turn of the model about its own axis [degree].")
     ] = None,
+    azimuths: Annotated[
+        str | None, typer.Option(metavar="START:END:STEP", help="A frame for each azimuth [degree], or a list of them.")
+    ] = None,
+    exposure_step: Annotated[
+        str | None, typer.Option(metavar="EV", help="Most that the exposure changes from frame to frame, else 0.1.")
+    ] = None,
+    frame_rate: Annotated[str | None, typer.Option(metavar="N", help="Frames a second of a film, else 24.")] = None,
     position_angle: Annotated[
         str | None, typer.Option(metavar="DEG", help="Turn in the sky, from north through east [degree].")
     ] = None,
@@ -121,8 +128,14 @@ def nebula(
 
     Position and distance are the model's.  Ctrl-C keeps what is finished, a picture as NAME.partial.EXT,
     and says how to go on.
+
+    --azimuths turns around it: a frame for each, to numbered files, or to a film where the output is .mp4, .webm or
+    .gif.  Repeat the command to go on with one.
     """
-    outputs = parse.check_outputs(output or [], no_clobber)
+    turn = sequence.turned(azimuths, exposure_step, frame_rate)
+    outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if turn else ())
+    if turn is not None:
+        _check_turn(outputs, azimuth, resume, store, psf or aperture)
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
@@ -174,7 +187,39 @@ def nebula(
     if wavelengths is None:
         request = options.with_bands(request)
     options.check(request)
+    if turn is not None:
+        asked = turn
+        kept = "repeat the command to go on with the frames that are missing"
+        return common.stoppable(lambda: run_turn(request, asked), kept)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
+
+
+def _check_turn(
+    outputs: list[Path], azimuth: str | None, resume: Path | None, store: Path | None, observed: str | None
+) -> None:
+    """Refuse what a turn has no use for."""
+    sequence.check_output(outputs)
+    for name, value in {"azimuth": azimuth, "resume": resume, "store": store, "psf": observed}.items():
+        if value is not None:
+            raise DomainError(name, str(value), "means nothing to --azimuths; leave it out")
+
+
+def run_turn(request: Request, turn: sequence.FrameList) -> int:
+    """Frames from around a nebula; all have the width of the widest."""
+    import skyscatter
+    from skyscatter.solvers.sequence import Frames
+
+    model: Any = skyscatter.load_model(request.model)
+    common.check_command(model, request.model, "nebula")
+    scenes = tuple(model.scene(**{**request.turned, "azimuth_deg": azimuth}) for azimuth in turn.azimuths)
+    camera = max((build_camera(request, scene) for scene in scenes), key=lambda camera: camera.pixel_scale_deg)
+    names = ("samples", "noise", "tolerance", "max_order", "orders", "sampling", "photons", "radius", "estimator")
+    given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
+    chosen = {"solver": request.solver, "seed": request.seed or 0, **given}
+    frames = Frames(scenes, camera, request.wavelengths, None, chosen)
+    look = {**request.png, "bits": request.bits}
+    exposure = None if {"palette", "filters"} & set(look) else look.pop("exposure", "auto")
+    return sequence.produce(request, turn, model.name, frames, look, exposure)
 
 
 def build_camera(request: Request, scene: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Sequences of skies: frames from one solved field, to numbered files or to a film."""
+"""Sequences: frames of skies from one solved field, and of turns around nebulae, to numbered files or to a film."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shutil
 import time as clock
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -29,16 +29,14 @@ MOST_FRAMES = 100_000
 
 @dataclass(frozen=True)
 class FrameList:
-    """What a sequence is asked for beside a single sky."""
+    """What a sequence is asked for beside a single picture; one of the lists has its frames."""
 
-    times: tuple[str, ...]
-    elevations: tuple[float, ...]
-    models: tuple[str, ...]
-    step: float
-    rate: float
-
-    def __len__(self) -> int:
-        return max(len(self.times), len(self.elevations), len(self.models))
+    times: tuple[str, ...] = ()
+    elevations: tuple[float, ...] = ()
+    models: tuple[str, ...] = ()
+    azimuths: tuple[float, ...] = ()
+    step: float = 0.1
+    rate: float = RATE
 
 
 def parse_times(text: str) -> tuple[str, ...]:
@@ -65,13 +63,13 @@ def parse_times(text: str) -> tuple[str, ...]:
     return tuple((start + k * step).isoformat() for k in range(count))
 
 
-def parse_elevations(text: str) -> tuple[float, ...]:
-    """Elevations of the Sun, in the order of the frames: 40:-10:-1, or a list.
+def parse_angles(text: str, name: str, limit: float) -> tuple[float, ...]:
+    """Angles [degree] in the order of the frames, none beyond the limit: 40:-10:-1, or a list.
 
     Examples
     --------
-    >>> from skyscatter.cli.sequence import parse_elevations
-    >>> parse_elevations("10:-5:-5")
+    >>> from skyscatter.cli.sequence import parse_angles
+    >>> parse_angles("10:-5:-5", "sun_elevations", 90.0)
     (10.0, 5.0, 0.0, -5.0)
     """
     rule = "give START:END:STEP in degrees, such as 40:-10:-0.5, or a list: 10,5,0"
@@ -84,9 +82,9 @@ def parse_elevations(text: str) -> tuple[float, ...]:
         else:
             values = [float(word) for word in text.split(",")]
     except ValueError as error:
-        raise DomainError("sun_elevations", text, rule) from error
-    if not all(-90 <= value <= 90 for value in values):
-        raise DomainError("sun_elevations", text, "lie between -90 and 90 degrees")
+        raise DomainError(name, text, rule) from error
+    if not all(-limit <= value <= limit for value in values):
+        raise DomainError(name, text, f"angles lie between {-limit:g} and {limit:g} degrees")
     return tuple(values)
 
 
@@ -104,13 +102,28 @@ def asked(
         return None
     if len(chosen) > 1:
         raise DomainError(chosen[1], given[chosen[1]], f"give one list of frames: leave out {chosen[0]} or this")
-    return FrameList(
+    frames = FrameList(
         () if times is None else parse_times(times),
-        () if elevations is None else parse_elevations(elevations),
+        () if elevations is None else parse_angles(elevations, "sun_elevations", 90.0),
         models,
-        float(parse.parse_positive(step, "exposure_step") or 0.1),
-        float(parse.parse_positive(rate, "frame_rate") or RATE),
     )
+    return paced(frames, step, rate)
+
+
+def paced(frames: FrameList, step: str | None, rate: str | None) -> FrameList:
+    """The same, told how fast exposures may change and frames follow each other."""
+    most, often = parse.parse_positive(step, "exposure_step"), parse.parse_positive(rate, "frame_rate")
+    return replace(frames, step=most or frames.step, rate=often or frames.rate)
+
+
+def turned(azimuths: str | None, step: str | None, rate: str | None) -> FrameList | None:
+    """The turn around a nebula that a command asks for; None for a single picture."""
+    if azimuths is not None:
+        return paced(FrameList(azimuths=parse_angles(azimuths, "azimuths", 360.0)), step, rate)
+    for name, value in {"exposure_step": step, "frame_rate": rate}.items():
+        if value is not None:
+            raise DomainError(name, value, "is for --azimuths; leave it out")
+    return None
 
 
 def check_output(outputs: Sequence[Path]) -> None:
@@ -162,34 +175,68 @@ def _scene(request: Any, model: Any, name: str) -> Any:
     )
 
 
-def run(request: Any, sequence: FrameList, arguments: list[str]) -> int:
-    """Solve, render the frames, write them; returns the exit status."""
+def run(request: Any, sequence: FrameList) -> int:
+    """Frames of skies: solve, render, write; returns the exit status."""
     from skyscatter.geometry.camera import camera_from_view
-    from skyscatter.progress import Progress
     from skyscatter.solvers.sequence import Frames
-    from skyscatter.tasks.cluster import executor_of
 
-    started = clock.monotonic()
     name, scenes = scenes_of(request, sequence)
     highest = max(scenes, key=lambda scene: scene.sun.elevation_deg)
     # A panorama is centred on the highest Sun, and stays there.
     camera = camera_from_view(request.view, request.size[0], request.size[1], highest.sun.azimuth_deg)
     camera.directions(scenes[0].observer)
+    frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
+    one_air = not sequence.models and request.solver == "orders" and request.max_order is None
+    look = {"tone": request.tone, "space": request.space, "bits": request.bits}
+    return produce(request, sequence, name, frames, look, request.exposure, one_air)
+
+
+def produce(
+    request: Any,
+    sequence: FrameList,
+    name: str,
+    frames: Any,
+    look: dict[str, Any],
+    exposure: float | str | None,
+    one_air: bool = False,
+) -> int:
+    """Make the frames that are not there, and what is made of them; returns the exit status.
+
+    Parameters
+    ----------
+    request : RunRequest
+    sequence : FrameList
+    name : str
+        In the summary.
+    frames : skyscatter.solvers.sequence.Frames
+    look : dict
+        Options of the pictures.
+    exposure : float, "auto" or None
+        Of the pictures [EV]; None where they have none.
+    one_air : bool
+        One field is solved for all frames.
+    """
+    from skyscatter.progress import Progress
+    from skyscatter.tasks.cluster import executor_of
+
+    started = clock.monotonic()
     with (
         Progress(1.0, f"{name} sequence", request.progress) as progress,
         executor_of(request.workers, request.scheduler) as executor,
     ):
-        frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
-        folder = FrameFolder.of(request, sequence, frames)
+        folder = FrameFolder.of(request, sequence, frames, {**look, "exposure": exposure})
         missing = folder.missing()
         if missing:
-            frames = _solved(request, sequence, frames, progress)
-            exposures = _exposures(request, sequence, frames, executor, progress)
-            _write(request, frames, missing, folder, exposures, executor, progress)
+            frames = _solved(request, frames, progress) if one_air else frames
+            exposures = None
+            if folder.suffix == ".png" and exposure is not None:
+                exposures = _exposures(request, sequence, frames, exposure, executor)
+            save = look if folder.suffix == ".png" else request.file_options.get(folder.suffix, {})
+            _write(request, frames, missing, folder, save, exposures, executor, progress)
         outputs = folder.finish(sequence, progress)
     summary = {
         "model": name,
-        "frames": len(scenes),
+        "frames": len(frames.scenes),
         "made": len(missing),
         "size": list(request.size),
         "solver": request.solver,
@@ -206,15 +253,11 @@ def _options(request: Any) -> dict[str, Any]:
     return {"solver": request.solver, "seed": request.seed or 0, **chosen}
 
 
-def _solved(request: Any, sequence: FrameList, frames: Any, progress: Any) -> Any:
-    """The frames with the field that serves them all, where there is one."""
-    from dataclasses import replace
-
+def _solved(request: Any, frames: Any, progress: Any) -> Any:
+    """The frames with the field that serves them all."""
     from skyscatter.progress import say
     from skyscatter.solvers.sequence import field_for
 
-    if sequence.models or request.solver != "orders" or request.max_order is not None:
-        return frames
     say("one field for all frames")
     solved = field_for(
         frames.scenes, frames.camera, frames.wavelengths, tolerance=request.tolerance, threads=request.threads,
@@ -223,21 +266,26 @@ def _solved(request: Any, sequence: FrameList, frames: Any, progress: Any) -> An
     return replace(frames, solved=solved)
 
 
-def _exposures(request: Any, sequence: FrameList, frames: Any, executor: Any, progress: Any) -> Any:
-    """Exposure of each frame [EV]; None where the files have none."""
+def _exposures(request: Any, sequence: FrameList, frames: Any, exposure: float | str, executor: Any) -> Any:
+    """Exposure of each frame [EV]."""
     from skyscatter.progress import say
     from skyscatter.solvers.sequence import adapted, own_exposures
 
-    if request.outputs[0].suffix.lower() not in (".png", *FILMS):
-        return None
-    if request.exposure != "auto":
-        return np.full(len(frames.scenes), float(request.exposure))
+    if exposure != "auto":
+        return np.full(len(frames.scenes), float(exposure))
     say("exposures")
     return adapted(own_exposures(frames, executor, request.threads), sequence.step)
 
 
 def _write(
-    request: Any, frames: Any, missing: list[int], folder: FrameFolder, exposures: Any, executor: Any, progress: Any
+    request: Any,
+    frames: Any,
+    missing: list[int],
+    folder: FrameFolder,
+    save: dict[str, Any],
+    exposures: Any,
+    executor: Any,
+    progress: Any,
 ) -> None:
     from skyscatter.progress import say
     from skyscatter.solvers.sequence import files
@@ -245,10 +293,7 @@ def _write(
     say("frames")
 
     def options(number: int) -> dict[str, Any]:
-        if exposures is None:
-            return dict(request.file_options.get(folder.suffix, {}))
-        look = {"tone": request.tone, "space": request.space, "bits": request.bits}
-        return {"exposure": float(exposures[number]), **look}
+        return dict(save) if exposures is None else {**save, "exposure": float(exposures[number])}
 
     made = files(frames, missing, folder.suffix, options, executor, request.threads)
     for done, (number, content) in enumerate(made, start=1):
@@ -279,7 +324,7 @@ class FrameFolder:
     key: str
 
     @classmethod
-    def of(cls, request: Any, sequence: FrameList, frames: Any) -> FrameFolder:
+    def of(cls, request: Any, sequence: FrameList, frames: Any, look: dict[str, Any]) -> FrameFolder:
         """The folder for what a command asks."""
         import skyscatter
         from skyscatter.tasks.task import key_of
@@ -290,14 +335,13 @@ class FrameFolder:
         place, stem = (output.with_name(f"{output.name}.frames"), "frame") if film else (output.parent, output.stem)
         digits = max(len(str(len(frames.scenes))), 4)
         paths = tuple(place / f"{stem}-{k + 1:0{digits}d}{suffix}" for k in range(len(frames.scenes)))
-        look = {name: getattr(request, name) for name in ("exposure", "tone", "space", "bits", "file_options")}
         recipe = {
             "skyscatter": skyscatter.__version__,
             "scenes": [scene.model_dump(mode="json", exclude_none=True) for scene in frames.scenes],
             "camera": frames.camera.model_dump(mode="json"),
             "wavelengths_nm": frames.wavelengths.tolist(),
             "options": dict(frames.options),
-            "look": look | {"step": sequence.step},
+            "look": {**look, "step": sequence.step, "files": request.file_options.get(suffix, {})},
         }
         return cls(output, suffix, paths, place / f".{stem}.frames.json", key_of(recipe))
 

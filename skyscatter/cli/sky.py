@@ -225,7 +225,7 @@ def sky(
     if frames is not None:
         asked = frames
         kept = "repeat the command to go on with the frames that are missing"
-        return common.stoppable(lambda: sequence.run(request, asked, list(context.obj or [])), kept)
+        return common.stoppable(lambda: sequence.run(request, asked), kept)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import skyscatter
 from skyscatter.cli.main import main
-from skyscatter.cli.sequence import parse_elevations, parse_times
+from skyscatter.cli.sequence import parse_angles, parse_times
 from skyscatter.errors import DomainError
 from skyscatter.solvers import sequence
 from skyscatter.solvers.sequence import Frames, adapted, field_for, frame
@@ -59,16 +59,16 @@ def test_times_and_elevations() -> None:
     assert len(parse_times("2026-06-21T00:00:2026-06-21T23:45:15min")) == 96
     assert parse_times("2026-06-21/2026-06-22/12h")[1] == "2026-06-21T12:00:00"
     assert parse_times("2026-06-21T04:00:00+02:00:2026-06-21T04:00:30+02:00:10s")[-1] == "2026-06-21T04:00:30+02:00"
-    assert parse_elevations("40:-10:-25") == (40.0, 15.0, -10.0)
-    assert parse_elevations("0.3:0:-0.1") == pytest.approx((0.3, 0.2, 0.1, 0.0))
-    assert parse_elevations("5,1") == (5.0, 1.0)
+    assert parse_angles("40:-10:-25", "sun_elevations", 90.0) == (40.0, 15.0, -10.0)
+    assert parse_angles("0.3:0:-0.1", "sun_elevations", 90.0) == pytest.approx((0.3, 0.2, 0.1, 0.0))
+    assert parse_angles("5,1", "sun_elevations", 90.0) == (5.0, 1.0)
     backwards, mixed = "2026-06-22:2026-06-21:1h", "2026-06-21:2026-06-22T00:00Z:1h"
     for bad in ("2026-06-21T04:00", backwards, mixed, "2026-06-21:2026-06-22:0s", "a:b:c"):
         with pytest.raises(DomainError, match="times"):
             parse_times(bad)
     for bad in ("10:20:-1", "1:2:0", "95", "x", "1:2"):
         with pytest.raises(DomainError, match="sun_elevations"):
-            parse_elevations(bad)
+            parse_angles(bad, "sun_elevations", 90.0)
 
 
 def test_numbered_files_and_going_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,3 +152,18 @@ def test_what_contradicts_itself_is_refused(
     assert main([*WORDS, *words]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_turn_around_a_nebula(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["nebula", "reflection-nebula", "--solver", "single", "--size", "12x8", "--wavelengths", "450,550,650"]
+    turn = ["--azimuths", "0:90:45", "-o", str(tmp_path / "turn.png")]
+    assert main([*words, *turn, "--json", "--progress", "none"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    frames = [Path(name).read_bytes() for name in summary["outputs"]]
+    assert summary["frames"] == len(frames) == 3
+    assert len(set(frames)) > 1, "it is seen from several sides"
+    assert main([*words, *turn[:2], "-q", "-o", str(tmp_path / "turn.gif")]) == 0
+    alone = ["--azimuths", "0:90:45"]
+    for bad in (["--azimuth", "3", *turn], alone, ["--frame-rate", "3"], [*turn, "--store", "x.zarr"]):
+        assert main([*words, *bad]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
