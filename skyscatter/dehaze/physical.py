@@ -159,7 +159,7 @@ def prepare(
     known = given_haze(source, options, lattice)  # a map that cannot be used is refused before any work
     places = source.geometry.at(*lattice.large_centres())
     angles = np.stack([np.asarray(a, float) for a in places])
-    tables = make_tables(sensing, angles, options, lambda share: progress(AFTER_TABLES * share))
+    tables = make_tables(sensing, angles, options, lambda share: progress(AFTER_TABLES * share), executor)
     pressure = tables[0].atmosphere.pressure_hpa
     flat = angles.reshape(3, -1)
     gas = gases(
@@ -198,7 +198,9 @@ def other_aerosols(tables: list[TermsTable], options: DehazeOptions) -> list[Ter
     return shaped(tables[0]) if is_table(options.aerosol) and tables[0].aod[-1] > 0 else []
 
 
-def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progress: Progress) -> list[TermsTable]:
+def make_tables(
+    sensing: Sensing, angles: Array, options: DehazeOptions, progress: Progress, executor: Any = None
+) -> list[TermsTable]:
     """The table of each aerosol model that is to be tried."""
     spanned = Angles.spanned(*angles)
     if options.ground_height_m is not None:
@@ -219,9 +221,10 @@ def make_tables(sensing: Sensing, angles: Array, options: DehazeOptions, progres
         def share(done: float, k: int = k) -> None:
             progress((k + done) / len(names))
 
-        tables.append(
-            build_table(atmosphere, sensing.bands, spanned, aod=known, threads=options.threads, progress=share)
+        table = build_table(
+            atmosphere, sensing.bands, spanned, aod=known, threads=options.threads, executor=executor, progress=share
         )
+        tables.append(table)
     return tables
 
 

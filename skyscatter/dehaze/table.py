@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,8 @@ from skyscatter.dehaze.forward import Atmosphere, BandAverage, SolvedAir, reflec
 from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, fold_azimuth
 from skyscatter.dehaze.passband import Band
 from skyscatter.errors import DomainError
+from skyscatter.tasks.engine import opened
+from skyscatter.tasks.task import Shared, Task
 
 Array = NDArray[np.float64]
 
@@ -196,6 +199,7 @@ def build_table(
     stokes: bool = True,
     keep: bool = True,
     threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> TermsTable:
     """Solve and tabulate, or take what an earlier run has kept.
@@ -217,6 +221,8 @@ def build_table(
         Read from and write to the folder of `skyscatter.dehaze.cachefile.cache_folder`.
     threads, progress
         As for `skyscatter.solve`.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        What solves the amounts of haze, each a task, once the angles are settled; as for `skyscatter.render`.
 
     Returns
     -------
@@ -252,7 +258,7 @@ def build_table(
     path = cachefile.file_of("terms", description(atmosphere, bands, angles, known, tolerance, stokes))
     kept = cachefile.load(path) if keep else None
     if kept is None:
-        kept = _Builder(atmosphere, bands, angles, tolerance, stokes, threads, progress).build(known)
+        kept = _Builder(atmosphere, bands, angles, tolerance, stokes, threads, progress, executor).build(known)
         if keep:
             cachefile.save(path, kept)
     return TermsTable(
@@ -270,6 +276,26 @@ def description(
     return "\n".join([*parts, *(band.model_dump_json(exclude={"note", "name"}) for band in bands)])
 
 
+class Settled(NamedTuple):
+    """What the solutions for all amounts of haze share, once the angles are known."""
+
+    atmosphere: Atmosphere
+    average: BandAverage
+    angles: Angles
+    stokes: bool
+    thickest: SolvedAir
+    nodes: tuple[Array, Array, Array]
+
+
+def terms_for(settled: Settled, aod: float) -> Array:
+    """Terms for an amount of haze, on the grid of the thickest: (sun, view, azimuth, band, term)."""
+    air = SolvedAir(
+        settled.atmosphere, aod, settled.average, settled.angles.sun_zenith, stokes=settled.stokes,
+        like=settled.thickest, threads=1,
+    )  # fmt: skip
+    return air.terms(*np.meshgrid(*settled.nodes, indexing="ij"))
+
+
 class _Builder:
     """Solves atmospheres and refines both grids."""
 
@@ -282,7 +308,9 @@ class _Builder:
         stokes: bool,
         threads: int | None,
         progress: Callable[[float], None] | None,
+        executor: Any = None,
     ) -> None:
+        self.executor = executor
         self.atmosphere, self.angles, self.tolerance = atmosphere, angles, tolerance
         self.average = BandAverage(bands)
         self.stokes, self.threads = stokes, threads
@@ -304,7 +332,7 @@ class _Builder:
         # first, for all others are solved on its grid.
         for depth in dict.fromkeys((wanted[-1], wanted[0])):
             self.refine_angles(depth)
-        table = {depth: self.terms(depth) for depth in wanted}
+        table = {depth: self.terms(depth) for depth in wanted} if self.executor is None else self.elsewhere(wanted)
         if aod is None and len(wanted) > 1:
             self.refine_depths(table)
         depths = np.array(sorted(table))
@@ -326,6 +354,19 @@ class _Builder:
             )  # fmt: skip
             self.progress(min(len(self.solved) / (FIRST_NODES + 2), 0.95))
         return self.solved[aod]
+
+    def elsewhere(self, wanted: Sequence[float]) -> dict[float, Array]:
+        """Terms for all amounts of haze, of which those that are not solved yet are solved by workers."""
+        thickest = next(iter(self.solved.values()))
+        settled = Settled(self.atmosphere, self.average, self.angles, self.stokes, thickest, self.nodes)
+        table = {depth: self.terms(depth) for depth in wanted if depth in self.solved}
+        shared = Shared(settled)
+        with opened(self.executor) as engine:
+            missing = [depth for depth in wanted if depth not in table]
+            for task, terms in engine.results(Task(terms_for, (depth,), shared) for depth in missing):
+                table[task.arguments[0]] = terms
+                self.progress(min(len(table) / (FIRST_NODES + 2), 0.95))
+        return {depth: table[depth] for depth in wanted}
 
     def terms(self, aod: float, nodes: Sequence[Array] | None = None) -> Array:
         """Terms on a grid of angles: (sun, view, azimuth, band, term)."""

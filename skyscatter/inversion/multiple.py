@@ -8,7 +8,7 @@ about one the light scattered more than once changes little with small changes o
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,7 @@ def multiple_light(
     samples: int,
     seed: int,
     threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Array, Array]:
     """Light scattered more than once, and its standard error, for every pixel of a stack.
@@ -79,6 +80,8 @@ def multiple_light(
         Walks per pixel in all.
     seed : int
     threads : int, optional
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        As for `skyscatter.radiance`.
     progress : callable, optional
 
     Returns
@@ -93,6 +96,7 @@ def multiple_light(
         answer = radiance(
             scene, stack.origins[ray], stack.directions[ray], wavelengths, solver="path", parts=True,
             samples=max(samples // RUNS, 2), seed=seed + k, threads=threads,
+            executor=executor,
         )  # fmt: skip
         runs.append(answer.layers["multiple"])
         if progress is not None:

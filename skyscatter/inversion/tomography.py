@@ -104,6 +104,7 @@ def reconstruct(
     coarsest: int = COARSEST,
     seed: int = 0,
     threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     resume: str | os.PathLike[str] | None = None,
@@ -152,6 +153,8 @@ def reconstruct(
         Of the walks and of the samples.
     threads : int, optional
         Results do not depend on it.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        What follows the walks of `multiple`, view by view in tiles; as for `skyscatter.render`.
     progress : callable, optional
         Called with the share that is done, 0 to 1 (a guess until the last grid).
     checkpoint : path, optional
@@ -198,6 +201,7 @@ def reconstruct(
     if settings.rounds and scene is None:
         raise DomainError("multiple", multiple, "needs a scene, whose light the solver path can follow")
     search = Search(model, stack, prior_of(prior), mask, settings, scene, wl, names, progress, checkpoint, began)
+    search.executor = executor
     first = None if start is None else np.asarray(start, float).reshape(model.shape)
     search.recipe = _recipe(search, first, coarsest, deviation)
     if resume is not None:
@@ -240,6 +244,7 @@ class Search:
         scene: SpaceScene | None, wavelengths: Array, names: tuple[str, ...],
         progress: Callable[[float], None] | None, checkpoint: str | os.PathLike[str] | None, began: float,
     ) -> None:  # fmt: skip
+        self.executor: Any = None
         self.model, self.stack, self.prior, self.mask = model, stack, prior, mask
         self.settings, self.scene, self.wavelengths, self.names = settings, scene, wavelengths, names
         self.progress, self.checkpoint, self.began = progress, checkpoint, began
@@ -335,7 +340,7 @@ class Search:
         def work() -> dict[str, Any]:
             mean, error = multiple_light(
                 scene, self.stack, self.wavelengths, samples=s.samples, seed=s.seed + 1000 * self.round,
-                threads=self.model.threads,
+                threads=self.model.threads, executor=self.executor,
             )  # fmt: skip
             return {"mean": mean, "error": error}
 

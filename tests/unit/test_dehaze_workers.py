@@ -13,6 +13,8 @@ from affine import Affine
 
 import skyscatter
 from skyscatter.cli.main import main
+from skyscatter.dehaze import Atmosphere, Band, build_table
+from skyscatter.dehaze.table import Angles
 
 
 @pytest.fixture
@@ -60,3 +62,14 @@ def test_command(image: Path, tmp_path: Path) -> None:
     with rasterio.open(tmp_path / "a.tif") as one, rasterio.open(tmp_path / "b.tif") as two:
         np.testing.assert_array_equal(one.read(), two.read())
     assert main([*words, "--workers", "2", "--scheduler", "tcp://localhost:1", "-o", str(tmp_path / "c.tif")]) == 2
+
+
+def test_tables_are_the_same() -> None:
+    atmosphere, red = Atmosphere(aerosol="maritime"), Band.from_shape("red", 665, 15)
+    angles = Angles(sun_zenith=(40.0, 40.0), view_zenith=(0.0, 5.0), relative_azimuth=(90.0, 90.0))
+    here, there = (
+        build_table(atmosphere, [red], angles, aod=0.3, stokes=False, keep=False, executor=executor)
+        for executor in (None, 2)
+    )
+    for name in ("aod", "sun_zenith", "view_zenith", "relative_azimuth", "values", "error"):
+        np.testing.assert_array_equal(getattr(there, name), getattr(here, name))
