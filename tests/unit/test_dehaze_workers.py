@@ -54,6 +54,7 @@ def test_plain_pictures(tmp_path: Path) -> None:
     np.testing.assert_array_equal(skyscatter.dehaze(picture, executor=1, **options).reflectance, wanted.reflectance)
 
 
+@pytest.mark.slow
 def test_command(image: Path, tmp_path: Path) -> None:
     words = ["dehaze", str(image), "--sensor", "landsat-8", "--bands", "B2,B3,B4", "--sun-zenith", "40", "--aod", "0.3"]
     words += ["--quantity", "reflectance", "--window", "128", "-q"]
@@ -64,6 +65,7 @@ def test_command(image: Path, tmp_path: Path) -> None:
     assert main([*words, "--workers", "2", "--scheduler", "tcp://localhost:1", "-o", str(tmp_path / "c.tif")]) == 2
 
 
+@pytest.mark.slow
 def test_tables_are_the_same() -> None:
     atmosphere, red = Atmosphere(aerosol="maritime"), Band.from_shape("red", 665, 15)
     angles = Angles(sun_zenith=(40.0, 40.0), view_zenith=(0.0, 5.0), relative_azimuth=(90.0, 90.0))

@@ -28,8 +28,13 @@ def parts(model: str, elevation: float, altitude: float = 0.0) -> tuple[Any, Any
     return view_rows(*arguments, TOLERANCE), view(*arguments)
 
 
-@pytest.mark.parametrize("model", ["earth-simple", "earth-hazy", "mars", "titan"])
-@pytest.mark.parametrize("elevation", [-5.0, 0.0, 4.0, 60.0, 90.0])
+QUICK = (("earth-simple", -5.0), ("earth-simple", 60.0), ("mars", 4.0))
+SLOW = [(m, e) for m in ("earth-simple", "earth-hazy", "mars", "titan") for e in (-5.0, 0.0, 4.0, 60.0, 90.0)]
+
+
+@pytest.mark.parametrize(
+    ("model", "elevation"), [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in SLOW]
+)
 def test_rows_are_as_rays_by_themselves(model: str, elevation: float) -> None:
     """No more than every other node may miss where the light has an edge, a twentieth of that in the mean square."""
     quick, slow = parts(model, elevation)
@@ -39,12 +44,13 @@ def test_rows_are_as_rays_by_themselves(model: str, elevation: float) -> None:
     assert np.sqrt(np.mean(off**2)) < MISSED * TOLERANCE / 20
 
 
-@pytest.mark.parametrize("elevation", [0.1, 30.0])
+@pytest.mark.parametrize("elevation", [pytest.param(0.1, marks=pytest.mark.slow), 30.0])
 def test_the_disk_has_its_edge(elevation: float) -> None:
     quick, slow = parts("earth-simple", elevation)
     np.testing.assert_allclose(quick[3], slow[3], rtol=1e-6, atol=1e-12 * slow[3].max())
 
 
+@pytest.mark.slow
 def test_from_orbit() -> None:
     quick, slow = parts("earth-simple", 20.0, altitude=400e3)
     one, other = (part[0][:, 0] + part[1][:, 0] + part[2] for part in (quick, slow))

@@ -25,6 +25,7 @@ def scenes(*elevations: float, model: str = "earth-simple", **more: Any) -> list
     return [air.scene(sun_elevation_deg=e, sun_azimuth_deg=170 - e, **more) for e in elevations]
 
 
+@pytest.mark.slow
 def test_a_frame_agrees_with_a_render_of_its_own() -> None:
     """Two solutions, each within the tolerance of 0.5 %."""
     camera = skyscatter.Panorama(width=300, height=10, elevation_min_deg=0.0)
@@ -110,7 +111,7 @@ def test_an_interrupted_sequence_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the reader leaves its pipes open
-@pytest.mark.parametrize("suffix", [".mp4", ".webm"])
+@pytest.mark.parametrize("suffix", [".mp4", pytest.param(".webm", marks=pytest.mark.slow)])
 def test_films(suffix: str, tmp_path: Path) -> None:
     imageio = pytest.importorskip("imageio.v3")
     pytest.importorskip("imageio_ffmpeg")
