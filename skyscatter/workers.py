@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +32,19 @@ class _Algebra:
     lock = threading.Lock()
     wanted = 0
     limit: Any = None
+    #: The libraries that are loaded, which takes a millisecond to find out; and whether scipy's was among them then.
+    libraries: Any = None
+    with_scipy = False
+
+
+def _libraries() -> Any:
+    """What loaded libraries of linear algebra are told through."""
+    with_scipy = "scipy.linalg" in sys.modules
+    if _Algebra.libraries is None or with_scipy != _Algebra.with_scipy:
+        from threadpoolctl import ThreadpoolController
+
+        _Algebra.libraries, _Algebra.with_scipy = ThreadpoolController(), with_scipy
+    return _Algebra.libraries
 
 
 @contextmanager
@@ -40,12 +54,10 @@ def steady_algebra() -> Iterator[None]:
     They would depend on the machine, and on whether threads or processes do the work.  Our own threads use the
     processors.  May be used as a decorator.
     """
-    from threadpoolctl import threadpool_limits
-
     with _Algebra.lock:
         _Algebra.wanted += 1
         if _Algebra.wanted == 1:
-            _Algebra.limit = threadpool_limits(1, "blas")
+            _Algebra.limit = _libraries().limit(limits=1, user_api="blas")
     try:
         yield
     finally:
