@@ -140,9 +140,7 @@ def _film_writer() -> Any:
         import imageio.v3 as writer
         import imageio_ffmpeg  # noqa: F401 - what it writes with
     except ImportError:
-        raise SkyscatterError(
-            "output: films need imageio-ffmpeg; install it with: pip install 'skyscatter[video]'"
-        ) from None
+        raise SkyscatterError("output: films need imageio-ffmpeg: pip install imageio imageio-ffmpeg") from None
     return writer
 
 

@@ -47,9 +47,7 @@ def _connected(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise SkyscatterError(
-            "scheduler: dask.distributed is not installed; install it with: pip install 'skyscatter[cluster]'"
-        ) from None
+        raise SkyscatterError("scheduler: dask.distributed is not installed: pip install dask distributed") from None
     where = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
     try:
         client: Any = Client(timeout=PATIENCE, **where)

@@ -202,7 +202,7 @@ class Elsewhere(Engine):
 
 
 class _Packed:
-    """A function packed by value where it has no place in a module, so that closures can travel, too."""
+    """A function of a user's, packed by value where it has no place in a module: closures travel, too."""
 
     def __init__(self, packed: bytes) -> None:
         self.packed = packed
@@ -210,7 +210,8 @@ class _Packed:
 
     @classmethod
     def of(cls, call: Callable[..., Any]) -> Callable[..., Any]:
-        if "<" not in getattr(call, "__qualname__", "<"):
+        module, name = (getattr(call, attribute, "<") or "<" for attribute in ("__module__", "__qualname__"))
+        if "<" not in name and module.partition(".")[0] in ("skyscatter", "builtins"):
             return call
         import cloudpickle
 
@@ -263,7 +264,7 @@ class Processes(Elsewhere):
             return self._executor
 
     def _survive(self, error: BaseException, task: Task, answer: Future[Any], tries: int) -> bool:
-        if not isinstance(error, BrokenExecutor) or tries <= 1:
+        if not isinstance(error, BrokenExecutor) or tries <= 1 or "un-serialize" in str(error):
             return False
         self._renewed_where_broken()
         self._try(task, answer, tries - 1, None)
@@ -349,6 +350,8 @@ class Dask(Elsewhere):
 
 def explained(error: BaseException) -> BaseException:
     """An error of workers as one line; those of the tasks themselves as they are."""
+    if "un-serialize" in str(error):
+        return SkyscatterError("executor: a worker cannot read its task; let what it calls be in a module it can import")
     if isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "CancelledError"):
         words = " ".join(str(error).split())[:200] or type(error).__name__
         return SkyscatterError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -11,12 +12,16 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import pytest
 
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.tasks import Engine, Shared, Task, engine_for
 from skyscatter.tasks.engine import Elsewhere, Processes, opened
 from skyscatter.tasks.task import key_of
+
+# Workers do not find the modules of tests.
+cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
 def add(shared: list[int], number: int) -> int:
