@@ -351,7 +351,7 @@ class Dask(Elsewhere):
 def explained(error: BaseException) -> BaseException:
     """An error of workers as one line; those of the tasks themselves as they are."""
     if "un-serialize" in str(error):
-        return SkyscatterError("executor: a worker cannot read its task; let what it calls be in a module it can import")
+        return SkyscatterError("executor: a worker cannot read its task; let it call what is in a module it can import")
     if isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "CancelledError"):
         words = " ".join(str(error).split())[:200] or type(error).__name__
         return SkyscatterError(
