@@ -37,6 +37,7 @@ OPTIONS: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_processes_and_threads_agree(image: Path) -> None:
     wanted = skyscatter.dehaze(image, threads=2, **OPTIONS)
     with ThreadPoolExecutor(2) as pool:

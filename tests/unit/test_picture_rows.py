@@ -28,7 +28,7 @@ def parts(model: str, elevation: float, altitude: float = 0.0) -> tuple[Any, Any
     return view_rows(*arguments, TOLERANCE), view(*arguments)
 
 
-QUICK = (("earth-simple", -5.0), ("earth-simple", 60.0), ("mars", 4.0))
+QUICK = (("earth-simple", -5.0), ("earth-simple", 60.0))
 SLOW = [(m, e) for m in ("earth-simple", "earth-hazy", "mars", "titan") for e in (-5.0, 0.0, 4.0, 60.0, 90.0)]
 
 
