@@ -330,6 +330,7 @@ class RadianceField:
         """Tables of the scene with the Sun elsewhere."""
         return compile_scene(self.scene.model_copy(update={"sun": sun}), self.wavelengths)
 
+    @steady_algebra()
     def radiance(
         self,
         origins: ArrayLike,

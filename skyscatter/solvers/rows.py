@@ -8,6 +8,7 @@ comes straight from the Sun's disk has an edge: rays that may see it are solved 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,7 +53,7 @@ def view_rows(
         0.5 * float(table.optics.disk_radius)
     )
     plain = np.flatnonzero(alone)
-    turn = math.pi * (np.arange(NODES) / (NODES - 1)) ** 2
+    turn = _turn()
     level = np.cos(turn)[:, None] * towards + np.sin(turn)[:, None] * beside
     nodes = [_at(float(np.mean(directions[row] @ up)), up, level) for row in rows]
     asked = np.concatenate([directions[plain], *nodes])
@@ -61,11 +62,11 @@ def view_rows(
     rough = []
     for k, row in enumerate(rows):
         own = slice(len(plain) + k * NODES, len(plain) + (k + 1) * NODES)
-        if not is_smooth(turn, found[0][own, 0] + found[1][own, 0] + found[2][own], tolerance):
+        if not is_smooth(found[0][own, 0] + found[1][own, 0] + found[2][own], tolerance):
             rough.append(row)
             continue
         azimuth = np.arctan2(np.abs(directions[row] @ beside), directions[row] @ towards)
-        _join(turn, azimuth, row, [part[own] for part in found], answers)
+        _join(azimuth, row, [part[own] for part in found], answers)
     for part, answer in zip(found, answers, strict=True):
         answer[plain] = part[: len(plain)]
     if rough:
@@ -75,22 +76,41 @@ def view_rows(
     return answers[0], answers[1], answers[2], answers[3]
 
 
-def is_smooth(turn: Array, light: Array, tolerance: float) -> bool:
+def is_smooth(light: Array, tolerance: float) -> bool:
     """Whether a spline through every other node meets the rest; with all nodes it is nearer, 16 times where smooth."""
-    from scipy.interpolate import CubicSpline
-
-    met = CubicSpline(turn[::2], light[::2], bc_type="clamped")(turn[1::2])
+    met = _between() @ light[::2]
     return bool(np.all(np.abs(met - light[1::2]) <= MISSED * tolerance * np.abs(light[1::2])))
 
 
-def _join(turn: Array, azimuth: Array, row: NDArray[np.int64], nodes: list[Array], answers: tuple[Array, ...]) -> None:
+def _join(azimuth: Array, row: NDArray[np.int64], nodes: list[Array], answers: tuple[Array, ...]) -> None:
     """Fill a row from its nodes; straight light beside the disk is that of the node opposite to the Sun."""
+    # Rows of a picture have the same azimuths, but for their last digits.
+    weights = _weights(np.round(azimuth, 9).tobytes())
+    for part, answer in zip(nodes[:3], answers[:3], strict=True):
+        answer[row] = (weights @ part.reshape(NODES, -1)).reshape(len(row), *part.shape[1:])
+    answers[3][row] = nodes[3][-1]
+
+
+def _turn() -> Array:
+    return np.asarray(math.pi * (np.arange(NODES) / (NODES - 1)) ** 2)
+
+
+@lru_cache(maxsize=8)
+def _weights(azimuths: bytes) -> Array:
+    """What each node counts for at some azimuths, (ray, node)."""
     from scipy.interpolate import CubicSpline
 
-    for part, answer in zip(nodes[:3], answers[:3], strict=True):
-        # A spline and no matrix of weights: the last digits of a product depend on the threads of linear algebra.
-        answer[row] = CubicSpline(turn, part, bc_type="clamped")(np.minimum(azimuth, math.pi))
-    answers[3][row] = nodes[3][-1]
+    at = np.minimum(np.frombuffer(azimuths), math.pi)
+    return np.ascontiguousarray(CubicSpline(_turn(), np.eye(NODES), bc_type="clamped")(at))
+
+
+@lru_cache(maxsize=1)
+def _between() -> Array:
+    """The same for the odd nodes from the even ones."""
+    from scipy.interpolate import CubicSpline
+
+    even = _turn()[::2]
+    return np.ascontiguousarray(CubicSpline(even, np.eye(even.size), bc_type="clamped")(_turn()[1::2]))
 
 
 def _frame(origin: Array, sun: Array) -> tuple[Array, Array, Array]:
