@@ -216,11 +216,13 @@ def produce(
     """
     from skyscatter.progress import Progress
     from skyscatter.tasks.cluster import executor_of
+    from skyscatter.tasks.engine import opened
 
     started = clock.monotonic()
     with (
         Progress(1.0, f"{name} sequence", request.progress) as progress,
-        executor_of(request.workers, request.scheduler) as executor,
+        executor_of(request.workers, request.scheduler) as given,
+        opened(given, request.threads) as executor,  # exposures and frames by the same workers
     ):
         folder = FrameFolder.of(request, sequence, frames, {**look, "exposure": exposure})
         missing = folder.missing()

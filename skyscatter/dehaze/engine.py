@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from skyscatter.dehaze.options import DehazeOptions, SourceOptions, entrance, sp
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.result import DehazeResult, Summary
 from skyscatter.errors import DomainError
+from skyscatter.tasks.engine import opened
 
 Progress = Callable[[float], object]
 
@@ -67,14 +69,16 @@ def dehaze_raster(
     ('relative', True)
     """
     say = progress or (lambda share: None)
-    if entrance(source, options) == "plain":
-        from skyscatter.dehaze.plain import dehaze_plain
+    # Tables, the first look and the correction by the same workers, which begin once.
+    with nullcontext() if executor is None else opened(executor) as engine:
+        if entrance(source, options) == "plain":
+            from skyscatter.dehaze.plain import dehaze_plain
 
-        summary = dehaze_plain(source, sinks, options, say, executor)
-    else:
-        from skyscatter.dehaze.physical import dehaze_physical
+            summary = dehaze_plain(source, sinks, options, say, engine)
+        else:
+            from skyscatter.dehaze.physical import dehaze_physical
 
-        summary = dehaze_physical(source, sinks, options, say, executor)
+            summary = dehaze_physical(source, sinks, options, say, engine)
     from skyscatter.dehaze.provenance import tags
 
     for sink in sinks.values():

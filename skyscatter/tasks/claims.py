@@ -59,7 +59,9 @@ class Claims:
         return False
 
     def give_back(self, task: str) -> None:
-        """End a claim: the task is done, or somebody else shall do it."""
+        """End a claim of one's own: the task is done, or somebody else shall do it; those of others are left alone."""
+        if task not in self._mine:
+            return
         self._mine.discard(task)
         with suppress(OSError):
             (self.folder / f"{task}.claim").unlink()

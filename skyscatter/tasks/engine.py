@@ -266,14 +266,8 @@ class Processes(Elsewhere):
     def _survive(self, error: BaseException, task: Task, answer: Future[Any], tries: int) -> bool:
         if not isinstance(error, BrokenExecutor) or tries <= 1 or "un-serialize" in str(error):
             return False
-        self._renewed_where_broken()
-        self._try(task, answer, tries - 1, None)
+        self._try(task, answer, tries - 1, None)  # which renews what is broken
         return True
-
-    def _renewed_where_broken(self) -> None:
-        executor = self._executor
-        if broken(executor):
-            self._renewed(executor)
 
     def close(self, wait: bool = True) -> None:
         """End the processes."""

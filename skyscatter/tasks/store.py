@@ -51,11 +51,6 @@ class Store:
         Names in the recipe's ``options`` that only say how much work is done, and may differ.
     about : mapping, optional
         What else shall be kept for who reads it.
-
-    Attributes
-    ----------
-    made, taken : int
-        Chunks that were written, and that were found, by this program.
     """
 
     def __init__(
@@ -68,7 +63,6 @@ class Store:
         self.path = Path(path)
         plain = json.loads(json.dumps(recipe))
         self.key = key_of(_without(plain, grows))
-        self.made = self.taken = 0
         if not (self.path / "zarr.json").is_file():
             _make(self.path, {**(about or {}), "format": FORMAT, "recipe": plain, "grows": list(grows)})
         self.attributes = read_attributes(self.path)
@@ -98,7 +92,6 @@ class Store:
         if not np.all(key == self.task_key(task)) or not np.all(amount == amount[0]):
             _log.warning("%s: task %d is of another run and is done again", self.path, task)
             return None
-        self.taken += 1
         return int(amount[0, 0]), named
 
     def put(self, task: int, amount: int, values: Mapping[str, Array], tasks: int, rows: int) -> None:
@@ -123,7 +116,6 @@ class Store:
             chunk[: len(array), a : a + n] = array
         chunk[:, -2], chunk[:, -1] = self.task_key(task), amount
         self._patiently(lambda: self._write(task, chunk, tasks, columns))
-        self.made += 1
 
     def task_key(self, task: int) -> float:
         """The name of a task: 48 bits of a hash of the recipe and its number, which a double holds."""
