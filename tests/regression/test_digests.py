@@ -17,6 +17,9 @@ from skyscatter.kernels.jit import Entry
 
 #: Sums of rounded numbers, and fields that are kept in single precision (`orders`), as other processors round them.
 DOUBLE, SINGLE = 1e-9, 3e-6
+#: What is known to `SINGLE` only.  Profiles by Abel's transform come from ill-conditioned products of linear algebra: four
+#: sorts of processors that OpenBLAS knows differ by 6e-8 of the largest density, a millionth of its error bar.
+COARSE = ("orders", "field", "dusk", "abel")
 
 
 @contextmanager
@@ -50,7 +53,7 @@ def test_numbers_are_as_they_were(name: str) -> None:
         expected, found = digests.kept()[name], digests.computed(name)
     assert called <= set(forms.every()), "run tools/record_forms.py"
     assert found.keys() == expected.keys()
-    rtol = SINGLE if "orders" in name or "field" in name or "dusk" in name else DOUBLE
+    rtol = SINGLE if any(part in name for part in COARSE) else DOUBLE
     for part, values in expected.items():
         scale = np.nanmax(np.abs(values), initial=0.0)
         np.testing.assert_allclose(found[part], values, rtol=rtol, atol=rtol * scale, err_msg=part)
