@@ -45,8 +45,8 @@ LOOSEST = 0.01
 COARSER = 4.0
 #: Rays of a bundle on which both solutions are compared, at most.
 COMPARED = 4
-#: Rays evaluated together.
-CHUNK = 1024
+#: Rays evaluated together: a sixteenth of all, whatever the threads, within these.
+CHUNKS, CHUNK = 16, (1024, 8192)
 #: Version of the file layout.
 FILE_VERSION = 1
 
@@ -384,7 +384,8 @@ class RadianceField:
         flat_o, flat_d = (np.ascontiguousarray(a.reshape(-1, 3)) for a in (o, d))
         self.check_coverage(flat_o, flat_d, sun)
         workers = worker_count(threads)
-        chunks = [slice(k, k + CHUNK) for k in range(0, len(flat_o), CHUNK)]
+        size = min(max(len(flat_o) // CHUNKS, CHUNK[0]), CHUNK[1])
+        chunks = [slice(k, k + size) for k in range(0, len(flat_o), size)]
         with Workers(workers) as pool:
             answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts), chunks))
         empty = np.zeros((0, self.wavelengths.size))

@@ -27,8 +27,9 @@ from skyscatter.solvers.field import (
 )
 from skyscatter.solvers.state import Checkpoint
 
-#: Rays in a tile at most: those of a picture's row share their geometry.
-TILE_RAYS = 1024
+#: Rays in a tile at most.  Those of a picture's row share their geometry, and few rows shall be cut in two: tiles of 1024
+#: rays took a third more for a picture 1280 pixels wide.
+TILE_RAYS = 8192
 #: Tiles of a picture at least, whatever the threads: rays of a tile share work, and so their last digits depend on it.
 TILES = 16
 #: What is prepared for all rays takes long, and is kept in the checkpoint.
