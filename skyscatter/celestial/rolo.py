@@ -46,7 +46,7 @@ def moon_irradiance(moon: Moon, wavelengths: ArrayLike) -> Array:
 
     Examples
     --------
-    A Moon half an hour before it is full is half a million times fainter than the Sun.
+    A Moon that is all but full is 400 000 times fainter than the Sun.
 
     >>> from skyscatter.celestial.frames import Sight
     >>> from skyscatter.celestial.moon import moon_at, moon_irradiance
@@ -54,7 +54,7 @@ def moon_irradiance(moon: Moon, wavelengths: ArrayLike) -> Array:
     >>> moon = moon_at(Sight(-24.6, -70.4, "2026-04-02T02:00Z"))
     >>> ratio = solar_irradiance([550.0]) / moon_irradiance(moon, [550.0])
     >>> round(float(ratio[0]), -4)
-    480000.0
+    400000.0
     """
     wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
     nearer = (AU / moon.sun_distance) ** 2 * (MEAN_DISTANCE / moon.distance) ** 2
