@@ -56,8 +56,8 @@ def sun_position(latitude_deg: float, longitude_deg: float, time: Any, altitude_
     """
     import erfa
 
-    _check_place(latitude_deg, longitude_deg, altitude_m)
-    day, fraction = _utc_julian_date(time)
+    check_place(latitude_deg, longitude_deg, altitude_m)
+    day, fraction = utc_julian_date(time)
     phi, elong = math.radians(latitude_deg), math.radians(longitude_deg)
     with warnings.catch_warnings():
         # "dubious year": no leap seconds are announced yet, or there was no UTC; the notes above say what that costs.
@@ -74,10 +74,11 @@ def iso_utc(time: Any) -> str:
     """A moment, as `sun_position` takes it, as ISO 8601 text in UTC to the microsecond: ``2026-06-21T18:30:00``."""
     if hasattr(time, "utc") and hasattr(time, "isot"):  # an astropy Time
         return str(time.utc.isot)
-    return _as_utc(time).replace(tzinfo=None).isoformat()
+    return as_utc(time).replace(tzinfo=None).isoformat()
 
 
-def _check_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
+def check_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
+    """Refuse places that are not on the Earth; see `sun_position`."""
     if not -90.0 <= latitude_deg <= 90.0:
         raise DomainError("latitude", latitude_deg, "must lie between -90 and 90 degrees, north positive")
     if not -360.0 <= longitude_deg <= 360.0:
@@ -86,7 +87,7 @@ def _check_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -
         raise DomainError("altitude", altitude_m, "must be a finite height above the ground in metres")
 
 
-def _utc_julian_date(time: Any) -> tuple[float, float]:
+def utc_julian_date(time: Any) -> tuple[float, float]:
     """UTC as ERFA's two-part quasi Julian date."""
     import erfa
 
@@ -98,7 +99,7 @@ def _utc_julian_date(time: Any) -> tuple[float, float]:
             raise DomainError("time", str(time), "give a valid moment")
         _check_year(time, 2000.0 + (day + fraction - 2451545.0) / 365.25)
         return day, fraction
-    moment = _as_utc(time)
+    moment = as_utc(time)
     _check_year(time, moment.year)
     seconds = moment.second + 1e-6 * moment.microsecond
     with warnings.catch_warnings():
@@ -107,7 +108,8 @@ def _utc_julian_date(time: Any) -> tuple[float, float]:
     return float(day), float(fraction)
 
 
-def _as_utc(time: Any) -> datetime:
+def as_utc(time: Any) -> datetime:
+    """A moment given as text or datetime as a datetime in UTC; no offset means UTC."""
     if isinstance(time, str):
         try:
             time = datetime.fromisoformat(time.strip())
