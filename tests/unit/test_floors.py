@@ -17,7 +17,7 @@ FLOORS = (
     {"kernels"},
     {"errors", "errorkind", "problems", "constants", "units", "record", "registry", "atomic", "datafiles", "tablefile",
      "netcdf", "progress", "workers", "tasks", "optics", "spectra", "geometry"},
-    {"media", "fields", "ground", "lights", "starfield", "surfaces"},
+    {"media", "fields", "ground", "lights", "starfield", "surfaces", "celestial"},
     {"scene", "space", "models"},
     {"solvers", "columns", "image"},
     {"dehaze", "inversion"},
