@@ -152,7 +152,7 @@ def test_solar_activity() -> None:
 
 
 def test_brightness_in_v() -> None:
-    """Leinert et al. (1998) give 145 S10 for the airglow of a dark site's zenith (from memory); ours come from a site and
+    """Leinert et al. (1998) give 145 S10 for the airglow of a dark zenith (from memory); ours come from a site and
     years of their own, and such means vary by more than the 10 % allowed here."""
     assert s10(airglow_radiance(1.0, WIDE)) == pytest.approx(145.0, rel=0.1)
 
@@ -170,7 +170,7 @@ def test_hydroxyl_against_photometers() -> None:
     assert 300 < sums[8, 3] < 500
     assert 1000 < sums[6, 2] < 2000
     assert sums[7, 2] < sums[8, 3] < sums[9, 4] < sums[6, 2]
-    # Strong lines of (8-3) where atlases have them (Osterbrock et al. 1996, from memory): Q1 at 727.6 and P1(3) at 734.1
+    # Strong lines of (8-3) where atlases have them (Osterbrock et al. 1996, from memory): Q1 at 727.6, P1(3) at 734.1
     # nm in air; the splitting by spin, which is left out, is worth 0.5 nm.
     near = lines["wavelength_nm"][hydroxyl & (lines["rayleigh"] > 20)]
     for air in (727.6, 734.1):
