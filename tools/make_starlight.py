@@ -11,7 +11,7 @@ but the faint clouds and the dust in it are those that Gaia sees.  What was foun
 - Single stars brighter than some V = 9 are not: some are missing, some too bright by 2 magnitudes, and the brightest
   have halos.  So pixels near
   those of Hipparcos with V < 7 are left out, and what a pixel has above three times its surroundings is spread over 8
-  degrees; dark parts of the sky are smoothed over 3 degrees.  Light is kept, clusters and single stars do not show.
+  degrees; dark parts of the sky are smoothed over 3 degrees.  Light is kept, single stars do not show, clusters hardly.
 - T, 10 300 K in the median, grows where the sky is redder: stars of B - V = 0.0, 0.5, 1.0 and 1.6 have 10 150, 10 750,
   11 250 and 11 700 K.  It is taken for a measure of B - V, with 0.75 at its median and 0.5 per 1000 K, for pixels hold
   mixtures.  Both numbers are chosen, not measured: Hipparcos' stars of V = 7 to 9 have 0.45 near the plane and 0.73 at

@@ -6,9 +6,9 @@ below it, at the distance r, along a line of sight with the sine of elevation s,
     I / sqrt(1 - (r / r_h)^2 (1 - s^2))
 
 (van Rhijn 1921): brighter towards the horizon, the more so the lower the layer.  One who stands in the layer or above
-looks through both its sides where the planet is not in the way; there the layer has a thickness, and what counts is the
-length of the line of sight within it, or else the limb would be endlessly bright.  Scattering and absorption on the way
-are left to whoever solves the air; some 10 to 20 % of the zenith's light come that way.
+looks through both its sides where the planet is not in the way; there the layer has a thickness, and what counts is
+the length of the line of sight within it, or else the limb would be endlessly bright.  Scattering and absorption on the
+way are left to whoever solves the air; some 10 to 20 % of the zenith's light come that way.
 
 One rayleigh is 1e10 / (4 pi) photons m-2 s-1 sr-1 (Hunten, Roach & Chamberlain 1956).  Strengths are annual means over
 a low-latitude site (Cerro Paranal; the tables in data/ name their sources) at a solar radio flux of 100 sfu, and follow
@@ -152,12 +152,14 @@ def airglow_paths(
         raise DomainError("planet_radius_m", planet_radius_m, "must be positive [m]")
     layers, radius = airglow_layers(), planet_radius_m + observer_altitude_m
     sine = np.clip(sine, -1.0, 1.0)
-    seen = [
-        _from_below(sine, radius, planet_radius_m, planet_radius_m + height)
-        if observer_altitude_m <= height - 0.5 * thickness
-        else _through(sine, radius, planet_radius_m, planet_radius_m + height, thickness)
-        for height, thickness in zip(layers.height_m, layers.thickness_m, strict=True)
-    ]
+    seen = []
+    for height, thickness in zip(layers.height_m, layers.thickness_m, strict=True):
+        shell = planet_radius_m + height
+        # The thickness comes in over one thickness below the layer, so that nothing jumps as an observer rises into it.
+        share = float(np.clip((observer_altitude_m - height) / thickness + 1.5, 0.0, 1.0))
+        thin = _from_below(sine, radius, planet_radius_m, shell) if share < 1.0 else 0.0
+        thick = _through(sine, radius, planet_radius_m, shell, thickness) if share > 0.0 else 0.0
+        seen.append((1.0 - share) * thin + share * thick)
     return np.stack(seen, axis=-1)
 
 

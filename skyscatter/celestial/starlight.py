@@ -2,8 +2,8 @@
 
 The map holds brightness at 550 nm and B - V of cells of 0.5 and 2 degrees, in galactic coordinates.  It comes from a
 map of catalogued stars by SkyMapMod; `tools/make_starlight.py` says what was found in that and done with it.  Stars
-brighter than V = 7 are not in it, nor are clusters; dark parts of the sky are smoothed over 3 degrees, the Milky Way
-over 0.7.  Means over latitude agree with star counts within 20 %.  Colours are rough: B - V to 0.2.
+brighter than V = 7 are not in it, clusters mostly lost; dark parts of the sky are smoothed over 3 degrees, the Milky
+Way over 0.7.  Means over latitude agree with star counts within 20 %.  Colours are rough: B - V to 0.2.
 
 Dust scatters some of this light towards us, the diffuse galactic light, which no catalogue of stars has.  It is 20 to
 30 % of the Milky Way's whole light (Leinert et al. 1998, section 11, from memory), and is put on as a share of 25 % of

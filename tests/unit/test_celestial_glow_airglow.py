@@ -99,12 +99,18 @@ def test_above_the_layer() -> None:
     assert limb.max() == pytest.approx(2 * np.sqrt(2 * (EARTH + 97e3) / 8.6e3), rel=0.01)
 
 
-def test_the_step_between_below_and_within_is_small() -> None:
-    """Where an observer enters a layer from below, thin and thick meet to second order of thickness over height."""
-    height, thickness = airglow_layers().height_m[GREEN], airglow_layers().thickness_m[GREEN]
-    bottom = height - 0.5 * thickness
-    below, within = (airglow_paths([1.0, 0.7], bottom + off)[:, GREEN] for off in (-1.0, 1.0))
-    assert within == pytest.approx(below, rel=1e-3)
+def test_nothing_jumps_as_an_observer_rises() -> None:
+    """Through all layers in steps of 200 m, which change no line of sight by more than what of a layer comes to lie below
+    the observer."""
+    step, thickness = 200.0, 8.6e3
+    altitudes = np.concatenate([np.arange(60e3, 110e3, step), np.arange(180e3, 320e3, step)])
+    paths = np.stack([airglow_paths([-0.05, 0.3, 1.0], altitude) for altitude in altitudes])
+    steps = np.abs(np.diff(paths, axis=0))[np.diff(altitudes) == step]
+    assert steps[:, 1:].max() < 1.2 * step / thickness / 0.3
+    assert steps[:, 0].max() < 1.2 * 2 * np.sqrt(2 * 6.5e6 * step) / thickness  # a whole chord of such a depth
+    # Horizontally, where the layer begins: its chord from inside, not that of a thin shell (7.4 for the red one).
+    bottom = [airglow_paths(0.0, altitude)[RED] for altitude in (190e3 - 1.0, 190e3 + 1.0)]
+    assert bottom == pytest.approx([np.sqrt(2 * (EARTH + 250e3) / 120e3)] * 2, rel=0.01)
 
 
 GRIDS = {
