@@ -7,8 +7,8 @@ below it, at the distance r, along a line of sight with the sine of elevation s,
 
 (van Rhijn 1921): brighter towards the horizon, the more so the lower the layer.  One who stands in the layer or above
 looks through both its sides where the planet is not in the way; there the layer has a thickness, and what counts is
-the length of the line of sight within it, or else the limb would be endlessly bright.  Scattering and absorption on the
-way are left to whoever solves the air; some 10 to 20 % of the zenith's light come that way.
+the length of the line of sight within it, or else the limb would be endlessly bright.  Scattering and absorption on
+the way are left to whoever solves the air.
 
 One rayleigh is 1e10 / (4 pi) photons m-2 s-1 sr-1 (Hunten, Roach & Chamberlain 1956).  Strengths are annual means over
 a low-latitude site (Cerro Paranal; the tables in data/ name their sources) at a solar radio flux of 100 sfu, and follow

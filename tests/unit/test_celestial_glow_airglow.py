@@ -100,8 +100,8 @@ def test_above_the_layer() -> None:
 
 
 def test_nothing_jumps_as_an_observer_rises() -> None:
-    """Through all layers in steps of 200 m, which change no line of sight by more than what of a layer comes to lie below
-    the observer."""
+    """Through all layers in steps of 200 m, which change no line of sight by more than what of a layer comes to lie
+    below the observer."""
     step, thickness = 200.0, 8.6e3
     altitudes = np.concatenate([np.arange(60e3, 110e3, step), np.arange(180e3, 320e3, step)])
     paths = np.stack([airglow_paths([-0.05, 0.3, 1.0], altitude) for altitude in altitudes])
