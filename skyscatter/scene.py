@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from skyscatter.celestial.lights import SkyLights
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.ground import Ground
@@ -191,6 +192,9 @@ class Scene(Record):
         Height of the observer above the ground [m].
     background : float or SpectralTable
         Uniform radiance from outside the atmosphere [W m-2 sr-1 nm-1].
+    lights : SkyLights, optional
+        Moon, planets, stars and the rest of the sky's light, for pictures of a place on Earth and a time (`site` of the
+        Sun); the Sun alone when not given.
 
     Examples
     --------
@@ -210,6 +214,13 @@ class Scene(Record):
     sun: Sun = Sun()
     altitude: NonNegativeMetres = default(0.0)
     background: Radiance = default(0.0)
+    lights: SkyLights | None = None
+
+    @model_validator(mode="after")
+    def _check_lights(self) -> Scene:
+        if self.lights is not None and self.sun.site is None:
+            raise DomainError("lights", ", ".join(self.lights.shine), "need a place and a time; see Model.scene_at")
+        return self
 
     @property
     def observer(self) -> Observer:

@@ -178,7 +178,7 @@ def refine(packed, row_node, row_weight, low, high, moments):
 
 @entry
 def look(columns, diffuse, optics, first, field, origins, directions, group, scratch,
-         scattered, reflected, multiple, direct):  # fmt: skip
+         scattered, reflected, multiple, direct, lit):  # fmt: skip
     """Radiance along rays from a solved field.
 
     Parameters
@@ -198,6 +198,8 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
     scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength), output
         Scattered once, scattered or reflected more often, reflected once by the ground, unscattered (the disk of the
         Sun, emission, light from outside) [W m-2 sr-1 nm-1].
+    lit : (ray, component, wavelength), output
+        Sunlight that is scattered once, without the phase function, see `light_bundle`; empty where nobody asks.
     """
     work, course, bundle, _ = scratch
     s = optics.disk_axis
@@ -236,6 +238,10 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
                     multiple[to, channel, i] = bundle.gathered[ray, channel, i] if n > 0 else 0.0
                 reflected[to, i] = bundle.reflected[ray, i] if n > 0 else 0.0
                 direct[to, i] = course.glow[i] if n > 0 else diffuse.light[0, i]
+            if lit.shape[0] > 0:
+                for c in range(lit.shape[1]):
+                    for i in range(wavelengths):
+                        lit[to, c, i] = bundle.many_lit[ray, c, i] if n > 0 else 0.0
             d = directions[to]
             if not line.hits_ground and disk_radiance(optics, d[0], d[1], d[2], work.sun):
                 for c in range(work.along.size):

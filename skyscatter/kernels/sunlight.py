@@ -30,6 +30,8 @@ EDGE_STEPS = 12
 SMOOTH_STEP, SMOOTH_GROWTH = 0.002, 0.05
 #: Cosines of the angle from the Sun down to which the widening of forward peaks counts in full, and where it ends.
 AUREOLE_FULL, AUREOLE_END = math.cos(math.radians(30.0)), math.cos(math.radians(60.0))
+#: Degree times angle [rad] at which the sum over the degrees of the peaks ends; it fades out from half of it on.
+AUREOLE_WAVES = 60.0
 
 
 @inlined
@@ -365,13 +367,17 @@ def narrow_aureole(diffuse, ray, bundle):
     x = min((nu - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 1.0)
     fade = np.float32(x * x * (3.0 - 2.0 * x))
     components, degrees, wavelengths = bundle.spread.shape
+    # At an angle only degrees up to some times its reciprocal count; what more of them add is noise.
+    angle = math.acos(nu)
+    degrees = min(degrees, int(AUREOLE_WAVES / max(angle, 1e-6)) + 1)
     for c in range(components):
         if diffuse.scatters[c]:
             for i in range(wavelengths):
                 bundle.here[i] = np.float32(0.0)
             below, legendre = 0.0, 1.0
             for d in range(degrees):
-                f = np.float32(legendre)
+                y = min(max(2.0 * d * angle / AUREOLE_WAVES - 1.0, 0.0), 1.0)
+                f = np.float32(legendre * (1.0 - y * y * (3.0 - 2.0 * y)))
                 for i in range(wavelengths):
                     bundle.here[i] += f * bundle.spread[c, d, i]
                 below, legendre = legendre, ((2 * d + 1) * nu * legendre - d * below) / (d + 1)

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 from pydantic import model_validator
 
+from skyscatter.celestial.lights import SkyLights, chosen, shining
 from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
@@ -134,7 +135,9 @@ class Model(ModelFile):
         sun = Sun(elevation_deg=sun_elevation_deg, azimuth_deg=sun_azimuth_deg, distance_au=sun_distance_au)
         return Scene(medium=self.medium, ground=self.ground, star=self.star, sun=sun, altitude=altitude)
 
-    def scene_at(self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0) -> Scene:
+    def scene_at(
+        self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0, lights: Any = None
+    ) -> Scene:
         """A scene for a place on Earth and a time.
 
         Parameters
@@ -145,6 +148,9 @@ class Model(ModelFile):
             ISO 8601 text, UTC; or a datetime.
         altitude : float or str or Quantity
             Of the observer above the ground [m].
+        lights : "auto", SkyLights or sequence of str, optional
+            What shines beside the Sun, see `skyscatter.celestial.lights`; ``"auto"`` takes what matters at that time.
+            The Sun alone when not given.
 
         Returns
         -------
@@ -170,4 +176,13 @@ class Model(ModelFile):
         scene = self.scene(altitude=altitude)
         sun = sun_position(latitude_deg, longitude_deg, time, scene.altitude)
         site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time))
-        return scene.model_copy(update={"sun": Sun(**sun._asdict(), site=site)})
+        lit = _lights(lights, sun.elevation_deg)
+        return scene.model_copy(update={"sun": Sun(**sun._asdict(), site=site), "lights": lit})
+
+
+def _lights(lights: Any, sun_elevation_deg: float) -> SkyLights | None:
+    """The lights that are meant."""
+    if lights is None or isinstance(lights, SkyLights):
+        return lights
+    names = shining(sun_elevation_deg) if isinstance(lights, str) and lights == "auto" else chosen(lights, "lights")
+    return SkyLights(shine=names)

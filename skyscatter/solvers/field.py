@@ -26,9 +26,9 @@ from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
-from skyscatter.solvers.rows import view_rows
 from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.series import sum_orders
+from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
@@ -386,8 +386,9 @@ class RadianceField:
         workers = worker_count(threads)
         size = min(max(len(flat_o) // CHUNKS, CHUNK[0]), CHUNK[1])
         chunks = [slice(k, k + size) for k in range(0, len(flat_o), size)]
+        sky = self.sky_table(table, flat_o, flat_d, workers)
         with Workers(workers) as pool:
-            answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts), chunks))
+            answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts, sky), chunks))
         empty = np.zeros((0, self.wavelengths.size))
         joined = (
             {name: np.concatenate([a.layers[name] for a in answers]) for name in answers[0].layers} if answers else {}
@@ -642,11 +643,37 @@ class RadianceField:
         """Refuse rays on which the Sun stands where the field was not solved."""
         check_coverage(self.scene, self.zenith, origins, directions, sun)
 
-    def look(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
-        """`radiance` of a few rays, in one thread and without checks."""
-        scattered, multiple, ground, direct = view_rows(
-            self.fine.problem, self.fine.loaded, table, origins, directions, self.tolerance
-        )
+    def sky_table(self, table: SceneTable, origins: Array, directions: Array, threads: int) -> SkyTable | None:
+        """What joins many rays from one place, with the Sun where `table` has it; None where each is solved itself."""
+        if len(origins) == 0 or np.any(origins != origins[0]):
+            return None
+        return make_table(self.fine, self.coarse, table, origins[0], directions, self.tolerance, threads)
+
+    def look(
+        self, table: SceneTable, origins: Array, directions: Array, parts: bool, sky: SkyTable | None = None
+    ) -> Answer:
+        """`radiance` of a few rays, in one thread and without checks; with a table only some of them are solved."""
+        if sky is None:
+            return self._solved(table, origins, directions, parts)
+        found = sky.look(directions, parts)
+        diffuse = found.diffuse
+        radiance, error = diffuse + found.beyond, found.error * np.abs(diffuse)
+        error += self._level_error(table, origins, directions, diffuse)
+        layers = {}
+        if parts:
+            layers = {"direct": found.beyond, "scattered": found.scattered, "ground": found.ground}
+            layers["multiple"] = found.multiple
+        alone = np.flatnonzero(sky.alone(directions))
+        if alone.size:
+            own = self._solved(table, origins[alone], np.ascontiguousarray(directions[alone]), parts)
+            radiance[alone], error[alone] = own.radiance, own.standard_error
+            for name, values in layers.items():
+                values[alone] = own.layers[name]
+        return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
+
+    def _solved(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
+        """Every ray by itself."""
+        scattered, multiple, ground, direct = view(self.fine.problem, self.fine.loaded, table, origins, directions)
         # Where there is next to no light, deep in the night, the sum of its moments swings about zero.
         multiple[:, 0] = np.maximum(multiple[:, 0], 0.0)
         stokes = scattered + multiple
@@ -661,14 +688,6 @@ class RadianceField:
         if parts:
             layers |= {"direct": direct, "scattered": scattered[:, 0], "ground": ground, "multiple": multiple[:, 0]}
         return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
-
-    def quick_look(self, table: SceneTable, origins: Array, directions: Array) -> Array:
-        """Radiance of a few rays (ray, wavelength), without an error."""
-        scattered, multiple, ground, unscattered = view_rows(
-            self.fine.problem, self.fine.loaded, table, origins, directions, self.tolerance
-        )
-        diffuse = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
-        return np.asarray(diffuse + unscattered)
 
     def _error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
         """Estimated error of the diffuse radiance: the difference from the coarser solution, by bundles of rays.
@@ -697,11 +716,15 @@ class RadianceField:
             members = order[group[k] : group[k + 1]]
             error[members] = share * np.abs(diffuse[members])
             error[rays] = np.maximum(error[rays], ERROR_SHARE * np.abs(coarse[mine] - fine[mine]))
+        return np.asarray(error + self._level_error(table, origins, directions, diffuse))
+
+    def _level_error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array | float:
+        """What is added for level sunlight in cut peaks."""
         if not self.fine.problem.level_peaks.any():
-            return error
+            return 0.0
         low, high = seen_zenith(origins, directions, table.optics.disk_axis, table.columns.radius, table.columns.top)
         level = level_error(np.nan_to_num(0.5 * (low + high)), self.fine.problem.level_peaks)
-        return np.asarray(error + level * np.abs(diffuse))
+        return np.asarray(level * np.abs(diffuse))
 
     def _diffuse(self, solution: Solution, table: SceneTable, origins: Array, directions: Array) -> Array:
         """Radiance of all orders but the direct light; (ray, wavelength)."""

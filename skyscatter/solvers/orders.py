@@ -14,6 +14,7 @@ import numpy as np
 
 from skyscatter.errors import DomainError
 from skyscatter.kernels.optics import SceneTable
+from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.field import (
@@ -25,16 +26,19 @@ from skyscatter.solvers.field import (
     scattering_top,
     solve_range,
 )
+from skyscatter.solvers.skytable import SkyTable
 from skyscatter.solvers.state import Checkpoint
 
-#: Rays in a tile at most.  Those of a picture's row share their geometry, and few rows shall be cut in two: tiles of 1024
-#: rays took a third more for a picture 1280 pixels wide.
+#: Rays in a tile at most.  Those of a picture's row share their geometry, and few rows shall be cut in two: tiles of
+#: 1024 rays took a third more for a picture 1280 pixels wide.
 TILE_RAYS = 8192
 #: Tiles of a picture at least, whatever the threads: rays of a tile share work, and so their last digits depend on it.
 TILES = 16
 #: What is prepared for all rays takes long, and is kept in the checkpoint.
 KEEPS = True
 
+#: Rays, about, from which it is found where the Sun stands that they see.
+WINDOW_RAYS = 20011
 #: Share of the height of what scatters above which a ray's lowest point makes it a limb.
 LIMB = 0.3
 #: Zenith angle of the Sun [rad] from which a field begins in twilight.
@@ -46,6 +50,7 @@ class Context(NamedTuple):
 
     field: RadianceField
     table: SceneTable
+    sky: SkyTable | None = None  #: where rays are joined from nodes
 
 
 def check(options: Options) -> None:
@@ -101,14 +106,17 @@ def prepare(
     from skyscatter.solvers.compile import compile_scene
 
     table = compile_scene(scene, wavelengths)
-    zenith = window_of(scene, table, rays.origins, rays.directions)
+    some = slice(None, None, max(len(rays.origins) // WINDOW_RAYS, 1))
+    zenith = window_of(scene, table, rays.origins[some], rays.directions[some])
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     field = solve_range(
         scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress, checkpoint
     )
-    return Context(field, table)
+    if progress is not None:
+        say("nodes over the sky")
+    return Context(field, table, field.sky_table(table, rays.origins, rays.directions, threads))
 
 
 def solve(context: Context, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders; see `skyscatter.radiance`."""
-    return context.field.look(context.table, rays.origins, rays.directions, options.parts)
+    return context.field.look(context.table, rays.origins, rays.directions, options.parts, context.sky)

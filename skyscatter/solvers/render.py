@@ -147,10 +147,7 @@ def render(
     directions = grid.reshape(-1, 3)[numbers]
     origins = np.broadcast_to(scene.observer.position, directions.shape)
     rays = Rays(origins, directions, numbers.astype(np.int64))
-    if resume is None:
-        state = RenderState.empty(recipe, numbers.size, wl.size)
-    else:
-        state = RenderState.load(resume, recipe)
+    state = _begun(scene, recipe, numbers.size, wl) if resume is None else RenderState.load(resume, recipe)
     kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
         kept.begin(state)
@@ -160,7 +157,7 @@ def render(
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])  # it may hold more
     if kept is not None and (kept.written or not complete):
         kept.save()
-    image = _picture(scene, camera, grid, inside, wl, state)
+    image = _picture(scene, camera, grid, inside, wl, state, threads, progress)
     if not complete:
         raise Interrupted(image, state)
     return image
@@ -219,8 +216,34 @@ def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Optio
     }
 
 
+def _begun(scene: AnyScene, recipe: dict[str, Any], rays: int, wl: Array) -> RenderState:
+    """The state of a render in which nothing is done; all, where nothing but other lights than the Sun shines."""
+    state = RenderState.empty(recipe, rays, wl.size)
+    if isinstance(scene, Scene) and scene.lights is not None and not _skylights().sun_shines(scene):
+        options = recipe["options"]
+        names = ["Q", "U", "V", "Q_error", "U_error", "V_error"] if options.get("stokes") else []
+        names += ["direct", "scattered", "ground", "multiple"] if options.get("parts") else []
+        names += [f"order{k + 1}" for k in range(options.get("orders", 0))]
+        state.layers = {name: np.zeros_like(state.radiance) for name in names}
+        state.done[:] = True
+    return state
+
+
+def _skylights() -> Any:
+    from skyscatter.solvers import skylights
+
+    return skylights
+
+
 def _picture(
-    scene: AnyScene, camera: Any, grid: Array, inside: NDArray[np.bool_], wl: Array, state: RenderState
+    scene: AnyScene,
+    camera: Any,
+    grid: Array,
+    inside: NDArray[np.bool_],
+    wl: Array,
+    state: RenderState,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> SpectralImage:
     from skyscatter.image.spectral import SpectralImage
 
@@ -236,11 +259,14 @@ def _picture(
     if is_space(scene):
         return _space_picture(scene, camera, grid, cube, layers, spread(state.standard_error), wl, state)
     recipe = state.recipe
+    error = spread(state.standard_error)
     if isinstance(scene, Scene):
         correction, recipe = _sun_correction(scene, camera, grid, wl, recipe)
         for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
             values.reshape(-1, wl.size)[correction[0]] += correction[1]
-    return SpectralImage(cube, wl, spread(state.standard_error), recipe=recipe, layers=layers)
+        if scene.lights is not None and state.done.all():
+            _skylights().add_to(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
+    return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
 
 
 def _space_picture(
@@ -285,6 +311,8 @@ def _sun_correction(
     from skyscatter.solvers import sundisk
     from skyscatter.solvers.compile import compile_scene
 
+    if scene.lights is not None and not _skylights().sun_shines(scene):
+        return None, recipe
     table = compile_scene(scene, wl)
     if recipe.get("sun_disk", True):
         return sundisk.disk_correction(scene, table, camera, grid), recipe
@@ -335,9 +363,10 @@ def picture_of(store: str | os.PathLike[str]) -> SpectralImage:
         wl = np.asarray(recipe["wavelengths_nm"], float)
         grid = _seen(scene, camera)
         inside = np.isfinite(grid[..., 0])
-        state = RenderState.empty(recipe, int(inside.sum()), wl.size)
+        state = _begun(scene, recipe, int(inside.sum()), wl)
         module = load_solver(recipe["solver"], scene)
-        fill(state, folder, module, recipe.get("subpixels", 1))
+        if not state.done.all():
+            fill(state, folder, module, recipe.get("subpixels", 1))
     if "samples" in recipe["options"] and state.samples.size:
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])
     return _picture(scene, camera, grid, inside, wl, state)

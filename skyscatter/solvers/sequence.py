@@ -137,10 +137,11 @@ def frame(field: RadianceField, scene: Scene, camera: Any) -> SpectralImage:
 def looked(field: RadianceField, table: Any, scene: Scene, directions: Array) -> Array:
     """Radiance along rays from the observer (ray, wavelength), in this thread."""
     origins = np.broadcast_to(scene.observer.position, directions.shape)
+    sky = field.sky_table(table, origins, directions, 1)
     found = []
     for k in range(0, len(directions), CHUNK):
         o, d = (np.ascontiguousarray(a[k : k + CHUNK]) for a in (origins, directions))
-        found.append(field.quick_look(table, o, d))
+        found.append(field.look(table, o, d, False, sky).radiance)
     return np.concatenate(found) if found else np.zeros((0, field.wavelengths.size))
 
 

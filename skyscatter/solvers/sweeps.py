@@ -50,6 +50,8 @@ LEAST_PEAK = 1e-4
 #: Degrees to which cut forward peaks are followed: the first of these at which they have ended; and what may be left
 #: of a peak at the last one, beyond which it is refused.
 PEAK_DEGREES, PEAK_LEFT = (300, 700, 1500), 2e-3
+#: They fade out over the last degrees, one in so many.
+PEAK_FADES = 3.0
 #: Largest angle at the planet's centre that a cell spans [rad], and its largest optical depth.
 CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 #: Altitudes at which a medium is looked at before its grid is made: even ones, and those within a cell of its table.
@@ -237,7 +239,10 @@ def _peaks(phase: Array, peak: Array, kept: int) -> Array:
     beyond[:, : kept + 1] = peak[:, None]
     beyond = np.where(cut[:, None], np.maximum(beyond, 0.0), 0.0)
     last = int(np.flatnonzero((beyond > LEAST_PEAK).any(axis=(0, 2))).max())
-    return beyond[:, : last + 1] * ((2 * np.arange(last + 1) + 1) / (4 * np.pi))[:, None]
+    degree = np.arange(last + 1)
+    # A sum that is broken off rings: it is faded out instead.
+    fade = np.cos(0.5 * np.pi * np.clip(1.0 + PEAK_FADES * (degree / max(last, 1) - 1.0), 0.0, 1.0)) ** 2
+    return beyond[:, : last + 1] * (fade * (2 * degree + 1) / (4 * np.pi))[:, None]
 
 
 def _first_tables(matrix: Array, greek: Array, sigma_s: Array) -> tuple[Array, Array]:
@@ -496,9 +501,16 @@ class Solution:
 
 
 def view(
-    problem: Problem, field: Field, table: SceneTable, origins: Array, directions: Array
+    problem: Problem,
+    field: Field,
+    table: SceneTable,
+    origins: Array,
+    directions: Array,
+    lit: NDArray[np.float32] | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Radiance along rays from a loaded field, with the Sun where `table` has it.
+
+    `lit` (ray, component, wavelength) is filled where it is given.
 
     Returns
     -------
@@ -512,12 +524,15 @@ def view(
     scattered, multiple = (np.empty((rays, problem.stokes, wavelengths)) for _ in range(2))
     reflected, direct = (np.empty((rays, wavelengths)) for _ in range(2))
     scratch = make_sweep_scratch(problem.diffuse, field, problem.stokes, int(np.diff(group).max(initial=1)))
+    sunlit = np.empty((0, 0, 0) if lit is None else lit.shape, np.float32)
     look(
         table.columns, problem.diffuse, table.optics, problem.whole, field, origins[order], directions[order], group,
-        scratch, scattered, reflected, multiple, direct,
+        scratch, scattered, reflected, multiple, direct, sunlit,
     )  # fmt: skip
     back = np.empty_like(order)
     back[order] = np.arange(rays)
+    if lit is not None:
+        lit[:] = sunlit[back]
     return scattered[back], multiple[back], reflected[back], direct[back]
 
 

@@ -17,8 +17,8 @@ from skyscatter.kernels.jit import Entry
 
 #: Sums of rounded numbers, and fields that are kept in single precision (`orders`), as other processors round them.
 DOUBLE, SINGLE = 1e-9, 3e-6
-#: What is known to `SINGLE` only.  Profiles by Abel's transform come from ill-conditioned products of linear algebra: four
-#: sorts of processors that OpenBLAS knows differ by 6e-8 of the largest density, a millionth of its error bar.
+#: What is known to `SINGLE` only.  Profiles by Abel's transform come from ill-conditioned products of linear algebra:
+#: four sorts of processors that OpenBLAS knows differ by 6e-8 of the largest density, a millionth of its error bar.
 COARSE = ("orders", "field", "dusk", "abel")
 
 

@@ -1,0 +1,337 @@
+"""The lights of the sky beside the Sun in pictures: Moon, planets, stars, Milky Way, zodiacal light and airglow.
+
+What comes straight from them is dimmed by the air along the line of sight.  What the air and the ground scatter of them
+is taken from one solved field: of the Moon exactly as of the Sun, of all others by the response of the air to distant
+light (`skyscatter.solvers.response`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.celestial.frames import Sight
+from skyscatter.celestial.heavens import POINTS, SPREAD, Heavens
+from skyscatter.progress import say
+from skyscatter.scene import Scene, Sun
+from skyscatter.solvers.base import Array
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.field import RadianceField, solve_range
+from skyscatter.solvers.orders import window_of
+from skyscatter.solvers.overhead import Overhead
+from skyscatter.solvers.response import Response, lowest_light
+from skyscatter.solvers.run import worker_count
+
+#: Accuracy that is aimed at in the field of the faint lights, whose own brightness is known to some 10 %.
+TOLERANCE = 0.01
+#: Rays whose light is added at once.
+BLOCK = 1 << 16
+#: The Sun is left out below this elevation, for an observer on the ground [degree]: its light is less than a thousandth
+#: of the night's own.
+SUN_LOWEST = -20.0
+#: Moonlight that the air scatters counts while the Sun stands below this [degree]: above, it is less than 1e-4 of it.
+MOON_SCATTERS = -2.0
+#: Points on the radius of the Moon's disk, at least and for each pixel.
+FACE_POINTS, FACE_FINER = 48, 4
+
+
+def sun_shines(scene: Scene) -> bool:
+    """Whether the Sun is among the lights of a scene, and high enough to matter."""
+    if scene.lights is None:
+        return True
+    dip = np.degrees(np.arccos(scene.medium.radius / (scene.medium.radius + scene.altitude)))
+    return "sun" in scene.lights.shine and scene.sun.elevation_deg > SUN_LOWEST - 2 * dip
+
+
+def heavens_of(scene: Scene, wavelengths: Array) -> Heavens | None:
+    """What shines on a scene; None where that is its Sun alone."""
+    if scene.lights is None or scene.sun.site is None or not set(scene.lights.shine) - {"sun"}:
+        return None
+    site = scene.sun.site
+    return Heavens(scene.lights, Sight(site.latitude_deg, site.longitude_deg, site.time, scene.altitude), wavelengths)
+
+
+@dataclass(frozen=True)
+class LitAir:
+    """A solved air around an observer, for the lights of one night or of many.
+
+    Attributes
+    ----------
+    field : RadianceField
+        It covers all lights.
+    altitude : float
+        Of the observer [m].
+    """
+
+    field: RadianceField
+    altitude: float
+
+    @cached_property
+    def response(self) -> Response:
+        """What the air makes of light from everywhere."""
+        return Response(self.field, self.altitude)
+
+
+@dataclass
+class Picture:
+    """Arrays of a picture to which lights are added.
+
+    Attributes
+    ----------
+    radiance, error : ndarray, shape (y, x, wavelength)
+    layers : dict
+    directions : ndarray, shape (y, x, 3)
+        Through the middles of the pixels; NaN outside of the field.
+    camera : Camera
+    parts : bool
+        Keep each light as a layer.
+    """
+
+    radiance: Array
+    error: Array | None
+    layers: dict[str, NDArray[Any]]
+    directions: Array
+    camera: Any
+    parts: bool = False
+
+    def add(self, name: str, where: Any, light: Array, error: Array | None = None) -> None:
+        """Add a light in some pixels, by their numbers in reading order."""
+        self.radiance.reshape(-1, self.radiance.shape[-1])[where] += light
+        if error is not None and self.error is not None:
+            self.error.reshape(-1, self.error.shape[-1])[where] += error
+        if self.parts:
+            layer = self.layers.setdefault(name, np.zeros_like(self.radiance))
+            layer.reshape(-1, layer.shape[-1])[where] += light
+
+    def blocks(self) -> Iterator[tuple[NDArray[np.intp], Array]]:
+        """Numbers and directions of pixels in the field, some at a time."""
+        flat = self.directions.reshape(-1, 3)
+        inside = np.flatnonzero(np.isfinite(flat[:, 0]))
+        for k in range(0, inside.size, BLOCK):
+            yield inside[k : k + BLOCK], np.ascontiguousarray(flat[inside[k : k + BLOCK]])
+
+
+def solve_air(
+    scene: Scene,
+    heavens: Heavens,
+    directions: Array,
+    *,
+    stokes: bool = False,
+    tolerance: float | None = None,
+    threads: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> LitAir | None:
+    """Solve the air for the lights beside the Sun, along rays from the observer; None where none is scattered."""
+    window = light_window(scene, heavens, directions)
+    if window is None:
+        return None
+    if progress is not None:
+        say("light of the night")
+    return LitAir(
+        solve_range(scene, heavens.wavelengths, window, tolerance or TOLERANCE, stokes, None, threads, progress),
+        scene.altitude,
+    )
+
+
+def light_window(scene: Scene, heavens: Heavens, directions: Array) -> tuple[float, float] | None:
+    """Zenith angles [rad] of the lights beside the Sun whose scattered light counts; None where there are none."""
+    lowest = lowest_light(scene.medium.radius, scene.altitude)
+    if _night(scene) and any(heavens.shines(name) for name in (*SPREAD, *POINTS)):
+        return 0.0, float(np.radians(90.0 - lowest))
+    if not _moon_scatters(scene, heavens):
+        return None
+    moon = scene.model_copy(update={"sun": _sun_of(heavens.moon.direction)})
+    origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
+    return window_of(moon, compile_scene(moon, heavens.wavelengths), origins, directions)
+
+
+def _night(scene: Scene) -> bool:
+    """Whether what the air scatters of the night's own light counts."""
+    from skyscatter.celestial.lights import NIGHT_BELOW
+
+    return not sun_shines(scene) or scene.sun.elevation_deg <= NIGHT_BELOW
+
+
+def _moon_scatters(scene: Scene, heavens: Heavens) -> bool:
+    """Whether moonlight in the air counts."""
+    if not heavens.shines("moon") or (sun_shines(scene) and scene.sun.elevation_deg > MOON_SCATTERS):
+        return False
+    return _elevation(heavens.moon.direction) > lowest_light(scene.medium.radius, scene.altitude)
+
+
+def add_to(
+    scene: Scene,
+    camera: Any,
+    directions: Array,
+    wavelengths: Array,
+    arrays: tuple[Array, Array | None, dict[str, Array]],
+    options: Mapping[str, Any],
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Solve for the lights beside the Sun and add them to a picture's radiance, error and layers, in place.
+
+    The options are those of the render: `tolerance`, `stokes` and `parts` count.
+    """
+    heavens = heavens_of(scene, wavelengths)
+    if heavens is None:
+        return
+    radiance, error, layers = arrays
+    picture = Picture(radiance, error, layers, directions, camera, bool(options.get("parts")))
+    flat = directions[np.isfinite(directions[..., 0])]
+    air = solve_air(
+        scene,
+        heavens,
+        np.ascontiguousarray(flat),
+        stokes=bool(options.get("stokes")),
+        threads=worker_count(threads),
+        progress=progress,
+    )
+    add_lights(picture, scene, heavens, air, threads)
+
+
+def add_lights(
+    picture: Picture, scene: Scene, heavens: Heavens, air: LitAir | None, threads: int | None = None
+) -> None:
+    """Add all lights but the Sun to a picture.
+
+    Parameters
+    ----------
+    picture : Picture
+    scene : Scene
+    heavens : Heavens
+    air : LitAir or None
+        Of `solve_air`.
+    threads : int, optional
+    """
+    above = Overhead(scene, heavens.wavelengths)
+    if heavens.shines("moon"):
+        _add_moon_face(picture, scene, heavens, above)
+        if air is not None and _moon_scatters(scene, heavens):
+            _add_moonlight(picture, scene, heavens, air, threads)
+    for name in POINTS:
+        if heavens.shines(name):
+            _add_points(picture, scene, heavens, name, above, air if _night(scene) else None)
+    for name in SPREAD:
+        if heavens.shines(name):
+            _add_spread(picture, heavens, name, above, air if _night(scene) else None)
+
+
+def _add_moonlight(picture: Picture, scene: Scene, heavens: Heavens, air: LitAir, threads: int | None) -> None:
+    """What air and ground scatter of the Moon, from the field of the Sun: both shine as disks of half a degree."""
+    from skyscatter.celestial.moon import moon_irradiance
+
+    sun = _sun_of(heavens.moon.direction)
+    whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
+    share = np.divide(
+        moon_irradiance(heavens.moon, heavens.wavelengths), whole, out=np.zeros_like(whole), where=whole > 0
+    )
+    where = {"sun_elevation_deg": sun.elevation_deg, "sun_azimuth_deg": sun.azimuth_deg}
+    for pixels, directions in picture.blocks():
+        found = air.field.radiance(scene.observer.position, directions, **where, parts=True, threads=threads)
+        light = (found.radiance - found.layers["direct"]) * share
+        picture.add("moon", pixels, light, None if found.error is None else found.error * share)
+        for name in "QUV":
+            if name in picture.layers and name in found.layers:
+                layer = picture.layers[name]
+                layer.reshape(-1, layer.shape[-1])[pixels] += found.layers[name] * share
+
+
+def _add_moon_face(picture: Picture, scene: Scene, heavens: Heavens, above: Overhead) -> None:
+    """The Moon's disk, averaged over pixels: points of it that fall into each, each with its solid angle.
+
+    So the light of the disk is kept whatever the size of the pixels.
+    """
+    from skyscatter.celestial.moon import moon_radiance
+
+    moon, camera, observer = heavens.moon, picture.camera, scene.observer
+    if _elevation(moon.direction) < np.degrees(above.horizon - 2 * moon.angular_radius):
+        return
+    solid_angle = camera.pixel_solid_angle(observer).ravel()
+    smallest = float(np.sqrt(solid_angle[solid_angle > 0].min(initial=1.0)))
+    count = max(FACE_POINTS, int(FACE_FINER * moon.angular_radius / smallest) + 1)
+    points, area = disk_grid(moon.direction, moon.angular_radius, count)
+    for k in range(0, len(points), BLOCK):
+        some = points[k : k + BLOCK]
+        x, y = camera.pixel(some, observer)
+        seen = np.isfinite(x) & np.isfinite(y)
+        some = some[seen]
+        column = np.minimum(np.floor(x[seen] + 0.5).astype(np.intp), camera.width - 1)
+        row = np.minimum(np.floor(y[seen] + 0.5).astype(np.intp), camera.height - 1)
+        pixels, member = np.unique(row * camera.width + column, return_inverse=True)
+        if not pixels.size:
+            continue
+        light = moon_radiance(moon, some, heavens.wavelengths) * above.transmittance(some) * area
+        total = np.zeros((pixels.size, light.shape[1]))
+        np.add.at(total, member, light)
+        kept = solid_angle[pixels] > 0
+        picture.add("moon", pixels[kept], total[kept] / solid_angle[pixels[kept], None])
+
+
+def disk_grid(axis: Array, radius: float, count: int) -> tuple[Array, float]:
+    """Points of a small disk on a square grid, `count` on its radius, and the solid angle of each.
+
+    Returns
+    -------
+    points : ndarray, shape (point, 3)
+        Unit vectors.
+    area : float
+        Such that all together have the solid angle of the disk [sr].
+    """
+    side = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    side /= np.linalg.norm(side)
+    up = np.cross(axis, side)
+    step = (np.arange(2 * count) + 0.5) / count - 1.0
+    a, b = (values.ravel() for values in np.meshgrid(step, step))
+    within = a * a + b * b < 1.0
+    offset = np.sin(radius) * (a[within, None] * side + b[within, None] * up)
+    points = axis * np.sqrt(1.0 - np.sum(offset**2, axis=1, keepdims=True)) + offset
+    return points, float(2 * np.pi * (1.0 - np.cos(radius)) / len(points))
+
+
+def _add_points(
+    picture: Picture, scene: Scene, heavens: Heavens, name: str, above: Overhead, air: LitAir | None
+) -> None:
+    """Planets or stars, drawn with their light kept, and what the air scatters of it."""
+    from skyscatter.celestial.points import draw_points
+
+    directions, irradiance = heavens.points(name)
+    seen = directions[:, 2] > np.sin(above.horizon)
+    arriving = irradiance[seen] * above.transmittance(directions[seen])
+    drawn = draw_points(picture.camera, scene.observer, directions[seen], arriving)
+    lit = np.flatnonzero(drawn.reshape(-1, drawn.shape[-1]).any(axis=1))
+    picture.add(name, lit, drawn.reshape(-1, drawn.shape[-1])[lit])
+    if air is not None:
+        glow = air.response.glow(None, (directions, irradiance))
+        _add_glow(picture, name, air, glow)
+
+
+def _add_spread(picture: Picture, heavens: Heavens, name: str, above: Overhead, air: LitAir | None) -> None:
+    """A light that is spread over the sky: straight, and scattered by the air."""
+    for pixels, directions in picture.blocks():
+        open_sky = directions[:, 2] > np.sin(above.horizon)
+        seen = directions[open_sky]
+        picture.add(name, pixels[open_sky], heavens.radiance(name, seen) * above.transmittance(seen))
+    if air is not None:
+        _add_glow(picture, name, air, air.response.glow(lambda sky: heavens.radiance(name, sky)))
+
+
+def _add_glow(picture: Picture, name: str, air: LitAir, glow: Any) -> None:
+    for pixels, directions in picture.blocks():
+        light = glow.at(directions)
+        picture.add(name, pixels, light, light * air.response.error)
+
+
+def _sun_of(direction: Array) -> Sun:
+    """A Sun in the place of another light."""
+    azimuth = float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)
+    return Sun(elevation_deg=_elevation(direction), azimuth_deg=azimuth)
+
+
+def _elevation(direction: Array) -> float:
+    return float(np.degrees(np.arcsin(np.clip(direction[2], -1.0, 1.0))))

@@ -1,0 +1,478 @@
+"""Many rays from one place: the light is solved for at nodes over the sky and joined between them.
+
+For an observer the diffuse light of a spherical atmosphere depends on the elevation, and on the azimuth from the Sun
+evenly to both sides.  It is solved at nodes that crowd at the horizon, where it has an edge, and at the Sun; between
+them go cubics through four nodes each way.  Of light scattered once only the sunlight on each component is joined; its
+phase functions, with all their peaks and bows, are exact, for the angle from the Sun is one along a ray.  Some rays
+that a picture asks for are then solved themselves and compared: close to the Sun, out to where the cubics hold, rays
+are solved one by one, and where they hold nowhere there is no table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
+from skyscatter.solvers.base import Array
+from skyscatter.solvers.direct import slant_columns
+from skyscatter.solvers.estimate import relative_error
+from skyscatter.solvers.sweeps import Solution, view
+from skyscatter.workers import Workers
+
+if TYPE_CHECKING:
+    from skyscatter.kernels.optics import SceneTable
+
+#: Nodes of elevation on each side of the horizon, which crowd there by a power, and on each side of the Sun, at
+#: squares.
+BELOW, ABOVE, CROWDED, BESIDE = 24, 64, 2.2, 20
+#: More of them for observers aloft, who see layers from the side.
+ALOFT = 2
+#: Nodes between the horizon and the top of the atmosphere, for those who see it from outside.
+LIMB, LIMB_CROWDED = 64, 1.3
+#: Nodes of azimuth from the Sun over 180 degrees, at squares.
+TURNS = 97
+#: Nodes of elevation may be no closer than this share of the distance to the next but one.
+CLOSEST = 0.15
+#: Rays from which on a table is worth it, in nodes.
+FEWEST = 2.0
+#: Rays that are compared, all over the picture and beside the Sun, out to an angle [rad].
+COMPARED, BESIDE_SUN = 96, math.radians(40.0)
+#: What may be missed, in tolerances of the solution; the error that is stated is twice as large at least.
+MISSED = 0.2
+#: Light so much fainter than the brightest of the rays that are compared is held as closely as this [its share].
+FAINT = 1e-4
+#: Angles from the Sun and from the horizon [degree] within which rays are solved one by one; the first that will do.
+NEAR, BAND = (0.0, 0.0, 2.0, 4.0, 8.0), (0.0, 0.2, 0.2, 0.5, 1.0)
+#: Rays within so many radii of the Sun's disk are solved one by one in any case.
+DISK = 2.0
+#: Azimuths at which the error is estimated, of the nodes of a height.
+ERROR_TURNS = 6
+#: Heights that a thread does at once.
+TOGETHER = 4
+
+
+class Frame(NamedTuple):
+    """Axes of an observer: the vertical, the horizontal direction towards the Sun, and that to its left."""
+
+    up: Array
+    towards: Array
+    beside: Array
+
+    def of(self, directions: Array) -> tuple[Array, Array]:
+        """Elevation and azimuth from the Sun, 0 to pi, of rays (ray, 3) [rad]."""
+        x, y, z = (directions @ axis for axis in self)
+        return np.arctan2(x, np.hypot(y, z)), np.arctan2(np.abs(z), y)
+
+    def rays(self, elevation: Array, turn: Array) -> Array:
+        """Unit vectors (elevation, turn, 3)."""
+        level = np.cos(turn)[:, None] * self.towards + np.sin(turn)[:, None] * self.beside
+        return np.sin(elevation)[:, None, None] * self.up + np.cos(elevation)[:, None, None] * level
+
+
+def frame_of(origin: Array, sun: Array) -> Frame:
+    """The axes at a place; any two horizontal ones where the Sun is overhead."""
+    up = origin / np.linalg.norm(origin)
+    level = sun - (sun @ up) * up
+    if np.linalg.norm(level) < 1e-9:
+        level = np.eye(3)[np.argmin(np.abs(up))]
+        level = level - (level @ up) * up
+    towards = level / np.linalg.norm(level)
+    return Frame(up, towards, np.cross(up, towards))
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Light along rays or at nodes; (..., wavelength) each."""
+
+    lit: Array  #: (component, ..., wavelength) sunlight that is scattered once, without the phase function
+    rest: Array  #: what of light scattered once is not `lit` times the phase function and `SkyTable.lost`
+    multiple: Array  #: scattered more often
+    ground: Array  #: straight from the ground
+
+
+@dataclass(frozen=True)
+class SkyTable:
+    """The light at nodes over the sky of an observer.
+
+    Attributes
+    ----------
+    frame : Frame
+    sun : ndarray, shape (3,)
+        Direction of the Sun.
+    elevation : ndarray, shape (node,)
+        Rising [rad]; the first `below` nodes look below the horizon.
+    below : int
+    horizon, top : float
+        Elevation of the horizon, and of where there is no air above [rad].
+    phase : ndarray, shape (component, angle, wavelength)
+        Of those that scatter, times scattering per unit density, as `skyscatter.kernels.tabulated.angle_cell` reads it.
+    lost : ndarray, shape (component, node * angle, wavelength)
+        What of these phase functions is lost close to the Sun, where peaks widen; for the first angles only.
+    parts : Parts
+        (node, turn, wavelength)
+    beyond : ndarray, shape (node, wavelength)
+        What comes straight from beyond the air where the Sun is not.
+    error : ndarray, shape (node, wavelength)
+        Estimated relative error of the diffuse light.
+    near, band : float
+        Rays within this angle of the Sun's middle, and rays so close to the horizon, are to be solved themselves [rad].
+    """
+
+    frame: Frame
+    sun: Array
+    elevation: Array
+    below: int
+    horizon: float
+    top: float
+    phase: Array
+    lost: Array
+    parts: Parts
+    beyond: Array
+    error: Array
+    near: float = 0.0
+    band: float = 0.0
+
+    def alone(self, directions: Array) -> NDArray[np.bool_]:
+        """Which rays are to be solved themselves."""
+        beside = np.linalg.norm(directions - self.sun, axis=1) <= 2 * math.sin(0.5 * self.near)
+        if self.band > 0:
+            beside |= np.abs(self.frame.of(directions)[0] - self.horizon) < self.band
+        return np.asarray(beside)
+
+    @cached_property
+    def smooth(self) -> Array:
+        """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
+        return np.asarray(self.parts.rest + np.maximum(self.parts.multiple, 0.0) + self.parts.ground)
+
+    def look(self, directions: Array, parts: bool = True) -> Look:
+        """Light along rays (ray, 3); without `parts` all diffuse light counts as scattered once."""
+        elevation, turn = self.frame.of(directions)
+        rows, across = self._places(np.clip(elevation, self.elevation[0], self.elevation[-1]))
+        columns, along = _cubics(_mirrored(), turn)
+        columns = np.abs(columns - 1)
+        columns = np.where(columns >= TURNS, 2 * (TURNS - 1) - columns, columns)
+        nodes = self.elevation.size
+        joined = _sparse(
+            (rows[:, :, None] * TURNS + columns[:, None, :]).reshape(len(directions), 16),
+            (across[:, :, None] * along[:, None, :]).reshape(len(directions), 16),
+            nodes * TURNS,
+        )
+        flat = (nodes * TURNS, self.beyond.shape[1])
+        scattered = joined @ (self.parts.rest if parts else self.smooth).reshape(flat)
+        last = self.phase.shape[1] - 1
+        cell, share = _angle_cells(directions @ self.sun, last)
+        cells = _sparse(cell, share, last + 1)
+        angles = self.lost.shape[1] // nodes
+        inner = np.flatnonzero(cell[:, 1] < angles)
+        pairs = (rows[inner, :, None] * angles + cell[inner, None, :]).reshape(len(inner), 8)
+        near = _sparse(pairs, (across[inner, :, None] * share[inner, None, :]).reshape(len(inner), 8), nodes * angles)
+        for lit, phase, lost in zip(self.parts.lit, self.phase, self.lost, strict=True):
+            chance = cells @ phase
+            chance[inner] -= near @ lost
+            scattered += (joined @ lit.reshape(flat)) * chance
+        others = (self.parts.multiple, self.parts.ground) if parts else ()
+        multiple, ground = [joined @ part.reshape(flat) for part in others] or [np.zeros((0, flat[1]))] * 2
+        dark = elevation > self.top
+        if dark.any():
+            for part in (scattered, *((multiple, ground) if parts else ())):
+                part[dark] = 0.0
+        beyond = _sparse(rows, across, nodes) @ self.beyond
+        return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[rows[:, 1]])
+
+    def _places(self, elevation: Array) -> tuple[NDArray[np.int64], Array]:
+        """Nodes and weights over the elevation; nothing is joined across the horizon."""
+        rows, across = np.empty((elevation.size, 4), np.int64), np.empty((elevation.size, 4))
+        down = (elevation < self.horizon) & (self.below > 0) | (self.below == self.elevation.size)
+        for first, last, chosen in ((0, self.below, down), (self.below, None, ~down)):
+            if chosen.any():
+                places, across[chosen] = _cubics(self.elevation[first:last], elevation[chosen])
+                rows[chosen] = places + first
+        return rows, across
+
+
+class Look(NamedTuple):
+    """Light along rays, (ray, wavelength) each."""
+
+    scattered: Array
+    multiple: Array
+    ground: Array
+    beyond: Array  #: straight from beyond the air where the Sun is not
+    error: Array  #: relative, of the diffuse light
+
+    @property
+    def diffuse(self) -> Array:
+        """All but what comes straight from beyond the air."""
+        return self.scattered + self.multiple + self.ground if self.ground.size else self.scattered
+
+
+def make_table(
+    fine: Solution,
+    coarse: Solution,
+    table: SceneTable,
+    origin: Array,
+    directions: Array,
+    tolerance: float,
+    threads: int = 1,
+) -> SkyTable | None:
+    """A table for rays from one place; None where they are few, or where it would not be exact enough.
+
+    Parameters
+    ----------
+    fine, coarse : Solution
+    table : SceneTable
+        With the Sun where it stands.
+    origin : ndarray, shape (3,)
+    directions : ndarray, shape (ray, 3)
+    tolerance : float
+        Of the solution.
+    threads : int
+    """
+    if fine.problem.stokes > 1 or len(directions) < FEWEST * TURNS * BESIDE:
+        return None
+    sun = np.asarray(table.optics.disk_axis)
+    frame = frame_of(origin, sun)
+    seen, _ = frame.of(directions)
+    edges = _Edges.of(table, origin)
+    elevation, below = _elevations(edges, math.asin(float(sun @ frame.up)), float(seen.min()), float(seen.max()))
+    if len(directions) < FEWEST * TURNS * elevation.size or min(below or 4, (elevation.size - below) or 4) < 4:
+        return None
+    kept = np.flatnonzero(fine.problem.diffuse.scatters)
+    phase = np.ascontiguousarray(fine.problem.whole[0, kept])
+    disk = DISK * float(table.optics.disk_radius)
+    lost = _lost(fine, table, origin, elevation, below, kept)
+    with Workers(threads) as pool:
+        solved = _solved(fine, coarse, table, origin, frame.rays(elevation, _turns()), lost, tolerance, pool)
+        lost = lost.reshape(kept.size, -1, lost.shape[-1])
+        found = SkyTable(frame, sun, elevation, below, edges.horizon, edges.top, phase, lost, *solved, disk)
+        return _checked(found, fine, table, origin, directions, tolerance, pool)
+
+
+class _Edges(NamedTuple):
+    """Where the sky of an observer has edges, as elevations [rad]."""
+
+    horizon: float
+    top: float  #: above it there is no air
+    aloft: bool
+
+    @classmethod
+    def of(cls, table: SceneTable, origin: Array) -> _Edges:
+        columns, height = table.columns, float(np.linalg.norm(origin))
+        outside = height > columns.radius + columns.top
+        return cls(
+            -math.acos(min(columns.radius / height, 1.0)),
+            -math.acos((columns.radius + columns.top) / height) if outside else math.pi / 2,
+            height > columns.radius * (1 + 1e-6),
+        )
+
+
+def _elevations(edges: _Edges, sun: float, low: float, high: float) -> tuple[Array, int]:
+    """Nodes of elevation [rad] that rays between two elevations need, and how many look below the horizon."""
+    horizon, top, aloft = edges
+    many = ALOFT if aloft else 1
+    down = horizon - (math.pi / 2 + horizon) * np.linspace(0, 1, many * BELOW) ** CROWDED
+    if top < math.pi / 2:
+        up = horizon + (top - horizon) * np.linspace(0, 1, LIMB) ** LIMB_CROWDED
+    else:
+        step = np.linspace(-1, 1, 2 * BESIDE + 1)
+        up = horizon + (top - horizon) * np.linspace(0, 1, many * ABOVE) ** CROWDED
+        up = np.concatenate([up, sun + math.pi / 2 * step * np.abs(step)])
+    hair = 1e-7  # so that it is clear on which side of the horizon a node lies
+    up = _thinned(np.clip(np.sort(up[(up >= horizon) & (up <= top)]), horizon + hair, top))
+    down = _thinned(np.sort(np.clip(down, -math.pi / 2, horizon - hair)))
+    down, up = _within(down, low, min(high, horizon - hair)), _within(up, max(low, horizon + hair), min(high, top))
+    return np.concatenate([down, up]), down.size
+
+
+def _thinned(nodes: Array) -> Array:
+    """Rising nodes without those that crowd where two sorts of them meet."""
+    kept = [nodes[0]]
+    for here, following in pairwise(nodes[1:]):
+        if here - kept[-1] > CLOSEST * (following - kept[-1]) and here > kept[-1]:
+            kept.append(here)
+    if nodes[-1] > kept[-1]:
+        kept.append(nodes[-1])
+    return np.array(kept)
+
+
+def _within(nodes: Array, low: float, high: float) -> Array:
+    """Nodes that cubics between two elevations need; none where there are no such elevations."""
+    if low > high:
+        return nodes[:0]
+    first, last = np.searchsorted(nodes, [low, high])
+    return nodes[max(min(int(first) - 2, nodes.size - 4), 0) : max(int(last) + 2, 4)]
+
+
+def _solved(
+    fine: Solution,
+    coarse: Solution,
+    table: SceneTable,
+    origin: Array,
+    rays: Array,
+    lost: Array,
+    tolerance: float,
+    pool: Workers,
+) -> tuple[Parts, Array, Array]:
+    """Light along rays (node, turn, 3), from beyond the air opposite to the Sun, and the relative error."""
+    compared = np.linspace(0, TURNS - 1, ERROR_TURNS).astype(int)
+    kept = np.flatnonzero(fine.problem.diffuse.scatters)
+    components, wavelengths = table.optics.sigma_s.shape
+    shape = (*rays.shape[:2], wavelengths)
+    parts = Parts(np.empty((kept.size, *shape)), *(np.empty(shape) for _ in range(3)))
+    beyond, error = np.empty((2, len(rays), wavelengths))
+    toward = rays @ np.asarray(table.optics.disk_axis)
+
+    def work(some: slice) -> None:
+        here = (-1, TURNS, wavelengths)
+        lit = np.empty((rays[some].size // 3, components, wavelengths), np.float32)
+        scattered, multiple, ground, direct = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit)
+        cell, share = _angle_cells(toward[some].ravel(), fine.problem.whole.shape[2] - 1)
+        cells = _sparse(cell, share, fine.problem.whole.shape[2])
+        inner = cell[:, 1] < lost.shape[2]
+        node = np.repeat(np.arange(some.start, some.stop), TURNS)[inner]
+        once = np.zeros_like(scattered)
+        for k, c in enumerate(kept):
+            chance = cells @ fine.problem.whole[0, c]
+            chance[inner] -= sum(share[inner, j, None] * lost[k, node, cell[inner, j]] for j in range(2))
+            once += chance * lit[:, c]
+            parts.lit[k, some] = lit[:, c].reshape(here)
+        for part, values in ((parts.rest, scattered - once), (parts.multiple, multiple), (parts.ground, ground)):
+            part[some] = values.reshape(here)
+        beyond[some] = direct.reshape(here)[:, -1]
+        diffuse = (scattered + np.maximum(multiple, 0.0) + ground).reshape(here)[:, compared]
+        rough = _viewed(coarse, table, origin, rays[some][:, compared].reshape(-1, 3))
+        other = (rough[0] + np.maximum(rough[1], 0.0) + rough[2]).reshape(diffuse.shape)
+        for k, number in enumerate(range(some.start, some.stop)):
+            error[number] = relative_error(diffuse[k], other[k], tolerance, ERROR_TURNS)
+
+    _share(pool, work, len(rays))
+    return parts, beyond, error
+
+
+def _lost(
+    fine: Solution, table: SceneTable, origin: Array, elevation: Array, below: int, kept: NDArray[np.int64]
+) -> Array:
+    """What phase functions lose of their peaks close to the Sun, (component, node, angle, wavelength).
+
+    The law is that of `skyscatter.kernels.sunlight.spread_peaks` and `narrow_aureole`; what is made of it here need not
+    agree with them in all digits, for the difference is joined too.
+    """
+    peaks = fine.problem.diffuse.peaks
+    _, degrees, wavelengths = peaks.shape
+    last = fine.problem.whole.shape[2] - 1
+    if not degrees or not peaks.any():
+        return np.zeros((kept.size, elevation.size, 0, wavelengths))
+    angles = math.ceil(last * math.sqrt(0.5 * (1 - AUREOLE_END))) + 1
+    cosine = 1 - 2 * (np.arange(angles) / last) ** 2
+    share = np.clip((cosine - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 0.0, 1.0)
+    legendre = np.polynomial.legendre.legvander(cosine, degrees - 1) * (share * share * (3 - 2 * share))[:, None]
+    gone = np.clip(2 * np.arange(degrees) * np.arccos(cosine)[:, None] / AUREOLE_WAVES - 1, 0.0, 1.0)
+    legendre *= 1 - gone * gone * (3 - 2 * gone)
+    found = np.zeros((kept.size, elevation.size, angles, wavelengths))
+    height = float(np.linalg.norm(origin)) - table.columns.radius
+    for node in range(below, elevation.size):
+        columns = slant_columns(table.columns, height, math.sin(float(elevation[node])))
+        if columns is None:
+            continue
+        peak = 4 * math.pi * np.einsum("c,cw->w", columns, peaks[:, 0])
+        moment = 4 * math.pi * np.einsum("c,cdw->dw", columns, peaks) / (2 * np.arange(degrees)[:, None] + 1)
+        moment = np.maximum(moment, 1e-12)
+        gone = 1 - (np.exp(moment - peak) - np.exp(-peak)) / moment
+        for k, c in enumerate(kept):
+            found[k, node] = legendre @ (gone * peaks[c])
+    return found
+
+
+def _viewed(
+    solution: Solution, table: SceneTable, origin: Array, directions: Array, lit: NDArray[np.float32] | None = None
+) -> tuple[Array, Array, Array, Array]:
+    """Scattered once and more often, ground, and straight light; (ray, wavelength) each."""
+    origins = np.broadcast_to(origin, directions.shape).copy()
+    scattered, multiple, ground, direct = view(solution.problem, solution.loaded, table, origins, directions, lit)
+    return scattered[:, 0], multiple[:, 0], ground, direct
+
+
+def _checked(
+    found: SkyTable,
+    fine: Solution,
+    table: SceneTable,
+    origin: Array,
+    directions: Array,
+    tolerance: float,
+    pool: Workers,
+) -> SkyTable | None:
+    """The same table, with the least angle around the Sun beyond which rays that were solved agree with it."""
+    angle = 2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(directions - found.sun, axis=1), 1.0))
+    order = np.argsort(angle, kind="stable")
+    order = order[np.searchsorted(angle[order], found.near, side="right") :]
+    beside = order[: np.searchsorted(angle[order], BESIDE_SUN)]
+    chosen = [some[np.linspace(0, some.size - 1, min(COMPARED, some.size)).astype(int)] for some in (order, beside)]
+    tested = np.unique(np.concatenate(chosen))
+    exact = np.empty((tested.size, found.beyond.shape[1]))
+
+    def work(some: slice) -> None:
+        light = _viewed(fine, table, origin, np.ascontiguousarray(directions[tested[some]]))
+        exact[some] = light[0] + np.maximum(light[1], 0.0) + light[2]
+
+    _share(pool, work, tested.size)
+    joined = found.look(directions[tested]).diffuse
+    allowed = MISSED * tolerance * np.maximum(np.abs(exact), FAINT * np.abs(exact).max(axis=0))
+    missed = np.any(np.abs(joined - exact) > allowed, axis=1)
+    high = np.abs(found.frame.of(directions[tested])[0] - found.horizon)
+    for near, band in zip(NEAR, BAND, strict=True):
+        if not np.any(missed & (angle[tested] > np.radians(near)) & (high >= np.radians(band))):
+            return replace(found, near=max(found.near, float(np.radians(near))), band=float(np.radians(band)))
+    return None
+
+
+def _share(pool: Workers, work: Callable[[slice], None], count: int) -> None:
+    """Do work on some items at a time."""
+    for done in [pool.submit(work, slice(k, min(k + TOGETHER, count))) for k in range(0, count, TOGETHER)]:
+        done.result()
+
+
+def _turns() -> Array:
+    return np.asarray(math.pi * (np.arange(TURNS) / (TURNS - 1)) ** 2)
+
+
+def _mirrored() -> Array:
+    """Nodes of azimuth and one more beyond either end."""
+    turn = _turns()
+    return np.concatenate([[-turn[1]], turn, [2 * math.pi - turn[-2]]])
+
+
+def _cubics(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
+    """Four nodes around each place, and their weights in the cubic through them (Lagrange); (place, 4) each."""
+    first = np.clip(np.searchsorted(nodes, at, side="right") - 2, 0, nodes.size - 4)
+    number = first[:, None] + np.arange(4)
+    near = nodes[number]
+    away = at[:, None] - near
+    weights = np.empty_like(away)
+    for k in range(4):
+        others = [j for j in range(4) if j != k]
+        weights[:, k] = np.prod(away[:, others], axis=1) / np.prod(near[:, [k]] - near[:, others], axis=1)
+    return number, weights
+
+
+def _angle_cells(cosine: Array, last: int) -> tuple[NDArray[np.int64], Array]:
+    """As `skyscatter.kernels.tabulated.angle_cell`: the two angles of a table beside each, and their weights."""
+    at = np.clip(cosine, -1.0, 1.0)
+    k = np.minimum((np.sqrt(np.maximum(0.5 * (1.0 - at), 0.0)) * last).astype(np.int64), last - 1)
+    scale = 2.0 / (last * last)
+    w = np.clip((1.0 - scale * k * k - at) / (scale * (2 * k + 1)), 0.0, 1.0)
+    return np.stack([k, k + 1], axis=1), np.stack([1.0 - w, w], axis=1)
+
+
+def _sparse(columns: NDArray[np.int64], weights: Array, width: int) -> Any:
+    """A matrix with a few numbers in each row."""
+    from scipy.sparse import csr_array
+
+    rows, count = columns.shape
+    return csr_array((weights.ravel(), columns.ravel(), count * np.arange(rows + 1)), shape=(rows, width))
