@@ -1,6 +1,6 @@
 """Make data/moon_terms.csv: what ERFA's series of the Moon leaves out, fitted to JPL's integrated ephemeris DE421.
 
-Needs pyerfa, jplephem and NASA's file de421.bsp, which is in the public domain: python tools/make_moon_terms.py de421.bsp
+Needs pyerfa, jplephem and NASA's de421.bsp, which is in the public domain: python tools/make_moon_terms.py de421.bsp
 
 ERFA's `moon98` (Meeus) is 3 arcsec and 3 km from DE421 in the mean, up to 18 and 13.  The differences in longitude and
 latitude on the ecliptic of J2000 and in distance are written as sums of sines and cosines: of multiples of the four
@@ -148,10 +148,10 @@ def main() -> None:
         "moon_terms.csv",
         [
             "Terms of the Moon's motion to add to ERFA's moon98: fitted to JPL's DE421 (public domain), 1900 to 2050;",
-            "own work. coordinate: 0 longitude [arcsec], 1 latitude [arcsec], ecliptic of J2000, 2 distance [km]. A term is",
-            "sine sin(x) + cosine cos(x) with x = d D + sun l' + moon l + node F + rate t: multiples of the Delaunay",
-            "arguments (IERS 2003) and rate in radians a day, t from J2000. Rows without either: cosine constant, sine per",
-            "century. Script: tools/make_moon_terms.py",
+            "own work. coordinate: 0 longitude [arcsec], 1 latitude [arcsec], ecliptic of J2000, 2 distance [km]. A",
+            "term is sine sin(x) + cosine cos(x) with x = d D + sun l' + moon l + node F + rate t: multiples of the",
+            "Delaunay arguments (IERS 2003) and rate in radians a day, t from J2000. Rows without either: cosine",
+            "constant, sine per century. Script: tools/make_moon_terms.py",
         ],
         ["row", "coordinate", "d", "sun", "moon", "node", "rate", "sine", "cosine"],
         [

@@ -2,8 +2,8 @@
 
 Hipparcos, the new reduction (van Leeuwen 2007, A&A 474, 653; CDS I/311, its file hip2.dat), has positions and proper
 motions at the epoch J1991.25 and the colours B - V and V - I, and brightness in its own wide band, Hp.  V follows from
-it: V - Hp over B - V by Bessell 2000 (PASP 112, 961, table 2) for B - V below 1.03, and beyond, where bands of molecules
-part stars of one B - V, over V - I by a line through 60 stars whose V is known (0.007 mag about it).
+it: V - Hp over B - V by Bessell 2000 (PASP 112, 961, table 2) for B - V below 1.03, and beyond, where bands of
+molecules part stars of one B - V, over V - I by a line through 60 stars whose V is known (0.007 mag about it).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def main() -> None:
     )
     for star, magnitude in BY_HAND.items():
         v[number == star] = magnitude
-    kept = np.flatnonzero(v < FAINTEST)
+    kept = np.flatnonzero(np.rint(1000.0 * v) < 1000.0 * FAINTEST)
     kept = kept[np.argsort(number[kept])]
     whole = {
         "hip": (number, np.int32),

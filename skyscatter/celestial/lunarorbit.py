@@ -1,4 +1,4 @@
-"""The Moon's motion about the Earth: ERFA's series, and terms fitted to JPL's integrated ephemeris that it leaves out."""
+"""The Moon's motion about the Earth: ERFA's series, and terms that it leaves out, fitted to JPL's ephemeris."""
 
 from __future__ import annotations
 

@@ -66,9 +66,9 @@ def moon_at(sight: Sight) -> Moon:
 
     Notes
     -----
-    Geocentric place from `skyscatter.celestial.lunarorbit.moon_place`; light time, parallax and aberration are applied, refraction is not.  The
-    Moon's rotation is the series of Archinal et al. 2011, some 0.005 degrees (150 m on its ground) from the integrated
-    one.
+    Geocentric place from `skyscatter.celestial.lunarorbit.moon_place`; light time, parallax and aberration are applied,
+    refraction is not.  The Moon's rotation is the series of Archinal et al. 2011, up to 0.005 degrees (150 m on its
+    ground) from the integrated one.
 
     Examples
     --------

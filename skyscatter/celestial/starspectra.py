@@ -1,4 +1,4 @@
-"""Spectra of stars by their colour: smooth, without lines, with the magnitudes in U, B, V and I of a star of that B - V."""
+"""Spectra of stars by their colour: smooth, without lines, with the magnitudes in U, B, V and I that go with B - V."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from skyscatter.spectra.vega import BAND_NODES, magnitude
 #: Colours between which spectra are mixed.
 COLOURS = np.round(np.arange(-0.35, 2.505, 0.01), 2)
 #: Nodes of the spectra [nm].
-NODES = np.concatenate([np.arange(280.0, 300.0), BAND_NODES, np.arange(925.0, 1100.0, 5.0), np.arange(1100.0, 4001.0, 25.0)])
+NODES = np.concatenate(
+    [np.arange(280.0, 300.0), BAND_NODES, np.arange(925.0, 1100.0, 5.0), np.arange(1100.0, 4001.0, 25.0)]
+)
 #: B - V with V - I: medians of the Hipparcos stars to V = 7.
 _V_I = (
     (-0.35, -0.36), (-0.20, -0.18), (-0.10, -0.07), (0.0, 0.02), (0.1, 0.11), (0.2, 0.21), (0.3, 0.35), (0.4, 0.47),
@@ -68,9 +70,9 @@ def star_spectra(b_v: ArrayLike, wavelengths: ArrayLike) -> Array:
 
     >>> from skyscatter.celestial.starspectra import star_spectra
     >>> (star_spectra([-0.2, 0.0, 1.5], [450.0, 550.0, 650.0]) * 1e11).round(1)
-    array([[7. , 3.6, 2. ],
-           [6.1, 3.5, 2.1],
-           [2.3, 3.7, 3.5]])
+    array([[7.2, 3.6, 2. ],
+           [6.3, 3.6, 2.2],
+           [1.7, 3.6, 4.6]])
     """
     wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
     rows = _means(wl)
@@ -118,4 +120,3 @@ def _table() -> Array:
     spectra *= 10 ** (0.4 * magnitude(spectra[:, inner], "V"))[:, None]
     spectra.flags.writeable = False
     return spectra
-
