@@ -64,4 +64,4 @@ def _corrections(day: float, fraction: float) -> Array:
     # Rows without arguments are a constant and its change: their phase is 0, and the sine's place holds the change.
     constant = (t["rate"] == 0.0) & (t["d"] == 0.0) & (t["sun"] == 0.0) & (t["moon"] == 0.0) & (t["node"] == 0.0)
     values = t["sine"] * np.where(constant, centuries, np.sin(phase)) + t["cosine"] * np.cos(phase)
-    return np.bincount(t["coordinate"].astype(int), weights=values, minlength=3)
+    return np.asarray(np.bincount(t["coordinate"].astype(int), weights=values, minlength=3), dtype=float)

@@ -106,7 +106,7 @@ def _table() -> Array:
     """Spectra of V = 0 at `NODES` for each of `COLOURS`."""
     black = np.stack([blackbody_irradiance(NODES, t, 1.0, 1.0) for t in colour_temperature(COLOURS)])
     black /= black[:, [np.searchsorted(NODES, 550.0)]]
-    v_i, u_b = (np.interp(COLOURS, *zip(*pairs, strict=True)) for pairs in (_V_I, _U_B))
+    v_i, u_b = (np.interp(COLOURS, pairs[:, 0], pairs[:, 1]) for pairs in (np.array(_V_I), np.array(_U_B)))
     wanted = np.stack([COLOURS + u_b, COLOURS, np.zeros(COLOURS.size), -v_i])
     inner = slice(*np.searchsorted(NODES, [BAND_NODES[0], BAND_NODES[-1] + 0.5]))
     logarithm = np.zeros((len(_BANDS), COLOURS.size))

@@ -71,8 +71,9 @@ def test_laws_meet_where_they_change() -> None:
 @pytest.mark.parametrize(("name", "b_v", "v_r"), [
     # Mallama et al. 2017, Icarus 282, 19: albedos in B, V and R_C
     ("Mercury", 0.105 / 0.142, 0.158 / 0.142), ("Venus", 0.658 / 0.689, 0.658 / 0.689),
-    ("Mars", 0.088 / 0.170, 0.250 / 0.170), ("Jupiter", 0.443 / 0.538, 0.513 / 0.538), ("Saturn", 0.339 / 0.499, 0.646 / 0.499),
-    ("Uranus", 0.561 / 0.488, 0.264 / 0.488), ("Neptune", 0.562 / 0.442, 0.226 / 0.442),
+    ("Mars", 0.088 / 0.170, 0.250 / 0.170), ("Jupiter", 0.443 / 0.538, 0.513 / 0.538),
+    ("Saturn", 0.339 / 0.499, 0.646 / 0.499), ("Uranus", 0.561 / 0.488, 0.264 / 0.488),
+    ("Neptune", 0.562 / 0.442, 0.226 / 0.442),
 ])  # fmt: skip
 def test_light_has_the_magnitude_and_the_colours(name, b_v, v_r) -> None:
     planet = planets_at(Sight(0.0, 0.0, "2021-10-04T00:00Z"))[NAMES.index(name)]
