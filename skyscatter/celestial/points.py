@@ -51,9 +51,9 @@ def draw_points(
     -----
     The Gaussian is integrated over each pixel and cut where 0.001 of the light is left.  What falls beyond the
     picture's edges, the poles of a panorama or the rim of a round field is given back to the pixels that there are;
-    panoramas, which close around the horizon, go on at the other side.  So the sum over pixels of radiance times solid angle is the
-    irradiance, to rounding, of every source inside the field.  Sources outside the field are left out, also where
-    their image would reach into it.
+    panoramas, which close around the horizon, go on at the other side.  So the sum over pixels of radiance times solid
+    angle is the irradiance, to rounding, of every source inside the field.  Sources outside the field are left out,
+    also where their image would reach into it.
 
     Examples
     --------
