@@ -1,8 +1,8 @@
-"""Tables that a user names in a model: columns of numbers with units from CSV and netCDF files.
+"""Tables that a user names in a model: columns of numbers with units from CSV, netCDF and FITS files.
 
 The header of a CSV file names the columns, each with its unit: ``altitude [km]``, ``altitude (km)`` or
 ``altitude_km``.  Lines that start with ``#`` are remarks.  In a netCDF file the variables are the columns and their
-attribute ``units`` says the unit.
+attribute ``units`` says the unit; in FITS the columns of the first table, whose units are the keywords ``TUNITn``.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from skyscatter.record import Record, nearest
 from skyscatter.units import Measure
 
 NETCDF = (".nc", ".nc4", ".cdf", ".h5")
+FITS = (".fits", ".fit", ".fts", ".fits.gz")
 _WITH_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
 
 
@@ -168,6 +169,8 @@ def _columns(path: str) -> dict[str, Column]:
     except (OSError, ValueError) as error:
         remedy = f"cannot be read ({getattr(error, 'strerror', None) or error}); check the path"
         raise TableFileError(path, remedy) from error
+    if path.lower().endswith(FITS):
+        return _read_fits(path, stamp)
     return _read_netcdf(path, stamp) if path.lower().endswith(NETCDF) else _read_csv(path, stamp)
 
 
@@ -196,7 +199,8 @@ def _find(
 def _converted(path: str, name: str, column: Column, measure: Measure) -> tuple[float, ...]:
     unit = "" if column.unit is None or column.unit in ("1", "-", "none") else column.unit
     if not unit and measure.house:
-        rule = f'write it there, such as "{name} [{measure.house}]"' if column.lines else "give it an attribute units"
+        inside = "give it an attribute units (TUNIT in FITS)"
+        rule = f'write it there, such as "{name} [{measure.house}]"' if column.lines else inside
         raise TableFileError(path, f"does not say the unit of {name}; {rule}", column=name)
     factor = measure.factor(unit)
     if factor is None:
@@ -252,6 +256,33 @@ def _read_csv(path: str, _: int) -> dict[str, Column]:
             raise TableFileError(path, "each column needs a name of its own", cells[0][0], f"{place + 1} ({name})")
         columns[name] = Column(unit, tuple(row[place].strip() for _, row in cells[1:]), lines, place + 1)
     return columns
+
+
+@lru_cache(maxsize=16)
+def _read_fits(path: str, _: int) -> dict[str, Column]:
+    import warnings
+
+    from astropy.io import fits
+
+    try:
+        with warnings.catch_warnings():
+            # What astropy would mend or only remark on is of no concern to numbers that can be read.
+            warnings.simplefilter("ignore")
+            with fits.open(path) as parts:
+                table = next((part for part in parts if isinstance(part, (fits.BinTableHDU, fits.TableHDU))), None)
+                if table is None:
+                    raise TableFileError(path, "holds no table; save the columns as a table extension")
+                found = {column.name: (column.unit, np.asarray(table.data[column.name])) for column in table.columns}
+    except (OSError, ValueError, TypeError) as error:
+        if isinstance(error, TableFileError):
+            raise
+        reason = " ".join(str(error).split())[:120]
+        raise TableFileError(path, f"cannot be read as FITS ({reason}); check the file") from error
+    return {
+        name: Column(unit, tuple(values.tolist()), (), place)
+        for place, (name, (unit, values)) in enumerate(found.items(), start=1)
+        if values.ndim == 1 and values.dtype.kind in "fiu"
+    }
 
 
 @lru_cache(maxsize=16)

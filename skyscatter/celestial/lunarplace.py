@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyscatter.celestial.frames import AU, DAY, J2000, Array, Sight, light_time
+from skyscatter.celestial.frames import DAY, J2000, Array, Sight, light_time
+from skyscatter.celestial.lunarorbit import moon_place
 
 MOON_RADIUS = 1.7374e6  #: mean radius [m], IAU working group on cartographic coordinates (Archinal et al. 2011)
 
@@ -65,9 +66,9 @@ def moon_at(sight: Sight) -> Moon:
 
     Notes
     -----
-    Geocentric place from `moon_place`; light time, parallax and aberration are applied, refraction is not.  The
-    Moon's rotation is the series of Archinal et al. 2011, some 0.005 degrees (150 m on its ground) from the integrated
-    one.
+    Geocentric place from `skyscatter.celestial.lunarorbit.moon_place`; light time, parallax and aberration are applied,
+    refraction is not.  The Moon's rotation is the series of Archinal et al. 2011, up to 0.005 degrees (150 m on its
+    ground) from the integrated one.
 
     Examples
     --------
@@ -109,13 +110,6 @@ def moon_at(sight: Sight) -> Moon:
         earth_distance=float(np.linalg.norm(geocentric)),
         axes=axes @ state.turn.T,
     )
-
-
-def moon_place(day: float, fraction: float) -> Array:
-    """Vector from the Earth's centre to the Moon's [m] in the axes of ICRS, at a Julian date (TT) in two parts."""
-    import erfa
-
-    return np.asarray(erfa.moon98(day, fraction)["p"]) * AU
 
 
 def lunar_axes(day: float, fraction: float) -> Array:

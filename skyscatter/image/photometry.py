@@ -26,6 +26,7 @@ from skyscatter.errors import DomainError
 from skyscatter.image.filterimage import FilterImage
 from skyscatter.image.horizon import pixel_solid_angle
 from skyscatter.record import Record, nearest
+from skyscatter.spectra.vega import VEGA_ZERO
 
 if TYPE_CHECKING:
     import xarray
@@ -37,8 +38,6 @@ Array = NDArray[np.float64]
 # Exact SI constants (2019).
 _LIGHT, _PLANCK = 299792458.0, 6.62607015e-34
 _ARCSEC2 = (np.pi / 648000.0) ** 2  # [sr]
-#: W m-2 nm-1 of a star of magnitude 0.
-VEGA_ZERO = {"U": 4.175e-11, "B": 6.320e-11, "V": 3.631e-11, "R": 2.177e-11, "I": 1.126e-11}
 AB_ZERO = 10 ** (-48.60 / 2.5) * 1e23  #: [Jy], 3630.78
 #: Units by name, with their magnitude system.
 UNITS: dict[str, str | None] = {

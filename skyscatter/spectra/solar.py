@@ -124,7 +124,7 @@ def limb_darkening(mu: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
     m = np.asarray(mu, dtype=float)
     if np.any((m < 0) | (m > 1)):
         raise DomainError("mu", (float(m.min()), float(m.max())), "cosines from 0 (limb) to 1 (centre)")
-    coefficients = _limb_coefficients(wavelengths_nm)
+    coefficients = limb_coefficients(wavelengths_nm)
     result = np.zeros((*m.shape, coefficients.shape[1]))
     for row in coefficients[::-1]:
         result = result * m[..., None] + row
@@ -137,11 +137,11 @@ def disk_mean(wavelengths_nm: ArrayLike) -> Array:
     The radiance at the centre of the disk is the mean radiance divided by this.
     """
     weights = 2.0 / (np.arange(6) + 2.0)
-    return weights @ _limb_coefficients(wavelengths_nm)
+    return weights @ limb_coefficients(wavelengths_nm)
 
 
-def _limb_coefficients(wavelengths_nm: ArrayLike) -> Array:
-    """Coefficients of mu^0 to mu^5, shape (6, wavelength); they sum to 1."""
+def limb_coefficients(wavelengths_nm: ArrayLike) -> Array:
+    """Coefficients of mu^0 to mu^5 of `limb_darkening`, shape (6, wavelength); they sum to 1."""
     wl = np.atleast_1d(np.asarray(wavelengths_nm, dtype=float))
     table = read_table("solar_limb_darkening.csv")
     rows = np.array([np.interp(wl, table["wavelength_nm"], table[f"a{k}"]) for k in range(6)])

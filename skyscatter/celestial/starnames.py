@@ -1,0 +1,28 @@
+"""Proper names of bright stars, as the IAU's working group on star names approved them, by number in Hipparcos."""
+
+NAMES = {
+    677: "Alpheratz", 746: "Caph", 1067: "Algenib", 2081: "Ankaa", 3179: "Schedar", 3419: "Diphda", 5447: "Mirach",
+    6686: "Ruchbah", 7588: "Achernar", 8903: "Sheratan", 9640: "Almach", 9884: "Hamal", 10826: "Mira",
+    11767: "Polaris", 14135: "Menkar", 14576: "Algol", 15863: "Mirfak", 17499: "Electra", 17531: "Taygeta",
+    17573: "Maia", 17608: "Merope", 17702: "Alcyone", 17847: "Atlas", 20889: "Ain", 21421: "Aldebaran",
+    23015: "Hassaleh", 23875: "Cursa", 24436: "Rigel", 24608: "Capella", 25336: "Bellatrix", 25428: "Elnath",
+    25930: "Mintaka", 25985: "Arneb", 26241: "Hatysa", 26311: "Alnilam", 26634: "Phact", 26727: "Alnitak",
+    27366: "Saiph", 27989: "Betelgeuse", 28360: "Menkalinan", 28380: "Mahasim", 30324: "Mirzam", 30438: "Canopus",
+    31681: "Alhena", 32349: "Sirius", 33579: "Adhara", 34444: "Wezen", 35904: "Aludra", 36850: "Castor",
+    37279: "Procyon", 37826: "Pollux", 39429: "Naos", 41037: "Avior", 42806: "Asellus Borealis",
+    42911: "Asellus Australis", 42913: "Alsephina", 44816: "Suhail", 45238: "Miaplacidus", 45556: "Aspidiske",
+    45941: "Markeb", 46390: "Alphard", 49669: "Regulus", 50583: "Algieba", 53910: "Merak", 54061: "Dubhe",
+    54872: "Zosma", 57632: "Denebola", 58001: "Phecda", 59747: "Imai", 59774: "Megrez", 59803: "Gienah",
+    60718: "Acrux", 61084: "Gacrux", 61359: "Kraz", 61941: "Porrima", 62434: "Mimosa", 62956: "Alioth",
+    63125: "Cor Caroli", 63608: "Vindemiatrix", 65378: "Mizar", 65474: "Spica", 65477: "Alcor", 67301: "Alkaid",
+    67927: "Muphrid", 68702: "Hadar", 68756: "Thuban", 68933: "Menkent", 69673: "Arcturus", 71681: "Toliman",
+    71683: "Rigil Kentaurus", 72105: "Izar", 72607: "Kochab", 72622: "Zubenelgenubi", 74785: "Zubeneschamali",
+    76267: "Alphecca", 77070: "Unukalhai", 78401: "Dschubba", 78820: "Acrab", 79593: "Yed Prior", 80331: "Athebyne",
+    80763: "Antares", 82273: "Atria", 82396: "Larawag", 84012: "Sabik", 84345: "Rasalgethi", 85670: "Rastaban",
+    85696: "Lesath", 85927: "Shaula", 86032: "Rasalhague", 86228: "Sargas", 86742: "Cebalrai", 87833: "Eltanin",
+    89931: "Kaus Media", 90185: "Kaus Australis", 91262: "Vega", 92855: "Nunki", 93506: "Ascella", 95947: "Albireo",
+    97165: "Fawaris", 97278: "Tarazed", 97649: "Altair", 98036: "Alshain", 100453: "Sadr", 100751: "Peacock",
+    102098: "Deneb", 102488: "Aljanah", 105199: "Alderamin", 106278: "Sadalsuud", 107315: "Enif",
+    107556: "Deneb Algedi", 109074: "Sadalmelik", 109268: "Alnair", 112029: "Homam", 112122: "Tiaki",
+    113368: "Fomalhaut", 113881: "Scheat", 113963: "Markab",
+}  # fmt: skip
