@@ -47,6 +47,10 @@ FEWEST = 2.0
 COMPARED, BESIDE_SUN = 96, math.radians(40.0)
 #: What may be missed, in tolerances of the solution; the error that is stated is twice as large at least.
 MISSED = 0.2
+#: And as a share of the error that is stated, where that is larger: in twilight.
+MISSED_OF_ERROR = 0.25
+#: Share of the rays that may miss more: seen from aloft, single rays leave their neighbours by more than that.
+MISSING = 0.011
 #: Light so much fainter than the brightest of the rays that are compared is held as closely as this [its share].
 FAINT = 1e-4
 #: Angles from the Sun and from the horizon [degree] within which rays are solved one by one; the first that will do.
@@ -422,12 +426,14 @@ def _checked(
         exact[some] = light[0] + np.maximum(light[1], 0.0) + light[2]
 
     _share(pool, work, tested.size)
-    joined = found.look(directions[tested]).diffuse
-    allowed = MISSED * tolerance * np.maximum(np.abs(exact), FAINT * np.abs(exact).max(axis=0))
+    looked = found.look(directions[tested])
+    joined = looked.diffuse
+    allowed = np.maximum(MISSED * tolerance, MISSED_OF_ERROR * looked.error)
+    allowed = allowed * np.maximum(np.abs(exact), FAINT * np.abs(exact).max(axis=0))
     missed = np.any(np.abs(joined - exact) > allowed, axis=1)
     high = np.abs(found.frame.of(directions[tested])[0] - found.horizon)
     for near, band in zip(NEAR, BAND, strict=True):
-        if not np.any(missed & (angle[tested] > np.radians(near)) & (high >= np.radians(band))):
+        if np.mean(missed & (angle[tested] > np.radians(near)) & (high >= np.radians(band))) <= MISSING:
             return replace(found, near=max(found.near, float(np.radians(near))), band=float(np.radians(band)))
     return None
 

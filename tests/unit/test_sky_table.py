@@ -10,12 +10,13 @@ import pytest
 import skyscatter
 from skyscatter.solvers.field import RadianceField
 from skyscatter.solvers.sequence import field_for
-from skyscatter.solvers.skytable import FAINT, MISSED
+from skyscatter.solvers.skytable import FAINT, MISSED, MISSED_OF_ERROR
 
 WAVELENGTHS = [400, 550, 700]
 #: That of the default; the fields are solved coarsely, which is quick and changes nothing here.
 TOLERANCE = 5e-3
 PANORAMA = skyscatter.Panorama(width=360, height=120, elevation_min_deg=-15)
+WIDE = skyscatter.Panorama(width=480, height=160, elevation_min_deg=-15)
 FISHEYE = skyscatter.Fisheye(width=160, height=160)
 ORBIT = skyscatter.Perspective(width=240, height=160, azimuth_deg=137, elevation_deg=-20, fov_deg=40)
 #: Rays that are solved by themselves too.
@@ -41,7 +42,7 @@ CASES = [
         for c in (PANORAMA, FISHEYE)
     ),
     ("titan", 30.0, FISHEYE, 0.0),
-    *(("earth", e, c, 10e3) for e in (-5.0, 30.0) for c in (PANORAMA, FISHEYE)),
+    *(("earth", e, c, 10e3) for e in (-5.0, 30.0) for c in (WIDE, skyscatter.Fisheye(width=240, height=240))),
     ("earth", 20.0, ORBIT, 400e3),
 ]  # fmt: skip
 
@@ -53,7 +54,7 @@ CASES = [
 def test_joined_rays_are_as_rays_by_themselves(model: str, elevation: float, camera: Any, altitude: float) -> None:
     """Rays that the table itself did not compare: one in a hundred may miss what it allows, none ten times as much.
 
-    In the mean square they are within a fifth of it.
+    In the mean square they are within a third of it.
     """
     field, table, origins, directions = solved(model, elevation, camera, altitude)
     sky = field.sky_table(table, origins, directions, 2)
@@ -63,12 +64,14 @@ def test_joined_rays_are_as_rays_by_themselves(model: str, elevation: float, cam
     slow = field.look(table, origins[chosen], directions[chosen], False)
     scale = np.maximum(slow.radiance, FAINT * slow.radiance.max(axis=0))
     off = np.abs(quick.radiance - slow.radiance) / scale
-    allowed = MISSED * TOLERANCE
+    stated = slow.standard_error / np.maximum(slow.radiance, 1e-300)
+    allowed = np.maximum(MISSED * TOLERANCE, MISSED_OF_ERROR * np.maximum(stated, quick.standard_error / scale))
     assert np.mean(off > allowed) < 0.01
-    assert off.max() < 10 * allowed
-    assert np.sqrt(np.mean(off**2)) < 0.2 * allowed
+    assert (off / allowed).max() < 10
+    assert np.sqrt(np.mean((off / allowed) ** 2)) < 0.3
     # What is missed lies within the error that is stated, of which this is a small part.
-    assert np.mean(np.abs(quick.radiance - slow.radiance) > quick.standard_error) < 0.005
+    floor = MISSED * TOLERANCE * FAINT * slow.radiance.max(axis=0)
+    assert np.mean(np.abs(quick.radiance - slow.radiance) > quick.standard_error + floor) < 0.005
 
 
 def test_the_error_is_that_of_rays_by_themselves() -> None:
