@@ -81,7 +81,29 @@ def moon_radiance(moon: Moon, directions: ArrayLike, wavelengths: ArrayLike) -> 
 
 
 def earthshine(moon: Moon, wavelengths: ArrayLike) -> Array:
-    """Radiance [W m-2 sr-1 nm-1] of the part of the Moon that only the Earth lights; shape (wavelength,)."""
+    """Radiance of the part of the Moon that only the Earth lights.
+
+    Parameters
+    ----------
+    moon : Moon
+    wavelengths : array_like, shape (wavelength,)
+        [nm]
+
+    Returns
+    -------
+    ndarray, shape (wavelength,)
+        [W m-2 sr-1 nm-1]; how it is found `moon_radiance` says.
+
+    Examples
+    --------
+    Two days before new Moon it is 18 000 times fainter than the full Moon.
+
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.moon import earthshine, moon_at
+    >>> moon = moon_at(Sight(-24.6, -70.4, "2026-04-15T10:00Z"))
+    >>> (earthshine(moon, [450.0, 550.0, 650.0]) * 1e6).round(2)
+    array([4.05, 4.07, 3.55])
+    """
     wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
     # The angle between the Sun and the Moon as the Earth sees them: 0 where the Earth is full for the Moon.
     to_earth = moon.earth_distance * moon.earth_direction

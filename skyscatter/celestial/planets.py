@@ -43,7 +43,19 @@ _BODIES = {
 
 @dataclass(frozen=True)
 class Planet:
-    """A planet as an observer sees it; `planets_at` makes them."""
+    """A planet as an observer sees it; `planets_at` makes them.
+
+    Examples
+    --------
+    Mars at its nearest in 60 000 years.
+
+    >>> import math
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.planets import planets_at
+    >>> mars = planets_at(Sight(0.0, 0.0, "2003-08-27T10:00Z"))[2]
+    >>> mars.name, round(mars.magnitude, 1), round(3600 * math.degrees(mars.angular_diameter), 1)
+    ('Mars', -2.9, 25.1)
+    """
 
     name: str
     direction: Array  #: apparent, topocentric, unrefracted (east, north, up), shape (3,)
