@@ -22,7 +22,7 @@ from skyscatter.geometry.sun import as_utc, iso_utc
 SUN_RADIUS = 6.9622e8
 #: How far from the observer points of the air are asked for at all [m]; there the Moon stands 0.3 degrees elsewhere.
 REACH = 2e6
-_STEP = 300.0  # between the moments that a search starts from [s]
+_STEP = 1800.0  # between the moments that a search starts from [s]
 _HALF_DAY = 43200.0  # [s]
 
 
@@ -31,6 +31,14 @@ class Eclipse:
     """Sun and Moon close together, as an observer sees them without refraction; `solar_eclipse` makes one.
 
     Whether the Sun is above the horizon is not asked here.
+
+    Examples
+    --------
+    >>> from skyscatter.celestial.eclipse import solar_eclipse
+    >>> from skyscatter.celestial.frames import Sight
+    >>> eclipse = solar_eclipse(Sight(65.5, -24.53, "2026-08-12T17:45:37Z"))  # Látrabjarg, Iceland
+    >>> eclipse.kind, round(eclipse.magnitude, 3), eclipse.obscuration
+    ('total', 1.014, 1.0)
     """
 
     separation: float  #: of the apparent middles [rad]

@@ -35,6 +35,16 @@ class Moon:
     """The Moon as an observer sees it; `moon_at` makes one.
 
     Longitudes and latitudes are selenographic (mean Earth and rotation axis, east towards Mare Crisium).
+
+    Examples
+    --------
+    Its bright limb faces the Sun: at first quarter the point below which the Sun stands is some 90 degrees east.
+
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.moon import moon_at
+    >>> moon = moon_at(Sight(51.48, 0.0, "2026-08-20T04:00Z"))
+    >>> round(moon.phase_angle_deg), round(moon.sun_longitude_deg), round(moon.observer_longitude_deg, 1)
+    (89, 93, 3.7)
     """
 
     direction: Array  #: apparent, topocentric, unrefracted (east, north, up), shape (3,)

@@ -18,9 +18,10 @@ EARTH_RADIUS = 6.371e6  #: [m]
 #: in earthshine at phase angles from 45 to 135 degrees, 400 to 700 nm (Goode et al. 2001, Geophys. Res. Lett. 28,
 #: 1671).
 EARTH_ALBEDO = 0.297
-#: Colour of the Earth from afar: wide-band albedos at wavelengths [nm], of which only the ratios count.  Rayleigh
-#: scattering makes the Earth 0.17 mag bluer in B - V than the Sun, as Franklin 1967 (J. Geophys. Res. 72, 2963) saw it.
-EARTH_COLOUR = ((440.0, 550.0, 640.0, 790.0), (1.17, 1.0, 0.91, 0.92))
+#: Colour of the Earth from afar: its albedos in U, B, V, R_C and I_C over that in V (Mallama et al. 2017, Icarus 282,
+#: 19), by wavelength [nm].  Rayleigh scattering makes the Earth 0.18 mag bluer in B - V than the Sun; Franklin 1967 (J.
+#: Geophys. Res. 72, 2963) saw 0.17.
+EARTH_COLOUR = ((360.0, 436.0, 549.0, 641.0, 798.0), (1.585, 1.180, 1.0, 0.903, 0.912))
 #: Points by latitude and longitude for the integral over the lit face.
 _POINTS = 64
 
@@ -80,7 +81,29 @@ def moon_radiance(moon: Moon, directions: ArrayLike, wavelengths: ArrayLike) -> 
 
 
 def earthshine(moon: Moon, wavelengths: ArrayLike) -> Array:
-    """Radiance [W m-2 sr-1 nm-1] of the part of the Moon that only the Earth lights; shape (wavelength,)."""
+    """Radiance of the part of the Moon that only the Earth lights.
+
+    Parameters
+    ----------
+    moon : Moon
+    wavelengths : array_like, shape (wavelength,)
+        [nm]
+
+    Returns
+    -------
+    ndarray, shape (wavelength,)
+        [W m-2 sr-1 nm-1]; how it is found `moon_radiance` says.
+
+    Examples
+    --------
+    Two days before new Moon it is 18 000 times fainter than the full Moon.
+
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.moon import earthshine, moon_at
+    >>> moon = moon_at(Sight(-24.6, -70.4, "2026-04-15T10:00Z"))
+    >>> (earthshine(moon, [450.0, 550.0, 650.0]) * 1e6).round(2)
+    array([4.05, 4.07, 3.55])
+    """
     wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
     # The angle between the Sun and the Moon as the Earth sees them: 0 where the Earth is full for the Moon.
     to_earth = moon.earth_distance * moon.earth_direction

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.celestial import magnitudes
 from skyscatter.celestial.frames import AU, J2000, Array, Sight, light_time
+from skyscatter.celestial.planetorbits import planet_place
 from skyscatter.spectra.solar import solar_irradiance
 from skyscatter.spectra.vega import BAND_NODES, band_weights, magnitude
 
@@ -43,7 +43,19 @@ _BODIES = {
 
 @dataclass(frozen=True)
 class Planet:
-    """A planet as an observer sees it; `planets_at` makes them."""
+    """A planet as an observer sees it; `planets_at` makes them.
+
+    Examples
+    --------
+    Mars at its nearest in 60 000 years.
+
+    >>> import math
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.planets import planets_at
+    >>> mars = planets_at(Sight(0.0, 0.0, "2003-08-27T10:00Z"))[2]
+    >>> mars.name, round(mars.magnitude, 1), round(3600 * math.degrees(mars.angular_diameter), 1)
+    ('Mars', -2.9, 25.1)
+    """
 
     name: str
     direction: Array  #: apparent, topocentric, unrefracted (east, north, up), shape (3,)
@@ -92,10 +104,9 @@ def planets_at(sight: Sight) -> tuple[Planet, ...]:
 
     Notes
     -----
-    Heliocentric places from ERFA's ``plan94`` (Simon et al. 1994), with light time, parallax and aberration, without
-    the bending of light by the Sun.  From 1900 to 2050 geocentric directions differ from JPL's DE421 by at most 2
-    arcsec (Mercury), 11 (Venus, Neptune), 63 (Mars), 81 (Jupiter), 97 (Saturn) and 91 (Uranus), in the mean a third of
-    that.
+    Heliocentric places from `skyscatter.celestial.planetorbits.planet_place`, within some arc seconds; light time,
+    parallax and aberration are applied, the bending of light by the Sun and refraction are not, and the Sun's own
+    motion of 15 m/s is left out of the light time.
 
     Magnitudes by Mallama & Hilton 2018; those of Mars without the 0.1 that its features and seasons add, of
     Saturn with the rings.
@@ -116,11 +127,11 @@ def planets_at(sight: Sight) -> tuple[Planet, ...]:
 def _planet(sight: Sight, name: str, body: _Body) -> Planet:
     state = sight.state
     day, fraction = state.tt
-    from_sun = _heliocentric(body.number, day, fraction)
+    from_sun = planet_place(body.number, day, fraction)
     for _ in range(3):
         seen = from_sun - state.earth - state.place
         late = light_time(float(np.linalg.norm(seen)))
-        from_sun = _heliocentric(body.number, day, fraction - late)
+        from_sun = planet_place(body.number, day, fraction - late)
     distance, sun_distance = float(np.linalg.norm(seen)), float(np.linalg.norm(from_sun))
     cosine = float(np.clip(from_sun @ seen / (distance * sun_distance), -1.0, 1.0))
     phase = math.degrees(math.acos(cosine))
@@ -134,16 +145,6 @@ def _planet(sight: Sight, name: str, body: _Body) -> Planet:
         magnitude=absolute + 5.0 * math.log10(distance * sun_distance / AU**2),
         angular_diameter=2.0 * math.asin(body.radius / distance),
     )
-
-
-def _heliocentric(number: int, day: float, fraction: float) -> Array:
-    """Vector from the Sun to a planet [m]; the Sun's own motion of 15 m/s is left out of the light time."""
-    import erfa
-
-    with warnings.catch_warnings():
-        # "year outside 1000-3000" cannot be; what plan94 says of convergence does not occur for planets either.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        return np.asarray(erfa.plan94(day, fraction, number)["p"]) * AU
 
 
 def _absolute(name: str, body: _Body, phase: float, from_sun: Array, seen: Array, date: float) -> float:

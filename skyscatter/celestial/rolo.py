@@ -82,6 +82,16 @@ def moon_reflectance(moon: Moon, wavelengths: ArrayLike) -> Array:
     exponentials go on, its opposition surge.  Beyond 97 degrees its value there falls as the mean phase curve of the
     Moon does in V, 0.026 g + 4e-9 g^4 magnitudes with g in degrees (Allen 1976; Krisciunas & Schaefer 1991), and beyond
     150 degrees, which that curve does not know, as the light of a Lommel-Seeliger sphere does, down to nothing.
+
+    Examples
+    --------
+    The Moon is dark, and red.
+
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.moon import moon_at, moon_reflectance
+    >>> moon = moon_at(Sight(-24.6, -70.4, "2026-04-02T02:00Z"))
+    >>> moon_reflectance(moon, [400.0, 550.0, 800.0]).round(2)
+    array([0.1 , 0.13, 0.16])
     """
     wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
     nodes = read_table("rolo.csv")["wavelength_nm"]

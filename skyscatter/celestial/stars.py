@@ -44,7 +44,18 @@ _OPTIONAL = {
 
 @dataclass(frozen=True)
 class Stars:
-    """Stars above and below the horizon, brightest first; `stars_at` makes them."""
+    """Stars above and below the horizon, brightest first; `stars_at` makes them.
+
+    Examples
+    --------
+    >>> from skyscatter.celestial.frames import Sight
+    >>> from skyscatter.celestial.stars import stars_at
+    >>> stars = stars_at(Sight(48.86, 2.35, "2026-01-12T22:00Z"), limit=1.5)
+    >>> [name for name, up in zip(stars.names, stars.directions[:, 2] > 0.5) if up]  # above 30 degrees
+    ['Capella', 'Rigel', 'Procyon', 'Betelgeuse', 'Aldebaran', 'Pollux']
+    >>> stars.irradiance([450.0, 550.0, 650.0]).shape
+    (23, 3)
+    """
 
     directions: Array  #: apparent, unrefracted (east, north, up), shape (star, 3)
     magnitudes: Array  #: in V, outside the air, shape (star,)

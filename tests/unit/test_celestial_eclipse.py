@@ -18,7 +18,7 @@ from skyscatter.spectra.solar import limb_darkening
 PUBLISHED = {
     # F. Espenak, eclipsewise.com, the eclipse of 2017, local circumstances
     "Orlando": (28.55316, -81.36451, "2017-08-21", "17:19:28", None, None, "20:14:57", None),
-    # National predictions for Iceland (solmyrkvi2026.is and the table in the Icelandic Wikipedia), with magnitudes
+    # Predictions for Iceland (solmyrkvi2026.is and the table in the Icelandic Wikipedia); places by the map
     "Isafjordur": (66.075, -23.135, "2026-08-12", "16:43:17", "17:44:06", "17:45:37", "18:43:56", 1.005),
     "Latrabjarg": (65.5025, -24.531, "2026-08-12", "16:43:39", "17:44:28", "17:46:41", "18:44:55", 1.014),
     "Straumnes": (66.433, -23.133, "2026-08-12", None, "17:43:28", None, None, None),

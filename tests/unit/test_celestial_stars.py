@@ -52,7 +52,7 @@ def test_the_brightest() -> None:
     stars = stars_at(SIGHT)
     assert len(stars) == 15507
     assert np.all(np.diff(stars.magnitudes) >= 0)
-    # Bright Star Catalogue, Johnson's V and B - V
+    # Bright Star Catalogue, Johnson's V and B - V, recalled
     known = {
         "Canopus": (-0.72, 0.15), "Arcturus": (-0.04, 1.23), "Vega": (0.03, 0.0), "Capella": (0.08, 0.80),
         "Procyon": (0.38, 0.42), "Altair": (0.77, 0.22), "Aldebaran": (0.85, 1.54), "Spica": (0.98, -0.23),
@@ -91,7 +91,7 @@ def test_spectra_have_the_magnitudes_and_colours_of_the_catalogue() -> None:
 
 
 def test_red_colours_of_standard_stars() -> None:
-    """V - R of Cousins that goes with B - V: dwarfs, and from 0.9 giants (Bessell 1979, PASP 91, 589), two digits."""
+    """V - R of Cousins over B - V: dwarfs, from 0.9 giants (Bessell 1979, PASP 91, 589), two digits, recalled."""
     b_v = np.array([-0.20, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2])
     standard = np.array([-0.08, 0.0, 0.12, 0.24, 0.34, 0.44, 0.52, 0.61])
     light = star_spectra(b_v, BAND_NODES)
