@@ -86,7 +86,7 @@ def nebula(
     ] = None,
     tone: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear; of a palette lupton or linear."),
+        typer.Option(metavar="NAME", help=f"For PNG: {common.TONES}; of a palette lupton or linear."),
     ] = None,
     stretch: Annotated[
         str | None, typer.Option(metavar="X", help="For PNG with lupton: linear white as a share of the white level.")

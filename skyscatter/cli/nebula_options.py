@@ -132,7 +132,7 @@ def check(request: Request) -> None:
     common.check_brightness(files, request.wavelengths)
     if not {"palette", "filters"} & set(request.png):
         png = request.png
-        common.check_development(png.get("space", "srgb"), png.get("tone", "filmic"), request.bits)
+        common.check_development(png.get("space", "srgb"), png.get("tone", common.DEFAULT_TONE), request.bits)
     if common.has_suffix(request.outputs, ".png"):
         _try_picture(request)
 
