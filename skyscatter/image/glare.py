@@ -30,7 +30,7 @@ def with_glare(exposed: Array) -> Array:
 
     spilt = exposed * (np.maximum(peak - WHITE, 0.0) / np.maximum(peak, WHITE))
     height, width = exposed.shape[:2]
-    # What leaves the picture on one side comes back on the other, but from a quarter of its size away, where it is dark.
+    # What leaves the picture on one side comes back on the other, but from a quarter of its size away, almost dark.
     shape = [fft.next_fast_len(side + side // 4 + 1, real=True) for side in (height, width)]
     y, x = (np.minimum(np.arange(side), side - np.arange(side)) for side in shape)
     radius = max(CORE * width, 1.0)

@@ -162,7 +162,7 @@ def test_defaults(fake, capsys):
     assert {key: asked[key] for key in expected} == expected
     assert not {"orders", "sampling", "stokes"} & set(asked)
     camera = asked["camera"]
-    assert (camera.kind, camera.width, camera.height) == ("telescope", 256, 256)
+    assert (camera.kind, camera.width, camera.height) == ("telescope", 512, 512)
     # all of it: the longer side seen along z is 2 pc, with a margin of 5 %, at 400 pc
     assert camera.pixel_scale_deg * 256 == pytest.approx(math.degrees(1.05 * 2 / 400), rel=1e-9)
     error = capsys.readouterr().err
