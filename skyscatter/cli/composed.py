@@ -16,7 +16,7 @@ DEFAULT_ALTITUDE = "1km"
 COSTLY_SIZE = (480, 180)
 
 
-def composed(request: Request, observer: Any, sun_azimuth_deg: float) -> tuple[Request, Any]:
+def composed(request: Request, observer: Any, sun_azimuth_deg: float, around: bool = False) -> tuple[Request, Any]:
     """The request with its view and size settled, and the camera.
 
     Parameters
@@ -26,6 +26,8 @@ def composed(request: Request, observer: Any, sun_azimuth_deg: float) -> tuple[R
     observer : Observer
     sun_azimuth_deg : float
         Azimuth [degree] of the Sun, the middle of landscapes and panoramas.
+    around : bool
+        Whether a landscape that was not asked for shows the whole horizon: the Sun goes along it.
 
     Returns
     -------
@@ -39,5 +41,7 @@ def composed(request: Request, observer: Any, sun_azimuth_deg: float) -> tuple[R
     if size == (0, 0):
         costly = request.solver != "orders" or request.stokes
         size = COSTLY_SIZE if costly and view == "landscape" else parse.parse_size(None, view)
+    if around and request.view is None and view == "landscape":
+        view = f"landscape:{sun_azimuth_deg:.6g},360"
     camera = camera_from_view(view, *size, sun_azimuth_deg=sun_azimuth_deg, observer=observer)
     return replace(request, view=view, size=size), camera

@@ -23,10 +23,10 @@ MARGIN = 1.05
 def nebula(
     context: typer.Context,
     model: Annotated[str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")],
-    size: Annotated[str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else 256x256.")] = None,
+    size: Annotated[str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else 512x512.")] = None,
     field_of_view: Annotated[
         str | None,
-        typer.Option(metavar="WIDTH", help="Width of the picture, 10arcmin or 2pc; else the whole nebula."),
+        typer.Option(metavar="WIDTH", help="Width of the picture, 10arcmin or 2pc; else the model's, or the whole nebula."),
     ] = None,
     pixel_scale: Annotated[
         str | None, typer.Option(metavar="ANGLE", help="Angle of a pixel, such as 0.5arcsec, in place of a width.")
@@ -222,8 +222,8 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
     return sequence.produce(request, turn, model.name, frames, look, exposure)
 
 
-def build_camera(request: Request, scene: Any) -> Any:
-    """Telescope of the request's width or pixel scale, else one that shows the whole nebula."""
+def build_camera(request: Request, scene: Any, suited: float | None = None) -> Any:
+    """Telescope of the request's width or pixel scale, else of the width that suits [m], or that of the whole nebula."""
     from skyscatter.geometry.telescope import Telescope
 
     width, height = request.size
@@ -231,7 +231,10 @@ def build_camera(request: Request, scene: Any) -> Any:
         return Telescope(width=width, height=height, pixel_scale_deg=request.pixel_scale_deg)
     if request.field is not None and request.field[0] == "angle":
         return Telescope.from_field_of_view(width, height, request.field[1])
-    across = _whole_width(scene, width, height) if request.field is None else request.field[1]
+    if request.field is not None:
+        across = request.field[1]
+    else:
+        across = _whole_width(scene, width, height) if suited is None else suited
     return Telescope.from_length(width, height, across, scene.view.distance)
 
 
@@ -258,11 +261,12 @@ def run(request: Request, arguments: list[str]) -> int:
     from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
-    model = skyscatter.load_model(request.model)
+    model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "nebula")
     check_picture(*request.size, request.wavelengths.size, request.orders or 0)
     scene: Any = model.scene(**request.turned)
-    camera = build_camera(request, scene)
+    # What suits a nebula may cut off what sticks out when it is turned.
+    camera = build_camera(request, scene, None if request.turned else model.picture_width)
     sky = SkyFrame.seen(scene.view, camera, model.name)
     names = ("orders", "sampling", "photons", "radius", "estimator")
     given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}

@@ -180,8 +180,8 @@ def run(request: Any, sequence: FrameList) -> int:
 
     name, scenes = scenes_of(request, sequence)
     highest = max(scenes, key=lambda scene: scene.sun.elevation_deg)
-    # A panorama is centred on the highest Sun, and stays there.
-    request, camera = composed(request, highest.observer, highest.sun.azimuth_deg)
+    # A picture is centred on the highest Sun, and stays there.
+    request, camera = composed(request, highest.observer, highest.sun.azimuth_deg, bool(sequence.times))
     camera.directions(scenes[0].observer)
     frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
     one_air = not sequence.models and request.solver == "orders" and request.max_order is None
