@@ -188,7 +188,8 @@ def test_stronger_colours_keep_lightness_and_hue(space: str) -> None:
     assert np.all(gain[chroma > 0.05] > 1.0)
     assert gain[chroma > 0.05].max() < 1.4 + 0.01  # the same white
     grey = np.full((1, 3), 0.3)
-    np.testing.assert_allclose(tone._strengthened(grey, 1.4, space), grey, rtol=1e-6)  # published digits: a grey has chroma 4e-8
+    # of the published digits: a grey has a chroma of 4e-8
+    np.testing.assert_allclose(tone._strengthened(grey, 1.4, space), grey, rtol=1e-6)
 
 
 def test_glare_is_a_hundredth_of_the_brightest_light_and_leaves_all_else_alone() -> None:
