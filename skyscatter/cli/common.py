@@ -27,8 +27,12 @@ if TYPE_CHECKING:
     from skyscatter.solvers.state import Checkpoint
 
 Wavelengths = Annotated[
-    str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.  "
-        "Sunlight is averaged half-way to neighbours.")
+    str,
+    typer.Option(
+        metavar="START:STOP:STEP",
+        help="Vacuum wavelengths [nm], ends included, or a list: 450,550.  "
+        "Sunlight is averaged half-way to neighbours.",
+    ),
 ]
 Place = Annotated[str | None, typer.Option(metavar="LAT,LON", help="Place on Earth [degree]; needs --time.")]
 Moment = Annotated[
@@ -71,6 +75,12 @@ StoreFolder = Annotated[
 Exposure = Annotated[
     str | None, typer.Option(metavar="EV", help="For PNG: auto (the default) or an exposure value (ISO 100).")
 ]
+DEFAULT_TONE = "photograph"
+TONES = (
+    "photograph (the default: colours as strong as film has them), eye (they fade in dim light), filmic (as they are) "
+    "or linear"
+)
+Tone = Annotated[str | None, typer.Option(metavar="NAME", help=f"For PNG: {TONES}.")]
 Space = Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: srgb (the default), display-p3 or rec2020.")]
 Bits = Annotated[str | None, typer.Option(metavar="N", help="For PNG: 8 (the default) or 16.")]
 Output = Annotated[

@@ -23,10 +23,14 @@ MARGIN = 1.05
 def nebula(
     context: typer.Context,
     model: Annotated[str, typer.Argument(help="Name of a shipped model (see: skyscatter models) or a TOML file.")],
-    size: Annotated[str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else 256x256.")] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="Picture size [pixel], else 512x512, by 4 walks a pixel.")
+    ] = None,
     field_of_view: Annotated[
         str | None,
-        typer.Option(metavar="WIDTH", help="Width of the picture, 10arcmin or 2pc; else the whole nebula."),
+        typer.Option(
+            metavar="WIDTH", help="Width of the picture, 10arcmin or 2pc; else the model's, or the whole nebula."
+        ),
     ] = None,
     pixel_scale: Annotated[
         str | None, typer.Option(metavar="ANGLE", help="Angle of a pixel, such as 0.5arcsec, in place of a width.")
@@ -86,7 +90,7 @@ def nebula(
     ] = None,
     tone: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear; of a palette lupton or linear."),
+        typer.Option(metavar="NAME", help=f"For PNG: {common.TONES}; of a palette lupton or linear."),
     ] = None,
     stretch: Annotated[
         str | None, typer.Option(metavar="X", help="For PNG with lupton: linear white as a share of the white level.")
@@ -98,7 +102,12 @@ def nebula(
     space: common.Space = None,
     bits: common.Bits = None,
     psf: Annotated[
-        str | None, typer.Option(metavar="PSF", help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds.")
+        str | None,
+        typer.Option(
+            metavar="PSF",
+            help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds; else none, but "
+            f"{options.SEEING:g} pixels in .png files of no stated size.",
+        ),
     ] = None,
     aperture: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Diameter of the mirror, for photon noise: 2.4m.")
@@ -140,6 +149,9 @@ def nebula(
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
     observation = options.observation(psf, aperture, exposure_time, throughput, seed)
+    first = size is None and solver == "path"
+    if first and noise is None and store is None:
+        samples = samples or options.FIRST_SAMPLES
     request = Request(
         model=model,
         size=parse.parse_size(size, "telescope"),
@@ -153,6 +165,7 @@ def nebula(
         filters=filters,
         png=options.png_options(png, space),
         observation=observation,
+        seeing=options.SEEING if first and psf is None else 0.0,
         outputs=outputs,
         file_options=common.file_options(
             outputs,
@@ -222,8 +235,8 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
     return sequence.produce(request, turn, model.name, frames, look, exposure)
 
 
-def build_camera(request: Request, scene: Any) -> Any:
-    """Telescope of the request's width or pixel scale, else one that shows the whole nebula."""
+def build_camera(request: Request, scene: Any, suited: float | None = None) -> Any:
+    """Telescope of the request's width or pixel scale, else of the width that suits [m], else of all of it."""
     from skyscatter.geometry.telescope import Telescope
 
     width, height = request.size
@@ -231,7 +244,10 @@ def build_camera(request: Request, scene: Any) -> Any:
         return Telescope(width=width, height=height, pixel_scale_deg=request.pixel_scale_deg)
     if request.field is not None and request.field[0] == "angle":
         return Telescope.from_field_of_view(width, height, request.field[1])
-    across = _whole_width(scene, width, height) if request.field is None else request.field[1]
+    if request.field is not None:
+        across = request.field[1]
+    else:
+        across = _whole_width(scene, width, height) if suited is None else suited
     return Telescope.from_length(width, height, across, scene.view.distance)
 
 
@@ -258,11 +274,12 @@ def run(request: Request, arguments: list[str]) -> int:
     from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
-    model = skyscatter.load_model(request.model)
+    model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "nebula")
     check_picture(*request.size, request.wavelengths.size, request.orders or 0)
     scene: Any = model.scene(**request.turned)
-    camera = build_camera(request, scene)
+    # What suits a nebula may cut off what sticks out when it is turned.
+    camera = build_camera(request, scene, None if request.turned else model.picture_width)
     sky = SkyFrame.seen(scene.view, camera, model.name)
     names = ("orders", "sampling", "photons", "radius", "estimator")
     given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
@@ -282,15 +299,16 @@ def run(request: Request, arguments: list[str]) -> int:
 def _write(request: Request, image: Any, outputs: list[Path]) -> float | None:
     """Write the files; returns the exposure value of a picture in natural colour."""
     png, exposure = dict(request.png), None
+    shown = options.as_seen(image, request.seeing) if common.has_suffix(outputs, ".png") else image
     if not {"palette", "filters"} & set(png):
         stated = png.get("exposure", "auto")
-        exposure = png["exposure"] = image.auto_exposure() if stated == "auto" else float(stated)
+        exposure = png["exposure"] = shown.auto_exposure() if stated == "auto" else float(stated)
     for path in outputs:
         suffix = path.suffix.lower()
         taken = {**png, "bits": request.bits} if suffix == ".png" else dict(request.file_options.get(suffix, {}))
         if suffix == ".fits" and request.filters is not None:
             taken["filters"] = request.filters
-        image.save(path, **taken)
+        (shown if suffix == ".png" else image).save(path, **taken)
     return exposure
 
 

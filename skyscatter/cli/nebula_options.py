@@ -22,6 +22,9 @@ MEANINGLESS: dict[str, tuple[str, ...]] = {
 }
 #: Finest relative accuracy of the quadrature along a ray that may be asked for.
 LEAST_TOLERANCE = 1e-9
+#: What a picture of unstated size gets: walks a pixel, and the seeing [pixel] without which stars would be squares.
+FIRST_SAMPLES = "4"
+SEEING = 2.5
 REMEDY = {
     **dict.fromkeys([*MEANINGLESS["single"], *MEANINGLESS["photons"]], "path"),
     **dict.fromkeys(MEANINGLESS["path"], "photons"),
@@ -43,6 +46,8 @@ class Request(common.RunRequest):
     filters: str | None
     png: dict[str, Any]
     observation: dict[str, Any]
+    #: Full width at half maximum [pixel] of the blur of .png files, which those with data do not get; 0 for none.
+    seeing: float
 
 
 def png_options(given: dict[str, Any], space: str | None) -> dict[str, Any]:
@@ -91,6 +96,30 @@ def observation(
     }
 
 
+def as_seen(image: Any, seeing: float) -> Any:
+    """The picture as a camera takes it whose pixels are small enough for its seeing, and none of it for 0.
+
+    Parameters
+    ----------
+    image : SpectralImage
+    seeing : float
+        Full width at half maximum of a Gaussian [pixel].  At the edges the last pixel goes on.
+    """
+    if not seeing:
+        return image
+    from scipy.ndimage import gaussian_filter
+
+    from skyscatter.image.spectral import SpectralImage
+
+    sigma = seeing / math.sqrt(8.0 * math.log(2.0))
+    return SpectralImage(
+        gaussian_filter(image.radiance, (sigma, sigma, 0.0), mode="nearest"),
+        image.wavelengths,
+        recipe={**image.recipe, "seeing_pixels": seeing},
+        sky=image.sky,
+    )
+
+
 def brightness_unit(unit: str | None, observed: dict[str, Any]) -> Any:
     """The unit as the writers take it; counts are those of the telescope that was described."""
     if unit not in ("count", "counts"):
@@ -132,7 +161,7 @@ def check(request: Request) -> None:
     common.check_brightness(files, request.wavelengths)
     if not {"palette", "filters"} & set(request.png):
         png = request.png
-        common.check_development(png.get("space", "srgb"), png.get("tone", "filmic"), request.bits)
+        common.check_development(png.get("space", "srgb"), png.get("tone", common.DEFAULT_TONE), request.bits)
     if common.has_suffix(request.outputs, ".png"):
         _try_picture(request)
 

@@ -23,13 +23,14 @@ PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 MAX_WAVELENGTHS = 10_000
 
 _DEFAULT_SIZE = {
+    "landscape": (1280, 480),
     "panorama": (360, 180),
     "panorama-upper": (360, 90),
     "fisheye": (256, 256),
     "fisheye-equisolid": (256, 256),
     "perspective": (384, 256),
     "planet": (256, 256),
-    "telescope": (256, 256),
+    "telescope": (512, 512),
 }
 
 

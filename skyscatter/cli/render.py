@@ -85,7 +85,7 @@ def render(
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
     exposure: common.Exposure = None,
-    tone: Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear.")] = None,
+    tone: common.Tone = None,
     space: common.Space = None,
     bits: common.Bits = None,
     scale: common.Scale = None,
@@ -123,7 +123,7 @@ def render(
         **common.photon_options(photons, radius, estimator),
         png={
             "exposure": "auto" if exposure is None else parse.parse_exposure(exposure),
-            "tone": "filmic" if tone is None else tone,
+            "tone": common.DEFAULT_TONE if tone is None else tone,
             "space": "srgb" if space is None else space,
         },
         outputs=outputs,

@@ -175,13 +175,13 @@ def _scene(request: Any, model: Any, name: str) -> Any:
 
 def run(request: Any, sequence: FrameList) -> int:
     """Frames of skies: solve, render, write; returns the exit status."""
-    from skyscatter.geometry.camera import camera_from_view
+    from skyscatter.cli.composed import composed
     from skyscatter.solvers.sequence import Frames
 
     name, scenes = scenes_of(request, sequence)
     highest = max(scenes, key=lambda scene: scene.sun.elevation_deg)
-    # A panorama is centred on the highest Sun, and stays there.
-    camera = camera_from_view(request.view, request.size[0], request.size[1], highest.sun.azimuth_deg)
+    # A picture is centred on the highest Sun, and stays there.
+    request, camera = composed(request, highest.observer, highest.sun.azimuth_deg, bool(sequence.times))
     camera.directions(scenes[0].observer)
     frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
     one_air = not sequence.models and request.solver == "orders" and request.max_order is None

@@ -11,6 +11,8 @@ import numpy as np
 import typer
 
 from skyscatter.cli import common, parse, sequence
+from skyscatter.cli.common import DEFAULT_TONE
+from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
@@ -36,7 +38,8 @@ class Request(common.RunRequest):
     sun_elevation: float
     sun_azimuth: float
     altitude: float
-    view: str
+    #: None for the one that suits the observer; the size is (0, 0) then, unless it was given.
+    view: str | None
     sun_disk: bool
     exposure: float | str
     tone: str
@@ -78,15 +81,21 @@ def sky(
             metavar="DEG", help=f"Sun's azimuth [degree] from north through east, else {DEFAULT_SUN_AZIMUTH:g}."
         ),
     ] = None,
-    altitude: Annotated[str, typer.Option(metavar="LENGTH", help="Observer's height, such as 400km.")] = "0m",
+    altitude: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH", help=f"Observer's height, such as 400km; else 0m, and {DEFAULT_ALTITUDE} without --view."
+        ),
+    ] = None,
     view: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="VIEW",
-            help="panorama, panorama-upper, fisheye, fisheye-equisolid, perspective:AZIMUTH,ELEVATION,FOV or planet. "
-            "Panoramas are centred on the Sun, or on an azimuth: panorama:90.",
+            help="landscape (the default: the horizon on the Sun's side), panorama (the whole sphere), panorama-upper, "
+            "fisheye, fisheye-equisolid, perspective:AZIMUTH,ELEVATION,FOV or planet (the default from far above). "
+            "Landscapes and panoramas are centred on the Sun, or on an azimuth: panorama:90.",
         ),
-    ] = "panorama",
+    ] = None,
     north: Annotated[bool, typer.Option("--north", help="A panorama centred on north, wherever the Sun is.")] = False,
     no_sun: Annotated[
         bool,
@@ -125,7 +134,7 @@ def sky(
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
     exposure: common.Exposure = None,
-    tone: Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: filmic (the default) or linear.")] = None,
+    tone: common.Tone = None,
     space: common.Space = None,
     bits: common.Bits = None,
     show: Annotated[
@@ -172,19 +181,20 @@ def sky(
     development = {"exposure": exposure, "tone": tone, "space": space}
     common.check_png_options(outputs, {**development, "bits": bits, "show": show})
     _check_development(shown, development)
+    view = _view(view, north, no_sun)
     request = Request(
         model=model,
         place=None if place is None else parse.parse_place(place),
         time=time,
         sun_elevation=elevation,
         sun_azimuth=azimuth,
-        altitude=metres(altitude, "altitude"),
-        view=_view(view, north),
+        altitude=metres(altitude or (DEFAULT_ALTITUDE if view is None else "0m"), "altitude"),
+        view=view,
         sun_disk=not no_sun,
-        size=parse.parse_size(size, view),
+        size=(0, 0) if size is None and view is None else parse.parse_size(size, view or ""),
         solver=solver,
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
-        tone="filmic" if tone is None else tone,
+        tone=DEFAULT_TONE if tone is None else tone,
         space="srgb" if space is None else space,
         stokes=stokes or shown != "colour",
         show=shown,
@@ -256,8 +266,10 @@ def _sun_choice(
     )
 
 
-def _view(view: str, north: bool) -> str:
-    if not north:
+def _view(view: str | None, north: bool, no_sun: bool) -> str | None:
+    if view is None and (north or no_sun):
+        view = "panorama"  # a dome to light something with
+    if not north or view is None:
         return view
     if view not in ("panorama", "panorama-upper"):
         raise DomainError("north", view, "is for --view panorama and panorama-upper; fisheyes have north on top anyway")
@@ -297,12 +309,11 @@ def build_scene(request: Request) -> tuple[Any, Any]:
 
 def run(request: Request, arguments: list[str]) -> int:
     """Render, write, report; returns the exit status."""
-    from skyscatter.geometry.camera import camera_from_view
     from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
     model, scene = build_scene(request)
-    camera = camera_from_view(request.view, *request.size, sun_azimuth_deg=scene.sun.azimuth_deg)
+    request, camera = composed(request, scene.observer, scene.sun.azimuth_deg)
     check_picture(*request.size, request.wavelengths.size)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
     more = {"stokes": True} if request.stokes else {}

@@ -28,9 +28,9 @@ from skyscatter.units import ANGLE, Elevation, HighElevation, LowElevation, Opti
 
 
 class Panorama(CameraBase):
-    """Equirectangular panorama: azimuth to the right, elevation upwards, all around.
+    """Equirectangular panorama: azimuth to the right, elevation upwards, all around or a part of that.
 
-    ``A = centre_azimuth + 360° a / width`` and ``e = (min + max) / 2 + (max - min) b / height``.  A lowest elevation of
+    ``A = centre_azimuth + fov a / width`` and ``e = (min + max) / 2 + (max - min) b / height``.  A lowest elevation of
     -90 gives the full sphere, 0 the upper half.
 
     Parameters
@@ -39,6 +39,8 @@ class Panorama(CameraBase):
         Lower and upper edge of the picture [degree].
     centre_azimuth_deg : float
         In the middle of the picture [degree], from north through east.
+    fov_deg : float
+        Azimuth from the left edge to the right one [degree].
 
     Examples
     --------
@@ -58,6 +60,7 @@ class Panorama(CameraBase):
     elevation_min_deg: LowElevation = default(-90.0)
     elevation_max_deg: HighElevation = default(90.0)
     centre_azimuth_deg: Turn = default(180.0)
+    fov_deg: Annotated[float, ANGLE.within(0.0, 360.0, above=True)] = 360.0
 
     @model_validator(mode="after")
     def _check(self) -> Panorama:
@@ -72,20 +75,23 @@ class Panorama(CameraBase):
     def through(self, x: ArrayLike, y: ArrayLike, observer: ObserverLike | None = None) -> Array:
         """Unit vectors (east, north, up) through points of the picture's plane, shape (..., 3)."""
         a, b = self._offsets(x, y)
-        return direction_from_azimuth_elevation(self.centre_azimuth_deg + 360.0 * a / self.width, self._elevation(b))
+        azimuth = self.centre_azimuth_deg + self.fov_deg * a / self.width
+        return direction_from_azimuth_elevation(azimuth, self._elevation(b))
 
     def pixel(self, direction: ArrayLike, observer: ObserverLike | None = None) -> tuple[Array, Array]:
-        """Fractional pixel coordinates (x, y); NaN above and below the range of elevations."""
+        """Fractional pixel coordinates (x, y); NaN beyond the ranges of azimuth and elevation."""
         azimuth, elevation = azimuth_elevation_from_direction(direction)
         low, high = self.elevation_min_deg, self.elevation_max_deg
         from_centre = (azimuth - self.centre_azimuth_deg + 180.0) % 360.0 - 180.0
         b = (elevation - (low + high) / 2) * self.height / (high - low)
-        return self._inside(from_centre / 360.0 * self.width, b, np.isfinite(elevation))
+        return self._inside(from_centre / self.fov_deg * self.width, b, np.isfinite(elevation))
 
     def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
-        """Solid angle [sr], exact: (2π / width) (sin e_upper - sin e_lower)."""
+        """Solid angle [sr], exact: (fov / width) (sin e_upper - sin e_lower)."""
         edges = np.sin(np.radians(self._elevation(self.height / 2 - np.arange(self.height + 1))))
-        return np.repeat((2 * np.pi / self.width * (edges[:-1] - edges[1:]))[:, None], self.width, axis=1)
+        return np.repeat(
+            (np.radians(self.fov_deg) / self.width * (edges[:-1] - edges[1:]))[:, None], self.width, axis=1
+        )
 
 
 class Fisheye(CameraBase):
@@ -287,26 +293,91 @@ CAMERAS: dict[str, Any] = {
 Camera = Annotated[Panorama | Fisheye | Perspective | PlanetView | Telescope, Field(discriminator="kind")]
 
 VIEWS = (
-    "panorama[:AZIMUTH], panorama-upper[:AZIMUTH], fisheye, fisheye-equisolid, "
+    "landscape[:AZIMUTH[,FOV]], panorama[:AZIMUTH], panorama-upper[:AZIMUTH], fisheye, fisheye-equisolid, "
     "perspective:AZIMUTH,ELEVATION,FOV, planet"
 )
+#: Azimuth that a landscape takes in [degree], seen from within the air and from above it.
+LANDSCAPE_FOV = (120.0, 40.0)
+#: Share of a landscape that lies below the horizon, the same.
+LANDSCAPE_GROUND = (1.0 / 6.0, 0.6)
+#: A planet seen from above its air is shown whole where it takes up less than this from its middle to its rim [degree].
+WHOLE_PLANET = 50.0
+
+
+def landscape(
+    width: int, height: int, observer: ObserverLike, centre_azimuth_deg: float = 180.0, fov_deg: float | None = None
+) -> Panorama:
+    """Part of a panorama with the horizon where a painter would put it, and equal degrees per pixel both ways.
+
+    Within the air a sixth of the picture is ground, however deep the horizon lies for this observer; from above the air
+    the limb runs below the upper edge, with space over it.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture [pixel].
+    observer : Observer
+        Its height settles where the horizon is: ``cos dip = R / (R + altitude)``.
+    centre_azimuth_deg : float
+        In the middle of the picture [degree].
+    fov_deg : float, optional
+        Azimuth from the left edge to the right one [degree]; 120, and 40 from above the air.
+
+    Examples
+    --------
+    From 1 km the horizon lies 1 degree below the horizontal, in the row above the lowest sixth of the picture.
+
+    >>> import skyscatter
+    >>> from skyscatter.geometry.camera import landscape
+    >>> observer = skyscatter.load_model("earth").scene(altitude="1 km").observer
+    >>> camera = landscape(1200, 480, observer)
+    >>> round(camera.elevation_min_deg, 2), round(camera.elevation_max_deg, 2)
+    (-9.01, 38.99)
+    """
+    above = int(observer.altitude > observer.atmosphere_top)
+    fov = LANDSCAPE_FOV[above] if fov_deg is None else fov_deg
+    dip = np.degrees(np.arccos(observer.planet_radius / (observer.planet_radius + max(observer.altitude, 0.0))))
+    high = fov * height / width
+    low = -float(dip) - LANDSCAPE_GROUND[above] * high
+    return Panorama(
+        width=width, height=height, centre_azimuth_deg=centre_azimuth_deg, fov_deg=fov,
+        elevation_min_deg=max(low, -90.0), elevation_max_deg=min(low + high, 90.0),
+    )  # fmt: skip
+
+
+def suitable_view(observer: ObserverLike) -> str:
+    """The view that suits an observer: ``landscape``, or ``planet`` from so far that it is seen as a ball.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> from skyscatter.geometry.camera import suitable_view
+    >>> earth = skyscatter.load_model("earth")
+    >>> [suitable_view(earth.scene(altitude=height).observer) for height in ("2 m", "400 km", "36000 km")]
+    ['landscape', 'landscape', 'planet']
+    """
+    rim = (observer.planet_radius + observer.atmosphere_top) / (observer.planet_radius + observer.altitude)
+    return "planet" if rim < np.sin(np.radians(WHOLE_PLANET)) else "landscape"
 
 
 def camera_from_view(
-    view: str, width: int, height: int, sun_azimuth_deg: float = 180.0
+    view: str, width: int, height: int, sun_azimuth_deg: float = 180.0, observer: ObserverLike | None = None
 ) -> Panorama | Fisheye | Perspective | PlanetView:
     """Camera from the short text that the command line takes.
 
     Parameters
     ----------
     view : str
+        ``landscape``, which needs the observer (``landscape:90,60`` looks east, 60 degrees wide; see `landscape`),
         ``panorama`` and ``panorama-upper`` (centred on the Sun's azimuth, or on that after a colon: ``panorama:0`` has
         north in the middle), ``fisheye``, ``fisheye-equisolid``, ``perspective:AZIMUTH,ELEVATION,FOV`` [degree] or
         ``planet``.
     width, height : int
         Size of the picture [pixel].
     sun_azimuth_deg : float
-        Azimuth [degree] of the Sun, the middle of a panorama.
+        Azimuth [degree] of the Sun, the middle of panoramas and landscapes.
+    observer : Observer, optional
+        For ``landscape``.
 
     Raises
     ------
@@ -324,6 +395,8 @@ def camera_from_view(
                 "view", view, "give perspective:AZIMUTH,ELEVATION,FOV in degrees, for instance perspective:90,10,60"
             ) from None
         return Perspective(**size, azimuth_deg=azimuth, elevation_deg=elevation, fov_deg=fov)
+    if name == "landscape":
+        return _landscape_from(view, rest, width, height, centre, observer)
     if name in ("panorama", "panorama-upper"):
         try:
             centre = float(rest) % 360.0 if ":" in view else centre
@@ -338,3 +411,20 @@ def camera_from_view(
         if name == "planet":
             return PlanetView(**size)
     raise DomainError("view", view, f"choose one of {VIEWS}")
+
+
+def _landscape_from(
+    view: str, rest: str, width: int, height: int, centre: float, observer: ObserverLike | None
+) -> Panorama:
+    """The camera of ``landscape[:AZIMUTH[,FOV]]``."""
+    if observer is None:
+        raise DomainError("observer", None, "a landscape needs the observer's altitude")
+    try:
+        numbers = [float(word) for word in rest.split(",")] if ":" in view else []
+        if len(numbers) > 2 or not np.all(np.isfinite(numbers)):
+            raise ValueError
+    except ValueError:
+        remedy = "give the azimuth, and the width if you like, in degrees, such as landscape:90 or landscape:90,60"
+        raise DomainError("view", view, remedy) from None
+    azimuth = numbers[0] % 360.0 if numbers else centre
+    return landscape(width, height, observer, azimuth, numbers[1] if len(numbers) > 1 else None)

@@ -69,8 +69,25 @@ def _filtered(pixels: NDArray[Any]) -> bytes:
     return out.tobytes()
 
 
-def encode_png(picture: ArrayLike, space: str = "srgb", bits: int = 8, texts: dict[str, str] | None = None) -> bytes:
-    """PNG file of a display-encoded picture in [0, 1], shape (y, x, 3) or, with opacity, (y, x, 4)."""
+def _dither(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Thresholds in (0, 1) for rounding, shape (y, x, channel): smooth gradients then have no steps.
+
+    Interleaved gradient noise (Jimenez 2014), whose pattern is as fine as the pixels, moved from channel to channel.
+    """
+    height, width, channels = shape
+    x, y = np.arange(width)[None, :, None], np.arange(height)[:, None, None]
+    moved = 5.588238 * np.arange(channels)
+    noise = np.modf(52.9829189 * np.modf(0.06711056 * (x + moved) + 0.00583715 * (y + moved))[0])[0]
+    return np.asarray(0.002 + 0.996 * noise)  # whole numbers stay what they are, rounding or no rounding
+
+
+def encode_png(
+    picture: ArrayLike, space: str = "srgb", bits: int = 8, texts: dict[str, str] | None = None, dither: bool = False
+) -> bytes:
+    """PNG file of a display-encoded picture in [0, 1], shape (y, x, 3) or, with opacity, (y, x, 4).
+
+    With `dither`, and 8 bits, a value between two steps becomes the upper one in as many pixels as it is near to it.
+    """
     if bits not in (8, 16):
         raise DomainError("bits", bits, "a PNG channel has 8 or 16 bits")
     display = display_space(space)
@@ -79,7 +96,10 @@ def encode_png(picture: ArrayLike, space: str = "srgb", bits: int = 8, texts: di
         raise DomainError("picture", f"shape {values.shape}", "must be (y, x, 3) or (y, x, 4)")
     if not (np.all(values >= 0.0) and np.all(values <= 1.0)):
         raise DomainError("picture", f"{values.min()} to {values.max()}", "must lie in [0, 1]")
-    pixels = np.rint(values * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    if dither and bits == 8:
+        pixels = np.floor(values * 255.0 + _dither(values.shape)).astype(np.uint8)
+    else:
+        pixels = np.rint(values * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
     height, width, channels = pixels.shape
     kind = 2 if channels == 3 else 6
     file = _SIGNATURE + _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, kind, 0, 0, 0))
@@ -123,7 +143,7 @@ def write(
         if tone == "lupton":
             raise DomainError("tone", tone, "makes a picture of three planes: name a palette or three filters as well")
         _refuse(planes, "natural colour; name a palette or three filters as well")
-        space, tone = "srgb" if space is None else space, "filmic" if tone is None else tone
+        space, tone = "srgb" if space is None else space, "photograph" if tone is None else tone
         picture, ev100 = image.developed(space, "auto" if exposure is None else exposure, tone)
         opaque, made = image.inside, {"colour_space": space, "ev100": ev100, "tone": tone}
     else:
@@ -134,7 +154,7 @@ def write(
     if not opaque.all():
         picture = np.concatenate([picture, np.where(opaque, 1.0, 0.0)[..., None]], axis=-1)
     texts = {"skyscatter-recipe": json.dumps(image.recipe), "skyscatter-picture": json.dumps(made)}
-    data = encode_png(picture, space, bits, texts)
+    data = encode_png(picture, space, bits, texts, dither=show == "colour")
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
 

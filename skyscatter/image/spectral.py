@@ -313,7 +313,9 @@ class SpectralImage:
         """Exposure value (EV at ISO 100) that "auto" stands for; see `skyscatter.image.tone.auto_ev100`."""
         return tones.auto_ev100(self.luminance())
 
-    def picture(self, space: str = "srgb", exposure: float | Literal["auto"] = "auto", tone: str = "filmic") -> Array:
+    def picture(
+        self, space: str = "srgb", exposure: float | Literal["auto"] = "auto", tone: str = "photograph"
+    ) -> Array:
         """Display-encoded picture in [0, 1], shape (y, x, 3); black outside the camera's field.
 
         Parameters
@@ -323,8 +325,10 @@ class SpectralImage:
         exposure : float or "auto"
             Exposure value at ISO 100: a luminance of ``2**exposure * 0.125`` cd m-2 becomes mid grey.  Take one from
             `auto_exposure` to give several images the same exposure.
-        tone : {"filmic", "linear"}
-            Film-like curve, or a straight line that stops at white.
+        tone : {"photograph", "eye", "filmic", "linear"}
+            A film-like curve with colours made stronger as cameras do, with colours that fade in dim light as the eye
+            sees them, or with colours as they are; or a straight line that stops at white.  See
+            `skyscatter.image.tone.colourfulness`.
 
         Examples
         --------

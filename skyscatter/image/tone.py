@@ -1,8 +1,12 @@
 """From scene-linear RGB to what a display shows: exposure, gamut, tone, encoding; all of them keep the hue.
 
 No step clips one channel by itself.  Exposure and the tone curve scale a colour as a whole, the gamut mapping mixes it
-with grey in linear light: both keep its dominant wavelength.  Only highlights that fade to white do so at constant
-*perceived* hue, because a blue mixed with white in linear light looks purple and an orange looks pink (Abney effect).
+with grey in linear light: both keep its dominant wavelength.  Highlights that fade to white, and colours that are made
+stronger, do so at constant *perceived* hue, because a blue mixed with white in linear light looks purple and an orange
+looks pink (Abney effect).
+
+Colours look stronger in bright light than on a display that shows the same chromaticities (Hunt effect), and so film
+and cameras strengthen them.  `colourfulness` has the factor from the model of colour appearance CIECAM02.
 """
 
 from __future__ import annotations
@@ -14,11 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.image.colour import SPACES, display_space, luminance_weights, rgb_to_xyz_matrix
+from skyscatter.image.glare import with_glare
 
 Array = NDArray[np.float64]
 
-TONES = ("filmic", "linear")
+#: `apply_tone` has the curves.
+TONES = ("photograph", "eye", "filmic", "linear")
 MID_GREY = 0.18  #: linear value that the metered luminance is given
+LIFT = 0.7  #: stops above mid grey that automatic exposure gives to the average: skies are lighter than the world below
+HEADROOM = 3.5  #: stops above mid grey that it leaves to the brightest 2 %, 1.8 below the curve's white
+DAYLIGHT = 1000.0  #: luminance to which the eye is adapted in the open by day [cd m-2]: grey under some 16 000 lx
+DISPLAY = 20.0  #: the same before a display whose white has 100 cd m-2
 _METER = 12.5  # reflected-light meter constant K [cd m-2 s], ISO 2720:1974
 
 # Oklab (Ottosson 2020): cone-like responses of XYZ, and lightness and two opponent axes of their cube roots.
@@ -44,10 +54,13 @@ def metered_luminance(ev100: float) -> float:
 
 
 def auto_ev100(luminance: ArrayLike) -> float:
-    """Exposure value (ISO 100) that makes the picture's log-average luminance [cd m-2] mid grey.
+    """Exposure value (ISO 100) that suits a picture with these luminances [cd m-2].
+
+    Their log-average comes to lie `LIFT` stops above mid grey, unless the 98th percentile would then lie more than
+    `HEADROOM` above it: a small bright object in faint surroundings is not burnt out.
 
     Only finite, positive luminances count.  Those darker than a thousandth of the 99th percentile (space around a
-    planet, deep shadow) are left out, and of the rest the brightest and the darkest 5 %, so that neither the Sun's
+    planet, deep shadow) are left out, and from the average the brightest and the darkest 5 %, so that neither the Sun's
     disk nor the black margin of a fisheye moves the exposure.  A picture without light has EV 0.
     """
     values = np.asarray(luminance, dtype=float).ravel()
@@ -55,9 +68,10 @@ def auto_ev100(luminance: ArrayLike) -> float:
     if values.size == 0:
         return 0.0
     values = values[values >= 1e-3 * np.percentile(values, 99.0)]
-    low, high = np.percentile(values, [5.0, 95.0])
+    low, high, brightest = np.percentile(values, [5.0, 95.0, 98.0])
     values = values[(values >= low) & (values <= high)]
-    return float(np.mean(np.log2(values)) - np.log2(metered_luminance(0.0)))
+    grey = max(float(np.mean(np.log2(values))) - LIFT, float(np.log2(brightest)) - HEADROOM)
+    return float(grey - np.log2(metered_luminance(0.0)))
 
 
 def exposure_value(exposure: float | Literal["auto"], luminance: ArrayLike) -> float:
@@ -98,16 +112,40 @@ def filmic_curve(x: ArrayLike) -> Array:
     return np.minimum(value * (2.51 * value + 0.03) / (value * (2.43 * value + 0.59) + 0.14), 1.0)
 
 
-def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb") -> Array:
+def colourfulness(tone: str, ev100: float) -> float:
+    """Factor by which a tone strengthens colours.
+
+    The colourfulness of CIECAM02 (CIE 159:2004) grows as the fourth root of its luminance-level adaptation factor.  So
+    what an eye that is adapted to one luminance sees is shown to one that is adapted to another by the fourth root of
+    the ratio of both factors: ``"eye"`` takes the mid grey of the exposure, and by night colours fade; ``"photograph"``
+    that of `DAYLIGHT`, whatever the light, as cameras and film do; the others leave colours alone.
+    """
+    if tone not in ("photograph", "eye"):
+        return 1.0
+    adapted = DAYLIGHT if tone == "photograph" else metered_luminance(ev100)
+    return float((_adaptation(adapted) / _adaptation(DISPLAY)) ** 0.25)
+
+
+def _adaptation(luminance: float) -> float:
+    """Luminance-level adaptation factor F_L of CIECAM02."""
+    k = 1.0 / (5.0 * luminance + 1.0)
+    return float(0.2 * k**4 * 5.0 * luminance + 0.1 * (1.0 - k**4) ** 2 * np.cbrt(5.0 * luminance))
+
+
+def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb", strength: float | None = None) -> Array:
     """Map exposed, non-negative linear RGB (..., 3) into [0, 1].
 
     The curve acts on the largest component and the other two keep their ratios to it.  ``"linear"`` stops at 1.
     ``"filmic"`` is `filmic_curve`, and from 1 to 64 (2.5 to 8.5 stops above mid grey) colours go over to white as on
-    film, along a line of constant hue in Oklab (Ottosson 2020).
+    film, along a line of constant hue in Oklab (Ottosson 2020).  ``"photograph"`` and ``"eye"`` do the same to colours
+    that were made stronger before, by a factor `strength` (of daylight if none is given; see `colourfulness`).
     """
     if tone not in TONES:
         raise DomainError("tone", tone, f"one of {', '.join(TONES)}")
     values = np.asarray(rgb, dtype=float)
+    factor = colourfulness(tone, np.log2(DAYLIGHT / metered_luminance(0.0))) if strength is None else strength
+    if factor != 1.0:
+        values = _strengthened(values, factor, space)
     peak = values.max(axis=-1, keepdims=True)
     ratios = np.divide(values, peak, out=np.zeros_like(values), where=peak > 0.0)
     if tone == "linear":
@@ -119,10 +157,28 @@ def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb") -> Array:
     return filmic_curve(peak) * ratios
 
 
+def _lms(space: str) -> Array:
+    """Matrix (3, 3) from linear RGB to the cone-like responses of Oklab."""
+    matrix = _OKLAB_LMS @ rgb_to_xyz_matrix(SPACES[space])
+    return np.asarray(matrix / matrix.sum(axis=1, keepdims=True))  # the published digits leave white 1e-4 off
+
+
+def _strengthened(rgb: Array, factor: float, space: str) -> Array:
+    """Colours (..., 3) with their chroma in Oklab times a factor, at the same lightness and hue.
+
+    A factor above 1 falls to 1 towards the edge of the space, so that strong colours keep their differences.
+    """
+    to_lms = _lms(space)
+    lab = np.cbrt(rgb @ to_lms.T) @ _OKLAB.T
+    peak = rgb.max(axis=-1)
+    saturation = 1.0 - np.divide(rgb.min(axis=-1), peak, out=np.ones_like(peak), where=peak > 0.0)
+    lab[..., 1:] *= (1.0 + (factor - 1.0) * (1.0 - saturation**4 if factor > 1.0 else 1.0))[..., None]
+    return map_gamut((lab @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T, space)
+
+
 def _towards_white(ratios: Array, share: Array, space: str) -> Array:
     """Move colours (n, 3) whose largest component is 1 by a share (n, 1) of the way to white in Oklab; that stays 1."""
-    to_lms = _OKLAB_LMS @ rgb_to_xyz_matrix(SPACES[space])
-    to_lms /= to_lms.sum(axis=1, keepdims=True)  # the published digits leave white 1e-4 off; here it is exact
+    to_lms = _lms(space)
     lab = np.cbrt(ratios @ to_lms.T) @ _OKLAB.T
     white = _OKLAB.sum(axis=1)
     moved = ((lab + share * (white - lab)) @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T
@@ -142,6 +198,12 @@ def encode(linear: ArrayLike) -> Array:
 
 
 def develop(rgb: ArrayLike, space: str, ev100: float, tone: str) -> Array:
-    """Display-encoded picture (..., 3) in [0, 1] from absolute linear RGB [cd m-2]; NaN becomes black."""
-    exposed = np.nan_to_num(np.asarray(rgb, dtype=float) * (MID_GREY / metered_luminance(ev100)), nan=0.0)
-    return encode(apply_tone(map_gamut(exposed, space), tone, space))
+    """Display-encoded picture (..., 3) in [0, 1] from absolute linear RGB [cd m-2]; NaN becomes black.
+
+    A ``"photograph"`` (y, x, 3) has the glare of a lens around the Sun and stars; see `skyscatter.image.glare`.
+    """
+    values = np.asarray(rgb, dtype=float)
+    exposed = map_gamut(np.nan_to_num(values * (MID_GREY / metered_luminance(ev100)), nan=0.0), space)
+    if tone == "photograph" and exposed.ndim == 3:
+        exposed = np.where(np.isnan(values), 0.0, with_glare(exposed))
+    return encode(apply_tone(exposed, tone, space, colourfulness(tone, ev100)))

@@ -124,7 +124,7 @@ def _projection(camera: Any, observer: Any) -> list[Card]:
     middle = [(camera.width + 1) / 2, (camera.height + 1) / 2]
     if camera.kind == "panorama":
         low, high = camera.elevation_min_deg, camera.elevation_max_deg
-        code, steps, pole = "CAR", (360.0 / camera.width, (high - low) / camera.height), 0.0
+        code, steps, pole = "CAR", (camera.fov_deg / camera.width, (high - low) / camera.height), 0.0
         # A cylinder that is not oblique has its reference point at the horizon, in the picture or not.
         middle[1] -= (low + high) / 2 / steps[1]
         axis = (camera.centre_azimuth_deg % 360.0, 0.0)

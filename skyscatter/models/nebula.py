@@ -12,7 +12,7 @@ from skyscatter.models.base import ModelFile
 from skyscatter.space import SpaceScene, View
 from skyscatter.spectra.table import Background
 from skyscatter.starfield import StarField
-from skyscatter.units import default
+from skyscatter.units import OptionalNumber, PositiveMetres, default
 
 
 class NebulaModel(ModelFile):
@@ -38,6 +38,8 @@ class NebulaModel(ModelFile):
         Uniform radiance from outside [W m-2 sr-1 nm-1].
     star_field : StarField, optional
         Stars behind everything, seen through the dust.
+    picture_width : length, optional
+        Width of a picture that shows it well, at its distance [m]; all of it when not given.
 
     Examples
     --------
@@ -60,6 +62,7 @@ class NebulaModel(ModelFile):
     parallel: tuple[ParallelLight, ...] = ()
     background: Background = default(0.0)
     star_field: StarField | None = None
+    picture_width: OptionalNumber[PositiveMetres] = default(None)
 
     @model_validator(mode="after")
     def _check(self) -> NebulaModel:

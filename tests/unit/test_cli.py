@@ -259,19 +259,48 @@ def test_plot_of_unknown_kind_is_refused(fake, capsys):
 
 def test_defaults(fake, capsys):
     assert main(["sky", "-o", "sky.png"]) == 0
-    assert fake.scene == {"sun_elevation_deg": 30.0, "sun_azimuth_deg": 180.0, "altitude": 0.0}
+    assert fake.scene == {"sun_elevation_deg": 30.0, "sun_azimuth_deg": 180.0, "altitude": 1000.0}
     camera = fake.render["camera"]
-    assert (camera.kind, camera.width, camera.height, camera.centre_azimuth_deg) == ("panorama", 360, 180, 180.0)
+    assert (camera.kind, camera.width, camera.height, camera.centre_azimuth_deg) == ("panorama", 1280, 480, 180.0)
+    # 120 degrees wide, and as many degrees to a pixel upwards; a sixth below the horizon, which is 1.015 degrees deep
+    assert (camera.fov_deg, camera.elevation_max_deg - camera.elevation_min_deg) == (120.0, pytest.approx(45.0))
+    assert camera.elevation_min_deg == pytest.approx(-7.5 - 1.015, abs=1e-3)  # the digits given
     assert fake.render["wavelengths"][[0, 1, -1]].tolist() == [380, 390, 780]
     expected = {"solver": "orders", "seed": 0}
     expected |= dict.fromkeys(("samples", "noise", "tolerance", "max_order", "threads"))
     assert {key: fake.render[key] for key in expected} == expected
     assert fake.render["resume"] is None
-    assert fake.image.saved == {"sky.png": {"exposure": 12.5, "tone": "filmic", "space": "srgb", "bits": 8}}
+    assert fake.image.saved == {"sky.png": {"exposure": 12.5, "tone": "photograph", "space": "srgb", "bits": 8}}
     captured = capsys.readouterr()
     assert captured.out == ""
     assert "Sun at elevation 30.00°" in captured.err
     assert "solver orders, median estimated error 1 %;" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("words", "altitude", "kind", "size"),
+    [
+        ("", 1000.0, "panorama", (1280, 480)),
+        ("--altitude 2m", 2.0, "panorama", (1280, 480)),
+        ("--altitude 400km", 4e5, "panorama", (1280, 480)),
+        ("--altitude 36000km", 36e6, "planet", (256, 256)),
+        ("--altitude 36000km --size 9x8", 36e6, "planet", (9, 8)),
+        ("--size 640x240", 1000.0, "panorama", (640, 240)),
+        ("--view panorama", 0.0, "panorama", (360, 180)),
+        ("--view landscape:90,60", 0.0, "panorama", (1280, 480)),
+        ("--north", 0.0, "panorama", (360, 180)),  # domes are of the whole sphere, from the ground
+        ("--no-sun", 0.0, "panorama", (360, 180)),
+        ("--solver path", 1000.0, "panorama", (480, 180)),  # walks cost a hundred times more a pixel
+        ("--stokes", 1000.0, "panorama", (480, 180)),
+    ],
+)
+def test_the_view_suits_the_observer(fake, words, altitude, kind, size):
+    fake.image = PolarisedImage() if "stokes" in words else fake.image
+    assert main(["sky", "-o", "sky.fits", "-q", *words.split()]) == 0
+    camera = fake.render["camera"]
+    assert (fake.scene["altitude"], camera.kind, (camera.width, camera.height)) == (altitude, kind, size)
+    whole = words in ("--view panorama", "--north", "--no-sun")
+    assert kind == "planet" or (camera.fov_deg == 360.0) == whole
 
 
 def test_everything_given(fake, capsys):
@@ -318,7 +347,7 @@ def test_polarised_light(fake, capsys, arguments):
     assert fake.render["stokes"] is True
     show = arguments[-1].partition(":")[0]
     png = {
-        "--stokes": {"exposure": 12.5, "tone": "filmic", "space": "srgb", "bits": 16},
+        "--stokes": {"exposure": 12.5, "tone": "photograph", "space": "srgb", "bits": 16},
         "degree": {"show": "degree", "wavelength": None, "bits": 16},
         "angle": {"show": "angle", "wavelength": 550.0, "bits": 16},
     }[show]

@@ -16,6 +16,7 @@ from astropy.wcs import WCS
 
 import skyscatter
 from skyscatter.cli.main import main
+from skyscatter.cli.nebula_options import as_seen
 from skyscatter.cli.parse import parse_angle, parse_field, parse_time
 from skyscatter.errors import DomainError
 from skyscatter.image import FilterImage, SpectralImage
@@ -42,7 +43,7 @@ class Interrupted(Exception):  # noqa: N818 - the name of what it stands for
 @pytest.fixture
 def fake(monkeypatch, tmp_path):
     """A nebula of 2 x 1 x 4 pc at 400 pc, seen along z, and a render function that notes what it is asked for."""
-    calls = SimpleNamespace(scene=None, render=None, stop=False)
+    calls = SimpleNamespace(scene=None, render=None, stop=False, width=None)
     low = np.array([-1.0, -0.5, -2.0]) * PARSEC
     calls.bounds = (low, -low)
     view = {"ra_deg": 83.8, "dec_deg": -5.4, "distance": 400 * PARSEC}
@@ -58,7 +59,7 @@ def fake(monkeypatch, tmp_path):
     def load_model(name):
         if name == "earth":
             return SimpleNamespace(name="earth", command="sky")
-        return SimpleNamespace(name="orion", command="nebula", scene=scene)
+        return SimpleNamespace(name="orion", command="nebula", scene=scene, picture_width=calls.width)
 
     def render(scene, camera, wavelengths, **options):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
@@ -158,16 +159,55 @@ def test_defaults(fake, capsys):
     assert fake.scene == {}
     asked = fake.render
     expected = {"solver": "path", "seed": 0, "resume": None}
-    expected |= dict.fromkeys(("samples", "noise", "tolerance", "max_order", "threads"))
+    expected |= dict.fromkeys(("noise", "tolerance", "max_order", "threads"))
     assert {key: asked[key] for key in expected} == expected
+    assert asked["samples"] == 4
     assert not {"orders", "sampling", "stokes"} & set(asked)
     camera = asked["camera"]
-    assert (camera.kind, camera.width, camera.height) == ("telescope", 256, 256)
+    assert (camera.kind, camera.width, camera.height) == ("telescope", 512, 512)
     # all of it: the longer side seen along z is 2 pc, with a margin of 5 %, at 400 pc
-    assert camera.pixel_scale_deg * 256 == pytest.approx(math.degrees(1.05 * 2 / 400), rel=1e-9)
+    assert camera.pixel_scale_deg * 512 == pytest.approx(math.degrees(1.05 * 2 / 400), rel=1e-9)
     error = capsys.readouterr().err
     assert "at 400 pc" in error
     assert "median noise 2 %; EV -" in error
+
+
+def test_a_model_says_which_width_shows_it_well(fake):
+    fake.width = 0.5 * PARSEC
+    for words, width in (([], 0.5), (["--inclination", "30"], None), (["--field-of-view", "1pc"], 1.0)):
+        assert main(["nebula", "orion", "--size", "8x8", "-q", "-o", "a.png", *words]) == 0
+        across = 2.0 * 1.05 if width is None else width  # turned, all of it: something may stick out
+        expected = math.degrees(2 * math.atan(across / 400 / 2))
+        found = 8 * fake.render["camera"].pixel_scale_deg
+        assert found == pytest.approx(expected, rel=1e-4), words  # 1e-5 between the angle and its tangent
+
+
+def test_pictures_of_no_stated_size_have_seeing(fake):
+    """The first look is softened as in a telescope, files with data are not, and nor is what was asked for in full."""
+    for words, blurred in (
+        (["--samples", "8"], True),
+        (["--size", "512x512"], False),
+        (["--psf", "gaussian:9"], False),
+    ):
+        assert main(["nebula", "orion", "-q", "-o", "a.png", "-o", "a.nc", "--wavelengths", "550", *words]) == 0
+        recipe = json.loads(read_png("a.png").texts["skyscatter-recipe"])
+        assert recipe.get("seeing_pixels") == (2.5 if blurred else None)
+        assert "seeing_pixels" not in SpectralImage.load("a.nc").recipe
+        assert (fake.render["camera"].width, fake.render["camera"].height) == (512, 512)
+
+
+def test_seeing_keeps_light_and_softens_noise():
+    noisy = SpectralImage(np.random.default_rng(4).normal(1.0, 0.1, (64, 64, 2)), [500.0, 600.0])
+    assert as_seen(noisy, 0.0) is noisy
+    seen = as_seen(noisy, 2.5).radiance
+    assert seen.mean() == pytest.approx(1.0, abs=0.01)  # its own chance: 0.1 / 64
+    # white noise falls by 2 sigma sqrt(pi), sigma being 2.5 / 2.355: 3.76 times; 64 x 64 values give it to some 5 %
+    assert 0.1 / seen.std() == pytest.approx(3.76, rel=0.1)
+    point = np.zeros((31, 31, 1))
+    point[15, 15] = 1.0
+    spread = as_seen(SpectralImage(point, [500.0]), 4.0).radiance[..., 0]
+    assert spread[15, 17] / spread[15, 15] == pytest.approx(0.5, rel=1e-6)  # half of the maximum at half the width
+    assert spread.sum() == pytest.approx(1.0, rel=1e-4)  # the kernel ends at 4 sigma
 
 
 def test_everything_given(fake, capsys):
@@ -253,27 +293,27 @@ def test_narrow_bands_get_wavelengths_of_their_own(fake):
     assert 658.53 in fake.render["wavelengths"]
     assert main(["nebula", "orion", "--size", "4x3", "-o", "a.fits"]) == 0
     np.testing.assert_array_equal(fake.render["wavelengths"], np.arange(380.0, 781.0, 10.0))
-    assert main(["nebula", "orion", "-o", "a.png", "--palette", "sho", "--wavelengths", WL]) == 0
+    assert main(["nebula", "orion", "--size", "4x3", "-o", "a.png", "--palette", "sho", "--wavelengths", WL]) == 0
     assert fake.render["wavelengths"].size == 4  # what is named is what is computed
 
 
 def test_accuracy_of_the_light_scattered_once(fake):
-    assert main(["nebula", "orion", "--json", "--solver", "single", "--tolerance", "1e-5"]) == 0
+    assert main(["nebula", "orion", "--size", "4x3", "--json", "--solver", "single", "--tolerance", "1e-5"]) == 0
     assert fake.render["tolerance"] == 1e-5
 
 
 def test_stated_exposure(fake, capsys):
-    assert main(["nebula", "orion", "--json", "--exposure", "-20", "-o", "a.png", "--tone", "linear"]) == 0
+    assert main(["nebula", "orion", "--size", "4x3", "--json", "--exposure", "-20", "-o", "a.png", "--tone", "linear"]) == 0
     assert json.loads(capsys.readouterr().out)["exposure_ev"] == -20.0
     assert json.loads(read_png("a.png").texts["skyscatter-picture"])["ev100"] == -20.0
 
 
 def test_interruption_keeps_what_is_finished(fake, capsys, tmp_path):
     fake.stop = True
-    assert main(["nebula", "orion", "-o", "a.fits"]) == 130
+    assert main(["nebula", "orion", "-o", "a.fits", "--size", "4x3"]) == 130
     assert (tmp_path / "a.fits.partial.npz").read_text() == "state"
     error = capsys.readouterr().err
-    assert "skyscatter nebula orion -o a.fits --resume a.fits.partial.npz" in error
+    assert "skyscatter nebula orion -o a.fits --size 4x3 --resume a.fits.partial.npz" in error
     assert "interrupted with 50.0 %" in error
     assert SpectralImage.load("a.partial.fits").sky is not None
     assert not (tmp_path / "a.fits").exists()

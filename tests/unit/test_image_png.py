@@ -14,7 +14,7 @@ from PIL import Image
 
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import SpectralImage
-from skyscatter.image.png import encode_png, read_png
+from skyscatter.image.png import _decode, encode_png, read_png
 
 WL = np.arange(400.0, 701.0, 20.0)
 
@@ -27,6 +27,26 @@ def sample(holes: bool = False) -> SpectralImage:
     return SpectralImage(radiance, WL, recipe={"model": "earth", "place": "Zürich"})
 
 
+def assert_shows(pixels: np.ndarray, picture: np.ndarray, bits: int = 8) -> None:
+    """Rounded to 16 bits; with 8 one of the two steps around each value, by dithering."""
+    if bits == 16:
+        np.testing.assert_array_equal(pixels, np.rint(picture * 65535))
+    else:
+        assert np.abs(pixels - picture * 255).max() < 1.0
+
+
+def test_gradients_have_no_steps() -> None:
+    values = np.linspace(100.0, 102.0, 9)  # of 255
+    picture = np.broadcast_to(values[:, None, None, None] / 255, (9, 64, 64, 3))
+    found = np.stack([_decode(encode_png(part, dither=True)).pixels for part in picture]).astype(float)
+    # The pattern's thresholds cover (0, 1) evenly: over 4096 pixels to 0.01, as measured; each channel has its own.
+    np.testing.assert_allclose(found.mean(axis=(1, 2)), np.repeat(values[:, None], 3, axis=1), atol=0.01)
+    assert np.all(found[[0, 4, 8]] == values[[0, 4, 8], None, None, None])  # whole numbers stay
+    assert 0.1 < np.mean(found[2, ..., 0] != found[2, ..., 1]) < 0.9
+    neighbours = np.corrcoef(found[2, :, 1:, 0].ravel(), found[2, :, :-1, 0].ravel())[0, 1]
+    assert neighbours < 0.0  # finer than chance
+
+
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("holes", [False, True])
 def test_round_trip(tmp_path: Path, bits: int, holes: bool) -> None:
@@ -34,14 +54,14 @@ def test_round_trip(tmp_path: Path, bits: int, holes: bool) -> None:
     made.save(tmp_path / "sky.png", bits=bits)
     back = read_png(tmp_path / "sky.png")
     assert back.pixels.dtype == (np.uint8 if bits == 8 else np.uint16)
-    np.testing.assert_array_equal(back.pixels[..., :3], np.rint(made.picture() * (2**bits - 1)))
+    assert_shows(back.pixels[..., :3], made.picture(), bits)
     if holes:
         np.testing.assert_array_equal(back.pixels[..., 3], np.where(made.inside, 2**bits - 1, 0))
     else:
         assert back.pixels.shape[2] == 3
     assert json.loads(back.texts["skyscatter-recipe"]) == made.recipe
     shown = json.loads(back.texts["skyscatter-picture"])
-    assert shown == {"colour_space": "srgb", "ev100": made.auto_exposure(), "tone": "filmic"}
+    assert shown == {"colour_space": "srgb", "ev100": made.auto_exposure(), "tone": "photograph"}
 
 
 @pytest.mark.parametrize("holes", [False, True])
@@ -50,7 +70,7 @@ def test_pillow_sees_the_same_8_bit_picture(tmp_path: Path, holes: bool) -> None
     made.save(tmp_path / "sky.png")
     with Image.open(tmp_path / "sky.png") as file:
         assert file.mode == ("RGBA" if holes else "RGB")
-        np.testing.assert_array_equal(np.asarray(file)[..., :3], np.rint(made.picture() * 255))
+        assert_shows(np.asarray(file)[..., :3], made.picture())
         assert json.loads(file.info["skyscatter-recipe"]) == made.recipe
         assert file.info["srgb"] == 0
 
@@ -70,8 +90,7 @@ def test_colour_space_is_stated(tmp_path: Path, space: str, code: int) -> None:
     sample().save(tmp_path / "sky.png", space=space, exposure=12.0, tone="linear")
     back = read_png(tmp_path / "sky.png")
     assert back.cicp == (code, 13, 0, 1)  # ITU-T H.273: primaries, sRGB curve, RGB, full range
-    expected = sample().picture(space, 12.0, "linear")
-    np.testing.assert_array_equal(back.pixels, np.rint(expected * 255))
+    assert_shows(back.pixels, sample().picture(space, 12.0, "linear"))
     with Image.open(tmp_path / "sky.png") as file:
         assert file.info["chromaticity"][:2] == (0.3127, 0.329)
         assert ("srgb" in file.info) == (space == "srgb")

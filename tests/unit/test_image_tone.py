@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyscatter.errors import DomainError
-from skyscatter.image import SpectralImage, tone
+from skyscatter.image import SpectralImage, glare, tone
 from skyscatter.image.colour import SPACES, luminance_weights, rgb_to_xyz_matrix, xyz_to_rgb
 
 DISPLAYS = ["srgb", "display-p3", "rec2020"]
@@ -111,7 +111,20 @@ def test_encoding_is_that_of_srgb() -> None:
 def test_metering() -> None:
     # The "sunny 16" rule is EV 15: ISO 2720 with K = 12.5 meters 4096 cd m-2 there; both are exact.
     assert tone.metered_luminance(15.0) == 4096.0
-    assert tone.auto_ev100(np.full((4, 4), 4096.0)) == pytest.approx(15.0, abs=1e-12)  # rounding
+    # what is metered lies 0.7 stops above mid grey: a sky is lighter than what is below it
+    assert tone.auto_ev100(np.full((4, 4), 4096.0)) == pytest.approx(15.0 - 0.7, abs=1e-12)  # rounding
+
+
+def test_automatic_exposure_does_not_burn_a_nebula_out() -> None:
+    """A bright core in faint gas: by its average alone the core would be far beyond white."""
+    faint = np.full((100, 100), 0.01)
+    faint[:20, :25] = np.geomspace(1.0, 5.0, 500).reshape(20, 25)  # 5 % of the picture
+    ev100 = tone.auto_ev100(faint)
+    shown = tone.filmic_curve(tone.MID_GREY * faint / tone.metered_luminance(ev100))
+    assert shown[:20, :25].max() < 1.0
+    assert shown[:20, :25].min() > 0.5
+    average = tone.filmic_curve(tone.MID_GREY * faint / 0.01)
+    assert average[:20, :25].min() == 1.0  # what it would have been
 
 
 def test_automatic_exposure_ignores_sun_shadow_space_and_what_is_outside() -> None:
@@ -149,3 +162,54 @@ def test_wrong_exposure(exposure: object) -> None:
 def test_wrong_tone() -> None:
     with pytest.raises(DomainError, match="filmic, linear"):
         tone.apply_tone(np.ones(3), "loud")
+
+
+def test_colours_are_as_strong_as_ciecam02_says() -> None:
+    # F_L at 1000 cd m-2 is 0.1 (5000)^(1/3) = 1.710, at 20 cd m-2 0.1 (100)^(1/3) = 0.4642 (CIE 159:2004, k -> 0)
+    assert tone.colourfulness("photograph", 3.0) == pytest.approx((1.710 / 0.4642) ** 0.25, rel=1e-3)  # digits
+    assert tone.colourfulness("filmic", 3.0) == tone.colourfulness("linear", 3.0) == 1.0
+    exposures = [np.log2(level / tone.metered_luminance(0.0)) for level in (1e-4, 1e-2, 1.0, 20.0, 1000.0, 1e4)]
+    eye = [tone.colourfulness("eye", float(ev)) for ev in exposures]
+    assert np.all(np.diff(eye) > 0.0)
+    assert eye[0] < 0.2  # by starlight hardly any colour is left
+    assert eye[3] == pytest.approx(1.0, rel=1e-12)  # rounding; as bright as the display
+    assert eye[4] == pytest.approx(tone.colourfulness("photograph", 3.0), rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("space", DISPLAYS)
+def test_stronger_colours_keep_lightness_and_hue(space: str) -> None:
+    colours = np.random.default_rng(2).uniform(0.2, 1.0, (200, 3))
+    before, after = (oklab(made, space) for made in (colours, tone._strengthened(colours, 1.4, space)))
+    np.testing.assert_allclose(after[:, 0], before[:, 0], rtol=2e-4)  # white is 1e-4 off in the published digits
+    turn = np.angle(np.exp(1j * (np.arctan2(*after[:, 2:0:-1].T) - np.arctan2(*before[:, 2:0:-1].T))))
+    chroma = np.hypot(before[:, 1], before[:, 2])
+    assert np.abs(turn[chroma > 0.05]).max() < 0.02  # as above: what leaves the space is brought back
+    gain = np.hypot(after[:, 1], after[:, 2]) / chroma
+    assert np.all(gain[chroma > 0.05] > 1.0)
+    assert gain[chroma > 0.05].max() < 1.4 + 0.01  # the same white
+    grey = np.full((1, 3), 0.3)
+    # of the published digits: a grey has a chroma of 4e-8
+    np.testing.assert_allclose(tone._strengthened(grey, 1.4, space), grey, rtol=1e-6)
+
+
+def test_glare_is_a_hundredth_of_the_brightest_light_and_leaves_all_else_alone() -> None:
+    picture = np.full((240, 320, 3), 0.2)
+    assert glare.with_glare(picture) is picture
+    sun = picture.copy()
+    sun[120, 160] = [3e4, 2e4, 1e4]
+    veil = glare.with_glare(sun) - sun
+    # of the light beyond white; a tenth of the veil lies outside the picture, (1 + r^2 / r0^2)^(-1/2) of it beyond r
+    assert 0.9 < veil[..., 0].sum() / (0.01 * (3e4 - glare.WHITE)) <= 1.05
+    np.testing.assert_allclose(veil[100, 160], veil[140, 160], rtol=1e-6)  # round; rounding of the transforms
+    np.testing.assert_allclose(veil[120, 140], veil[140, 160], rtol=1e-6)
+    np.testing.assert_allclose(veil[120, 150, 0], veil[120, 150, 2] * 3.0, rtol=1e-6)  # of the light's own colour
+    assert 0.0 <= veil.min() < veil[0, 0].max() < 0.01
+
+
+def test_glare_stays_in_the_circle_of_a_fisheye() -> None:
+    rgb = np.full((40, 40, 3), 1000.0)
+    rgb[20, 20] = 1e9
+    rgb[:, :18] = np.nan
+    shown = tone.develop(rgb, "srgb", 13.0, "photograph")
+    assert not shown[:, :18].any()
+    assert shown[20, 22].min() > tone.develop(rgb, "srgb", 13.0, "filmic")[20, 22].min()
