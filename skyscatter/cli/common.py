@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import shlex
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -27,8 +28,12 @@ if TYPE_CHECKING:
     from skyscatter.solvers.state import Checkpoint
 
 Wavelengths = Annotated[
-    str, typer.Option(metavar="START:STOP:STEP", help="Vacuum wavelengths [nm], ends included, or a list: 450,550.  "
-        "Sunlight is averaged half-way to neighbours.")
+    str,
+    typer.Option(
+        metavar="START:STOP:STEP",
+        help="Vacuum wavelengths [nm], ends included, or a list: 450,550.  "
+        "Sunlight is averaged half-way to neighbours.",
+    ),
 ]
 Place = Annotated[str | None, typer.Option(metavar="LAT,LON", help="Place on Earth [degree]; needs --time.")]
 Moment = Annotated[
@@ -79,7 +84,8 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="FILE",
-        help="File to write, by extension: .png, .exr, .hdr, .fits, .nc; may be repeated; existing files are replaced.",
+        help="File to write, by extension: .png, .exr, .hdr, .fits, .nc, .zarr; may be repeated; existing ones are "
+        "replaced.",
     ),
 ]
 Scale = Annotated[
@@ -88,7 +94,9 @@ Scale = Annotated[
 ]
 Half = Annotated[bool, typer.Option("--half", help="For .exr: RGB as half floats.")]
 NoSpectra = Annotated[bool, typer.Option("--no-spectra", help="For .exr: RGB alone.")]
-Float32 = Annotated[bool, typer.Option("--float32", help="For .fits and .nc: numbers of 7 digits, half the size.")]
+Float32 = Annotated[
+    bool, typer.Option("--float32", help="For .fits, .nc and .zarr: numbers of 7 digits, half the size.")
+]
 Filters = Annotated[
     str | None,
     typer.Option(
@@ -290,7 +298,7 @@ def file_options(
         ("scale", "scale", factor, (".exr", ".hdr")),
         ("half", "half", half or None, (".exr",)),
         ("no_spectra", "spectral", False if no_spectra else None, (".exr",)),
-        ("float32", "dtype", "float32" if float32 else None, (".fits", ".nc")),
+        ("float32", "dtype", "float32" if float32 else None, (".fits", ".nc", ".zarr")),
         ("compress", "compress", compress or None, (".fits",)),
         ("unit", "unit", unit, (".fits", ".nc")),
         ("filters", "filters", filters, (".fits",)),
@@ -409,8 +417,18 @@ class Rendered:
             self.checkpoint.remove()
         if self.request.resume is not None:
             for path in self.outputs:
-                with suppress(FileNotFoundError):
-                    partial_path(path).unlink()
+                remove_output(partial_path(path))
+
+
+def remove_output(path: Path) -> None:
+    """Take a file away that may be there, or a folder of ours."""
+    from skyscatter.image.arraystrips import is_picture
+
+    if is_picture(path):
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    with suppress(FileNotFoundError):
+        path.unlink()
 
 
 def render_request(
@@ -507,8 +525,8 @@ def report(request: RunRequest, summary: dict[str, Any], describe: Callable[[dic
     return 0 if summary["complete"] else stopping.status()
 
 
-def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: Rendered) -> dict[str, Any]:
-    """The part of a summary that all rendering commands have."""
+def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: Any) -> dict[str, Any]:
+    """The part of a summary that all rendering commands have; of what was made by the names of `Rendered`."""
     import skyscatter
 
     return {

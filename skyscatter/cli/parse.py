@@ -16,7 +16,7 @@ from skyscatter.errors import DomainError, MissingDataError, UnitsError
 from skyscatter.units import ANGLE, LENGTH, TIME, WAVELENGTHS, Measure, degrees, nanometres
 
 #: Formats by extension: picture, spectral layers, RGB for lighting, FITS cube, netCDF.
-OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc")
+OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc", ".zarr")
 #: Files that hold all frames of a sequence.
 FILMS = (".mp4", ".webm", ".mkv", ".gif")
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
@@ -251,7 +251,7 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
         pass
     except OSError as error:
         raise DomainError("output", str(path), explained(error)) from error
-    if path.is_dir():
+    if path.is_dir() and not (path.suffix.lower() == ".zarr" and _is_picture(path)):
         raise DomainError("output", str(path), "this is a folder; add a file name")
     if not path.parent.is_dir():
         raise DomainError("output", str(path), f"there is no folder {path.parent}; make it first")
@@ -284,6 +284,12 @@ def check_outputs(paths: list[Path], no_clobber: bool = False, more: tuple[str, 
             raise DomainError("output", str(path), "is named twice; give each file once")
         seen.add(path.resolve())
     return paths
+
+
+def _is_picture(path: Path) -> bool:
+    from skyscatter.image.arraystrips import is_picture
+
+    return is_picture(path)
 
 
 def check_input(path: Path, what: str) -> Path:
