@@ -61,6 +61,10 @@ WorkerCount = Annotated[
     str | None,
     typer.Option("--workers", metavar="N", help="Processes of this machine that share the work, in place of threads."),
 ]
+WorkerMemory = Annotated[
+    str | None,
+    typer.Option("--worker-memory", metavar="BYTES", help="That each of the --workers may take, such as 1GB (Linux)."),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Have the workers of a dask scheduler do it: tcp://host:8786, or its file."),
@@ -147,6 +151,7 @@ class RunRequest:
     threads: int | None
     workers: int | None
     scheduler: str | None
+    worker_memory: int | None
     store: Path | None
     bits: int
     outputs: list[Path]
@@ -170,7 +175,7 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
-        **worker_options(texts["workers"], texts["scheduler"]),
+        **worker_options(texts["workers"], texts["scheduler"], texts["worker_memory"]),
         "store": checked_store(texts["store"], texts["resume"], texts["every"]),
         "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
         "json": texts["as_json"],
@@ -189,14 +194,27 @@ def checked_store(store: Path | None, resume: Path | None, every: str | None) ->
     return store
 
 
-def worker_options(workers: str | None, scheduler: str | None) -> dict[str, Any]:
+def worker_options(workers: str | None, scheduler: str | None, memory: str | None) -> dict[str, Any]:
     """What runs the work, from what was typed."""
+    if memory is not None and workers is None:
+        rule = "caps the --workers of this machine; those of dask have limits of their own, threads have none"
+        raise DomainError("worker_memory", memory, rule)
     if workers is not None and scheduler is not None:
         raise DomainError("workers", workers, "give --workers or --scheduler, not both")
     return {
         "workers": parse.parse_integer(workers, "workers", 1, "give a number of processes, 1 or more"),
         "scheduler": scheduler,
+        "worker_memory": None if memory is None else _cap(memory),
     }
+
+
+def _cap(memory: str) -> int:
+    """Bytes of a worker, refused at once where they cannot be had."""
+    from skyscatter.tasks.engine import check_cap
+
+    found = parse.parse_bytes(memory, "worker_memory")
+    check_cap(found)
+    return found
 
 
 def talk(quiet: bool, verbose: bool, progress: str) -> str:
@@ -452,7 +470,7 @@ def render_request(
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),
             Progress(1.0, label, request.progress) as progress,
-            executor_of(request.workers, request.scheduler) as executor,
+            executor_of(request.workers, request.scheduler, request.worker_memory) as executor,
         ):
             image = skyscatter.render(
                 scene,

@@ -109,7 +109,7 @@ def run(
         with (
             stopping.keeping(lambda: common.keep(None, arguments, store)),
             Progress(1.0, label, request.progress) as progress,
-            executor_of(request.workers, request.scheduler) as executor,
+            executor_of(request.workers, request.scheduler, request.worker_memory) as executor,
         ):
             if request.progress != "none":
                 remark(f"larger than memory: made in parts, by way of {store}")

@@ -159,6 +159,20 @@ def parse_time(text: str, name: str) -> float:
     return value
 
 
+def parse_bytes(text: str, name: str) -> int:
+    """Bytes above 0 from a number with its unit, such as ``500MB`` or ``1.5GiB``."""
+    sizes = {"GIB": 2**30, "MIB": 2**20, "TB": 10**12, "GB": 10**9, "MB": 10**6}
+    word = text.strip().upper()
+    unit = next((unit for unit in sizes if word.endswith(unit)), None)
+    try:
+        value = math.nan if unit is None else float(word[: -len(unit)]) * sizes[unit]
+    except ValueError:
+        value = math.nan
+    if not 1.0 <= value < 2**63:
+        raise DomainError(name, text, f"give a number with its unit ({', '.join(sorted(sizes))}), such as 1GB")
+    return int(value)
+
+
 def parse_positive(text: str | None, name: str) -> float | None:
     """A number above 0; None stays None."""
     if text is None:

@@ -82,6 +82,7 @@ def render(
     seed: common.Seed = None,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
+    worker_memory: common.WorkerMemory = None,
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
     exposure: common.Exposure = None,
@@ -132,7 +133,8 @@ def render(
         ),
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            threads=threads, workers=workers, scheduler=scheduler, store=store, bits=bits, as_json=as_json, quiet=quiet,
+            threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
+            as_json=as_json, quiet=quiet,
             verbose=verbose, progress=progress, every=every, resume=resume,
         ),
     )  # fmt: skip

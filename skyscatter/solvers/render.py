@@ -131,8 +131,7 @@ def render(
         samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
         radius, estimator, direct,
     )  # fmt: skip
-    layers = orders + 4 * bool(parts) + 6 * bool(stokes)
-    needed = check_picture(camera.width, camera.height, wl.size, layers, subpixels**2)
+    needed = check_picture(camera.width, camera.height, wl.size, options.layers, subpixels**2)
     if progress is not None:
         remark(f"some {format_bytes(needed)} of memory")
     grid = seen(scene, camera)

@@ -20,6 +20,7 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
+from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.passes import sum_up
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.tiles import tiles_of
@@ -111,6 +112,7 @@ class StoredTiles:
         self.solving, self.rays, self.tiles, self.state, self.store = solving, rays, tiles, state, store
         self.most = max((tile.stop - tile.start for tile in tiles), default=0)
         self.goal = amount_of(solving.module, solving.options)
+        self.wavelengths = len(store.attributes["recipe"]["wavelengths_nm"])
         self.failed: Exception | None = None
         self.tick: Callable[[], object] = lambda: None
 
@@ -149,7 +151,13 @@ class StoredTiles:
             return None
         tile = self.tiles[number]
         before = None if found is None else self._walks(found[0], found[1])
-        return Task(solve_more, (self.rays.part(tile), before), shared, number)
+        return Task(solve_more, (self.rays.part(tile), before), shared, number, self._bytes(tile))
+
+    def _bytes(self, tile: slice) -> int:
+        """Memory of a task, about."""
+        options = self.solving.options
+        batches = FEWEST * (4 if options.stokes else 1) if hasattr(self.solving.module, "no_walks") else 0
+        return tile_bytes(tile.stop - tile.start, self.wavelengths, options.layers, batches)
 
     def _found(self, number: int) -> tuple[int, dict[str, Array]] | None:
         """What the store has of a tile; put into the picture where it is enough."""
