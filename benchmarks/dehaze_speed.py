@@ -35,7 +35,7 @@ def scene(bands: int, size: int, seed: int = 1) -> np.ndarray:
     return np.clip((values - OFFSET) / SCALE, 1, 65535).astype(np.uint16)
 
 
-def write_raster(path: Path, bands: int, size: int) -> None:
+def write_raster(path: Path, bands: int, width: int, height: int) -> None:
     """A tiled GeoTIFF of such numbers, a row of blocks at a time."""
     import rasterio
     from rasterio.transform import from_origin
@@ -43,7 +43,7 @@ def write_raster(path: Path, bands: int, size: int) -> None:
     block = 512
     tile = scene(bands, 2048)
     profile = {
-        "driver": "GTiff", "width": size, "height": size, "count": bands, "dtype": "uint16", "tiled": True,
+        "driver": "GTiff", "width": width, "height": height, "count": bands, "dtype": "uint16", "tiled": True,
         "blockxsize": block, "blockysize": block, "crs": "EPSG:32633", "transform": from_origin(4e5, 5e6, 10, 10),
         "compress": "deflate", "zlevel": 1, "BIGTIFF": "IF_SAFER",
     }  # fmt: skip
@@ -51,11 +51,11 @@ def write_raster(path: Path, bands: int, size: int) -> None:
         file.scales, file.offsets = (SCALE,) * bands, (OFFSET,) * bands
         for band, name in enumerate(BANDS[:bands] if bands > 3 else ("B02", "B03", "B04"), 1):
             file.set_band_description(band, name)
-        for row in range(0, size, block):
-            high = min(block, size - row)
+        for row in range(0, height, block):
+            high = min(block, height - row)
             start = row % (2048 - block)
-            for col in range(0, size, 2048):
-                wide = min(2048, size - col)
+            for col in range(0, width, 2048):
+                wide = min(2048, width - col)
                 part = tile[:, start : start + high, :wide]
                 file.write(part, window=rasterio.windows.Window(col, row, wide, high))
 
@@ -143,34 +143,53 @@ def tables() -> list[list[Any]]:
     return rows
 
 
-def large(folder: Path, size: int, threads: int) -> dict[str, Any]:
-    """A raster of that size through the command, in a process of its own: seconds and peak memory."""
+def large(folder: Path, width: int, height: int, *more: str) -> dict[str, Any]:
+    """A raster of that size through the command, in a process of its own: seconds and peak memory, its workers' too."""
     raster = folder / "large.tif"
-    write_raster(raster, 12, size)
+    write_raster(raster, 12, width, height)
     code = (
         "import sys, resource, json, time\n"
         "from skyscatter.cli.main import main\n"
         "clock, cpu = time.perf_counter(), time.process_time()\n"
         "try:\n    main(sys.argv[1:])\nexcept SystemExit as end:\n    assert not end.code, end.code\n"
-        "used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
-        "print(json.dumps([time.perf_counter() - clock, time.process_time() - cpu, used]))\n"
+        "both = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN\n"
+        "used = [resource.getrusage(who).ru_maxrss / 1024 for who in both]\n"
+        "print(json.dumps([time.perf_counter() - clock, time.process_time() - cpu, *used]))\n"
     )
     arguments = [
         "dehaze", str(raster), "-o", str(folder / "out.tif"), "--sensor", "sentinel-2a", "--sun-zenith", str(SUN),
-        "--view-zenith", str(VIEW), "--relative-azimuth", str(AZIMUTH), "--aerosol", "continental", "--threads",
-        str(threads), "--compression", "none", "-q",
+        "--view-zenith", str(VIEW), "--relative-azimuth", str(AZIMUTH), "--aerosol", "continental",
+        "--compression", "none", "-q", *more,
     ]  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
-    seconds, cpu, megabytes = json.loads(done.stdout.splitlines()[-1])
-    return {"seconds": seconds, "cpu": cpu, "MB": megabytes}
+    seconds, cpu, megabytes, worker = json.loads(done.stdout.splitlines()[-1])
+    return {"seconds": seconds, "cpu": cpu, "MB": megabytes, "worker": worker}
+
+
+def capped(size: str) -> str:
+    """A line about a raster whose workers may take a gigabyte each."""
+    width, height = (int(word) for word in size.split("x"))
+    with tempfile.TemporaryDirectory() as folder:
+        found = large(Path(folder), width, height, "--workers", "2", "--worker-memory", "1GB")
+    speed = f"{found['seconds']:.0f} s, {12e-6 * width * height / found['seconds']:.0f} Mpx-bands/s"
+    return (
+        f"A raster of {size} pixels and 12 bands, 2 workers with a gigabyte each at most, the table kept from before: "
+        f"{speed}; peak memory {found['MB']:.0f} MB of the program, {found['worker']:.0f} MB of a worker."
+    )
 
 
 def main() -> None:
     made = parser(__doc__)
     made.add_argument("--size", type=int, default=2048, help="edge of the images in memory [pixel]")
     made.add_argument("--large", type=int, default=0, help="edge of a raster of 12 bands on disk, such as 10980")
+    made.add_argument("--capped", metavar="WxH", help="do nothing but a raster of that size, such as 20000x10000")
     given = made.parse_args()
     where, lines, rows = machine(), [], []
+    if given.capped:
+        packages = versions("skyscatter", "numpy", "numba", "rasterio")
+        lines = [capped(given.capped)]
+        report("dehaze-capped", where, packages, lines, ["dehaze_speed.py", *sys.argv[1:]], given.write)
+        return
     for bands in (3, 12):
         for threads in (1, 2):
             for sigma in (False, True) if threads == 1 else (False,):
@@ -197,7 +216,7 @@ def main() -> None:
     lines += ["Tables, the continental model, nothing kept:", table(head, tables())]
     if given.large:
         with tempfile.TemporaryDirectory() as folder:
-            found = large(Path(folder), given.large, 2)
+            found = large(Path(folder), given.large, given.large, "--threads", "2")
         count = 12 * given.large**2 / 1e6
         clock, cpu = found["seconds"], found["cpu"]
         speed = f"{clock:.0f} s, {cpu:.0f} s of the processor, {count / clock:.0f} Mpx-bands/s"

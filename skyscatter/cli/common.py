@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import shlex
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -60,6 +61,10 @@ WorkerCount = Annotated[
     str | None,
     typer.Option("--workers", metavar="N", help="Processes of this machine that share the work, in place of threads."),
 ]
+WorkerMemory = Annotated[
+    str | None,
+    typer.Option("--worker-memory", metavar="BYTES", help="That each of the --workers may take, such as 1GB (Linux)."),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Have the workers of a dask scheduler do it: tcp://host:8786, or its file."),
@@ -89,7 +94,8 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="FILE",
-        help="File to write, by extension: .png, .exr, .hdr, .fits, .nc; may be repeated; existing files are replaced.",
+        help="File to write, by extension: .png, .exr, .hdr, .fits, .nc, .zarr; may be repeated; existing ones are "
+        "replaced.",
     ),
 ]
 Scale = Annotated[
@@ -98,7 +104,9 @@ Scale = Annotated[
 ]
 Half = Annotated[bool, typer.Option("--half", help="For .exr: RGB as half floats.")]
 NoSpectra = Annotated[bool, typer.Option("--no-spectra", help="For .exr: RGB alone.")]
-Float32 = Annotated[bool, typer.Option("--float32", help="For .fits and .nc: numbers of 7 digits, half the size.")]
+Float32 = Annotated[
+    bool, typer.Option("--float32", help="For .fits, .nc and .zarr: numbers of 7 digits, half the size.")
+]
 Filters = Annotated[
     str | None,
     typer.Option(
@@ -149,6 +157,7 @@ class RunRequest:
     threads: int | None
     workers: int | None
     scheduler: str | None
+    worker_memory: int | None
     store: Path | None
     bits: int
     outputs: list[Path]
@@ -172,7 +181,7 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
-        **worker_options(texts["workers"], texts["scheduler"]),
+        **worker_options(texts["workers"], texts["scheduler"], texts["worker_memory"]),
         "store": checked_store(texts["store"], texts["resume"], texts["every"]),
         "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
         "json": texts["as_json"],
@@ -191,14 +200,27 @@ def checked_store(store: Path | None, resume: Path | None, every: str | None) ->
     return store
 
 
-def worker_options(workers: str | None, scheduler: str | None) -> dict[str, Any]:
+def worker_options(workers: str | None, scheduler: str | None, memory: str | None) -> dict[str, Any]:
     """What runs the work, from what was typed."""
+    if memory is not None and workers is None:
+        rule = "caps the --workers of this machine; those of dask have limits of their own, threads have none"
+        raise DomainError("worker_memory", memory, rule)
     if workers is not None and scheduler is not None:
         raise DomainError("workers", workers, "give --workers or --scheduler, not both")
     return {
         "workers": parse.parse_integer(workers, "workers", 1, "give a number of processes, 1 or more"),
         "scheduler": scheduler,
+        "worker_memory": None if memory is None else _cap(memory),
     }
+
+
+def _cap(memory: str) -> int:
+    """Bytes of a worker, refused at once where they cannot be had."""
+    from skyscatter.tasks.engine import check_cap
+
+    found = parse.parse_bytes(memory, "worker_memory")
+    check_cap(found)
+    return found
 
 
 def talk(quiet: bool, verbose: bool, progress: str) -> str:
@@ -300,7 +322,7 @@ def file_options(
         ("scale", "scale", factor, (".exr", ".hdr")),
         ("half", "half", half or None, (".exr",)),
         ("no_spectra", "spectral", False if no_spectra else None, (".exr",)),
-        ("float32", "dtype", "float32" if float32 else None, (".fits", ".nc")),
+        ("float32", "dtype", "float32" if float32 else None, (".fits", ".nc", ".zarr")),
         ("compress", "compress", compress or None, (".fits",)),
         ("unit", "unit", unit, (".fits", ".nc")),
         ("filters", "filters", filters, (".fits",)),
@@ -419,8 +441,18 @@ class Rendered:
             self.checkpoint.remove()
         if self.request.resume is not None:
             for path in self.outputs:
-                with suppress(FileNotFoundError):
-                    partial_path(path).unlink()
+                remove_output(partial_path(path))
+
+
+def remove_output(path: Path) -> None:
+    """Take a file away that may be there, or a folder of ours."""
+    from skyscatter.image.arraystrips import is_picture
+
+    if is_picture(path):
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    with suppress(FileNotFoundError):
+        path.unlink()
 
 
 def render_request(
@@ -444,7 +476,7 @@ def render_request(
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),
             Progress(1.0, label, request.progress) as progress,
-            executor_of(request.workers, request.scheduler) as executor,
+            executor_of(request.workers, request.scheduler, request.worker_memory) as executor,
         ):
             image = skyscatter.render(
                 scene,
@@ -517,8 +549,8 @@ def report(request: RunRequest, summary: dict[str, Any], describe: Callable[[dic
     return 0 if summary["complete"] else stopping.status()
 
 
-def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: Rendered) -> dict[str, Any]:
-    """The part of a summary that all rendering commands have."""
+def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: Any) -> dict[str, Any]:
+    """The part of a summary that all rendering commands have; of what was made by the names of `Rendered`."""
     import skyscatter
 
     return {

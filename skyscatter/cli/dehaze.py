@@ -41,6 +41,7 @@ class Request:
     source: Any
     options: Any
     workers: int | None
+    worker_memory: int | None
     scheduler: str | None
 
     @property
@@ -144,6 +145,7 @@ def dehaze(
     window: Annotated[str | None, typer.Option(metavar="N", help="Pixels on a side of a window; no influence.")] = None,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
+    worker_memory: common.WorkerMemory = None,
     scheduler: common.Scheduler = None,
     resolution: Annotated[
         str | None, typer.Option(metavar="METRES", help="Grid of a Sentinel-2 product: 10 (the default), 20 or 60.")
@@ -184,7 +186,7 @@ def dehaze(
     files = {"output": output, "haze_map": haze_map, "sigma": sigma, "mask": mask, "quicklook": quicklook}
     _check_files(image, files, as_json, dtype, compression)
     parse.check_new(files.values() if no_clobber else ())
-    work: dict[str, Any] = common.worker_options(workers, scheduler)
+    work: dict[str, Any] = common.worker_options(workers, scheduler, worker_memory)
     request = Request(
         image=image,
         **files,
@@ -223,6 +225,7 @@ def dehaze(
             threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         ),
         workers=work["workers"],
+        worker_memory=work["worker_memory"],
         scheduler=work["scheduler"],
     )
     # No checkpoint: solving atmospheres takes long, and they are kept between runs; a Cloud-Optimised GeoTIFF is laid
@@ -328,7 +331,7 @@ def run(request: Request) -> int:
         if any(path.suffix.lower() in RASTERS for path in request.files.values()):
             stack.enter_context(environment())
         progress = Progress(1.0, f"dehazing {request.image.name}", request.progress)
-        workers = executor_of(request.workers, request.scheduler)
+        workers = executor_of(request.workers, request.scheduler, request.worker_memory)
         with together(open_sinks(request, source)) as sinks, progress, workers as executor:
             summary = dehaze_raster(source, sinks, request.options, progress.to, executor)
         if request.quicklook is not None and request.output is not None:

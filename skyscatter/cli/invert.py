@@ -44,6 +44,8 @@ class Request:
     place: dict[str, Any]
     #: Of `skyscatter.fit`.
     options: dict[str, Any]
+    #: Of `skyscatter.tasks.cluster.executor_of`.
+    work: dict[str, Any]
 
     @property
     def files(self) -> list[Path]:
@@ -132,6 +134,9 @@ def invert(
     ] = None,
     seed: Annotated[str | None, typer.Option(metavar="N", help="Same seed, same numbers; else 0.")] = None,
     threads: common.Threads = None,
+    workers: common.WorkerCount = None,
+    worker_memory: common.WorkerMemory = None,
+    scheduler: common.Scheduler = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="The result: .json; replaced if it exists.")
     ] = None,
@@ -180,6 +185,7 @@ def invert(
             max_order=max_order, max_iterations=max_iterations, seed=seed, threads=threads, steps=steps,
             no_emulator=no_emulator,
         ),
+        work=common.worker_options(workers, scheduler, worker_memory),
     )  # fmt: skip
     if not request.data:
         raise DomainError("data", "", "name a file with measurements: --data FILE")
@@ -283,6 +289,7 @@ def run(request: Request, arguments: list[str]) -> int:
     import skyscatter
     from skyscatter.inversion.readers import read_observation
     from skyscatter.progress import Progress
+    from skyscatter.tasks.cluster import executor_of
 
     started = clock.monotonic()
     model = skyscatter.load_model(request.model)
@@ -297,9 +304,10 @@ def run(request: Request, arguments: list[str]) -> int:
         with (
             stopping.keeping(lambda: _say_how_to_go_on(state, arguments)),
             Progress(1.0, f"{model.name} fit", request.progress) as progress,
+            executor_of(request.work["workers"], request.work["scheduler"], request.work["worker_memory"]) as executor,
         ):
             result = skyscatter.fit(
-                model, observations, request.free, progress=progress.to, resume=state, **options
+                model, observations, request.free, executor=executor, progress=progress.to, resume=state, **options
             )  # fmt: skip
         _write(request, result)
     except BaseException as error:

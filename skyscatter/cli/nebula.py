@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from skyscatter.cli import common, parse, sequence
+from skyscatter.cli import common, large, parse, sequence
 from skyscatter.cli import nebula_options as options
 from skyscatter.cli.nebula_options import Request
 from skyscatter.errors import DomainError
@@ -81,6 +81,7 @@ def nebula(
     seed: common.Seed = None,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
+    worker_memory: common.WorkerMemory = None,
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
     filters: common.Filters = None,
@@ -185,6 +186,7 @@ def nebula(
             seed=None if solver == "single" and aperture is not None else seed,
             threads=threads,
             workers=workers,
+            worker_memory=worker_memory,
             scheduler=scheduler,
             store=store,
             bits=bits,
@@ -271,18 +273,21 @@ def run(request: Request, arguments: list[str]) -> int:
     """Render, observe, write, report; returns the exit status."""
     import skyscatter
     from skyscatter.image.skyframe import SkyFrame
-    from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
     model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "nebula")
-    check_picture(*request.size, request.wavelengths.size, request.orders or 0)
+    fits = large.fits(request, orders=request.orders, **request.observation)
     scene: Any = model.scene(**request.turned)
     # What suits a nebula may cut off what sticks out when it is turned.
     camera = build_camera(request, scene, None if request.turned else model.picture_width)
     sky = SkyFrame.seen(scene.view, camera, model.name)
     names = ("orders", "sampling", "photons", "radius", "estimator")
     given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
+    if not fits:
+        written = large.run(request, scene, camera, model.name, arguments, sky, **given)
+        summary = summarise(request, model, scene, camera, None, None, clock.monotonic() - started, written)
+        return common.report(request, summary, describe)
     rendered = common.render_request(request, scene, camera, model.name, arguments, **given)
     noise = common.median_error(rendered.image) if request.solver != "single" else None
     with rendered.writing() as outputs:
@@ -320,7 +325,7 @@ def summarise(
     noise: float | None,
     exposure: float | None,
     seconds: float,
-    rendered: common.Rendered,
+    rendered: common.Rendered | large.Written,
 ) -> dict[str, Any]:
     """What ``--json`` prints."""
     view = scene.view

@@ -16,7 +16,7 @@ from skyscatter.errors import DomainError, MissingDataError, UnitsError
 from skyscatter.units import ANGLE, LENGTH, TIME, WAVELENGTHS, Measure, degrees, nanometres
 
 #: Formats by extension: picture, spectral layers, RGB for lighting, FITS cube, netCDF.
-OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc")
+OUTPUT_SUFFIXES = (".png", ".exr", ".hdr", ".fits", ".nc", ".zarr")
 #: Files that hold all frames of a sequence.
 FILMS = (".mp4", ".webm", ".mkv", ".gif")
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
@@ -160,6 +160,20 @@ def parse_time(text: str, name: str) -> float:
     return value
 
 
+def parse_bytes(text: str, name: str) -> int:
+    """Bytes above 0 from a number with its unit, such as ``500MB`` or ``1.5GiB``."""
+    sizes = {"GIB": 2**30, "MIB": 2**20, "TB": 10**12, "GB": 10**9, "MB": 10**6}
+    word = text.strip().upper()
+    unit = next((unit for unit in sizes if word.endswith(unit)), None)
+    try:
+        value = math.nan if unit is None else float(word[: -len(unit)]) * sizes[unit]
+    except ValueError:
+        value = math.nan
+    if not 1.0 <= value < 2**63:
+        raise DomainError(name, text, f"give a number with its unit ({', '.join(sorted(sizes))}), such as 1GB")
+    return int(value)
+
+
 def parse_positive(text: str | None, name: str) -> float | None:
     """A number above 0; None stays None."""
     if text is None:
@@ -252,7 +266,7 @@ def check_output(path: Path, suffixes: tuple[str, ...] = OUTPUT_SUFFIXES) -> Pat
         pass
     except OSError as error:
         raise DomainError("output", str(path), explained(error)) from error
-    if path.is_dir():
+    if path.is_dir() and not (path.suffix.lower() == ".zarr" and _is_picture(path)):
         raise DomainError("output", str(path), "this is a folder; add a file name")
     if not path.parent.is_dir():
         raise DomainError("output", str(path), f"there is no folder {path.parent}; make it first")
@@ -285,6 +299,12 @@ def check_outputs(paths: list[Path], no_clobber: bool = False, more: tuple[str, 
             raise DomainError("output", str(path), "is named twice; give each file once")
         seen.add(path.resolve())
     return paths
+
+
+def _is_picture(path: Path) -> bool:
+    from skyscatter.image.arraystrips import is_picture
+
+    return is_picture(path)
 
 
 def check_input(path: Path, what: str) -> Path:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skyscatter.cli import common, parse
+from skyscatter.cli import common, large, parse
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.units import metres
 
@@ -82,6 +82,7 @@ def render(
     seed: common.Seed = None,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
+    worker_memory: common.WorkerMemory = None,
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
     exposure: common.Exposure = None,
@@ -132,7 +133,8 @@ def render(
         ),
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            threads=threads, workers=workers, scheduler=scheduler, store=store, bits=bits, as_json=as_json, quiet=quiet,
+            threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
+            as_json=as_json, quiet=quiet,
             verbose=verbose, progress=progress, every=every, resume=resume,
         ),
     )  # fmt: skip
@@ -186,16 +188,20 @@ def choose(request: Request, scene: Any) -> str:
 def run(request: Request, arguments: list[str]) -> int:
     """Render, write, report; returns the exit status."""
     import skyscatter
-    from skyscatter.solvers.memory import check_picture
 
     started = clock.monotonic()
     model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "render")
     camera = build_camera(request, model)
     rays = (request.subpixels or 1) ** 2
-    check_picture(camera.width, camera.height, request.wavelengths.size, request.orders or 0, rays)
+    request = replace(request, size=(camera.width, camera.height))
+    fits = large.fits(request, rays, orders=request.orders, subpixels=request.subpixels)
     scene = model.scene(**request.seen)
-    request = replace(request, size=(camera.width, camera.height), solver=choose(request, scene))
+    request = replace(request, solver=choose(request, scene))
+    if not fits:
+        written = large.run(request, scene, camera, model.name, arguments, **request.more)
+        summary = summarise(request, model, scene, written, None, None, clock.monotonic() - started)
+        return common.report(request, summary, describe)
     rendered = common.render_request(request, scene, camera, model.name, arguments, **request.more)
     with rendered.writing() as outputs:
         image = rendered.image
@@ -204,12 +210,19 @@ def run(request: Request, arguments: list[str]) -> int:
         for path in outputs:
             suffix = path.suffix.lower()
             image.save(path, **(png if suffix == ".png" else request.file_options.get(suffix, {})))
-    summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
+    noise = common.median_error(rendered.image)
+    summary = summarise(request, model, scene, rendered, noise, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 
 
 def summarise(
-    request: Request, model: Any, scene: Any, rendered: common.Rendered, exposure: float, seconds: float
+    request: Request,
+    model: Any,
+    scene: Any,
+    rendered: common.Rendered | large.Written,
+    noise: float | None,
+    exposure: float | None,
+    seconds: float,
 ) -> dict[str, Any]:
     """What ``--json`` prints."""
     viewpoint = scene.viewpoint
@@ -217,8 +230,8 @@ def summarise(
         **common.summary_of_run(request, model, seconds, rendered),
         "viewpoint": {"position_m": list(viewpoint.position), "target_m": list(viewpoint.target)},
         "subpixels": request.subpixels or 1,
-        "noise": common.median_error(rendered.image),
-        "exposure_ev": float(exposure),
+        "noise": noise,
+        "exposure_ev": None if exposure is None else float(exposure),
     }
 
 
@@ -228,8 +241,9 @@ def describe(summary: dict[str, Any]) -> str:
 
     noise = summary["noise"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
+    exposure = "" if summary["exposure_ev"] is None else f"EV {summary['exposure_ev']:.1f}; "
     return (
         f"{common.describe_part(summary)}{summary['model']}: solver {summary['solver']}{accuracy}; "
-        f"EV {summary['exposure_ev']:.1f}; {format_seconds(summary['seconds'])}; "
+        f"{exposure}{format_seconds(summary['seconds'])}; "
         f"wrote {', '.join(summary['outputs']) or 'nothing'}"
     )

@@ -221,7 +221,7 @@ def produce(
     started = clock.monotonic()
     with (
         Progress(1.0, f"{name} sequence", request.progress) as progress,
-        executor_of(request.workers, request.scheduler) as given,
+        executor_of(request.workers, request.scheduler, request.worker_memory) as given,
         opened(given, request.threads) as executor,  # exposures and frames by the same workers
     ):
         folder = FrameFolder.of(request, sequence, frames, {**look, "exposure": exposure})

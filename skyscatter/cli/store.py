@@ -87,13 +87,24 @@ def export(
     bits: common.Bits = None,
     no_clobber: common.NoClobber = False,
 ) -> None:
-    """Write the picture of a store, finished or not, to files."""
+    """Write the picture of a store, finished or not, to files; one larger than memory strip by strip."""
     from skyscatter.solvers.render import picture_of
 
     outputs = parse.check_outputs(output or [], no_clobber)
     if not outputs:
         raise DomainError("output", None, "give at least one file: -o picture.png")
     common.check_png_options(outputs, {"exposure": exposure, "bits": bits})
+    if not _fits(folder):
+        from skyscatter.image.strips import check_options
+        from skyscatter.solvers.large import StoredPicture
+
+        picture = StoredPicture(folder)
+        for path in outputs:
+            check_options(path, {})
+        for path in outputs:
+            picture.save(path)
+        typer.echo(f"wrote {', '.join(map(str, outputs))}", err=True)
+        return
     image = picture_of(folder)
     for path in outputs:
         png = path.suffix.lower() == ".png"
@@ -101,3 +112,16 @@ def export(
         depth = parse.parse_integer(bits, "bits", 8, "choose 8 or 16") if png else None
         image.save(path, **given, **({"bits": depth} if depth else {}))
     typer.echo(f"wrote {', '.join(map(str, outputs))}", err=True)
+
+
+def _fits(folder: Path) -> bool:
+    """Whether memory holds the picture of a store."""
+    from skyscatter.solvers.memory import available_bytes, picture_bytes
+    from skyscatter.tasks.store import read_attributes
+
+    recipe = read_attributes(folder)["recipe"]
+    camera, options = recipe["camera"], recipe["options"]
+    layers = options.get("orders", 0) + 4 * bool(options.get("parts")) + 6 * bool(options.get("stokes"))
+    needed = picture_bytes(camera["width"], camera["height"], len(recipe["wavelengths_nm"]), layers)
+    there = available_bytes()
+    return there is None or needed <= there

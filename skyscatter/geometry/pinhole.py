@@ -102,8 +102,8 @@ class Pinhole(CameraBase):
         scale = focal / np.where(seen, ahead, 1.0)
         return self._inside((d @ right) * scale, (d @ up) * scale, seen)
 
-    def pixel_solid_angle(self, observer: ObserverLike | None = None) -> Array:
+    def pixel_solid_angle(self, observer: ObserverLike | None = None, rows: slice = slice(None)) -> Array:
         """Solid angle [sr] at the pixel centre: f (f² + a² + b²)^(-3/2), the area of a pixel seen obliquely."""
         focal, *_ = self._view(observer)
-        a, b = self._offsets()
+        a, b = self._offsets(y=np.arange(self.height)[rows, None])
         return focal / (focal**2 + a**2 + b**2) ** 1.5

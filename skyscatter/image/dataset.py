@@ -16,6 +16,7 @@ from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 if TYPE_CHECKING:
     import xarray
 
+    from skyscatter.image.skyframe import SkyFrame
     from skyscatter.image.spectral import SpectralImage
 
 #: Of spectral radiance.
@@ -82,11 +83,16 @@ def _sky_coordinates(image: SpectralImage | FilterImage) -> dict[str, Any]:
     if image.sky is None:
         return {}
     height, width = image.radiance.shape[:2]
-    ra, dec = image.sky.coordinates(width, height)
+    return celestial_coordinates(image.sky, width, height)
+
+
+def celestial_coordinates(sky: SkyFrame, width: int, height: int, rows: slice = slice(None)) -> dict[str, Any]:
+    """Right ascension, declination and solid angle of the pixels of some rows of a picture."""
+    ra, dec = sky.coordinates(width, height, rows)
     return {
         "ra": (_PIXELS, ra, {"units": "degree", "long_name": "right ascension (ICRS)"}),
         "dec": (_PIXELS, dec, {"units": "degree", "long_name": "declination (ICRS)"}),
-        "solid_angle": (_PIXELS, image.sky.pixel_solid_angle(width, height), _SOLID_ANGLE),
+        "solid_angle": (_PIXELS, sky.pixel_solid_angle(width, height, rows), _SOLID_ANGLE),
     }
 
 

@@ -111,7 +111,7 @@ def _spectral_channels(image: SpectralImage) -> dict[str, NDArray[Any]]:
     return channels
 
 
-def _colour_channels(image: SpectralImage, scale: float, half: bool) -> dict[str, NDArray[Any]]:
+def _colour_channels(image: SpectralImage, scale: float, half: bool, opacity: bool) -> dict[str, NDArray[Any]]:
     remedy = "is too large for half floats (65504 at most): give a smaller scale, or leave out the Sun"
     rgb = image.rgb("srgb") * scale
     rgb = _cast(rgb, np.float16, remedy) if half else _float32(rgb)
@@ -120,7 +120,7 @@ def _colour_channels(image: SpectralImage, scale: float, half: bool) -> dict[str
     channels: dict[str, NDArray[Any]] = {}
     for c, name in enumerate("RGB"):
         channels[name] = np.ascontiguousarray(rgb[..., c])
-    if outside.any():
+    if opacity or outside.any():
         channels["A"] = np.asarray(~outside, dtype=rgb.dtype)
     return channels
 
@@ -150,7 +150,14 @@ def _header(image: SpectralImage, spectral: bool, scale: float) -> dict[str, Any
     return header
 
 
-def write(image: SpectralImage, path: Path, spectral: bool = True, scale: float = 1.0, half: bool = False) -> None:
+def write(
+    image: SpectralImage,
+    path: Path,
+    spectral: bool = True,
+    scale: float = 1.0,
+    half: bool = False,
+    opacity: bool = False,
+) -> None:
     """Write an OpenEXR file.
 
     Parameters
@@ -163,11 +170,13 @@ def write(image: SpectralImage, path: Path, spectral: bool = True, scale: float 
         RGB of a white of 1 cd m-2.
     half : bool
         R, G, B and A as half floats; spectra stay float32.
+    opacity : bool
+        Write A even where all pixels lie inside the camera's field.
     """
     import OpenEXR
 
     check_scale(scale)
-    channels = _colour_channels(image, scale, half)
+    channels = _colour_channels(image, scale, half, opacity)
     if spectral:
         channels.update(_spectral_channels(image))
     with atomic_path(path) as temporary:

@@ -196,11 +196,14 @@ def brightness(image: SpectralImage | FilterImage, cards: list[Card], unit: str 
     return [primary, deviation]
 
 
-def _images(image: SpectralImage, unit: str | Counts | None) -> list[Any]:
-    """Radiance, its error and the layers; in another unit brightness and its error."""
+def images(image: SpectralImage, unit: str | Counts | None, outline: Any = None) -> list[Any]:
+    """Radiance, its error and the layers; in another unit brightness and its error.
+
+    The headers say where the pixels of the image stand, or those of the `outline` of which it is a part.
+    """
     from astropy.io import fits
 
-    cards = [*_axes(image.wavelengths), *axes_cards(image)]
+    cards = [*_axes(image.wavelengths), *axes_cards(image if outline is None else outline)]
     if unit is not None:
         return brightness(image, cards, unit, "ESTERR" if image.error_kind == "estimated" else "STDERR")
     primary = fits.PrimaryHDU(flipped(image.radiance))
@@ -224,14 +227,18 @@ def _images(image: SpectralImage, unit: str | Counts | None) -> list[Any]:
 def _hdus(image: SpectralImage, dtype: str | None, compress: bool, unit: str | Counts | None) -> fits.HDUList:
     from astropy.io import fits
 
-    hdus = pack(_images(image, unit), dtype, compress)
+    return fits.HDUList([*pack(images(image, unit), dtype, compress), *tables(image)])
+
+
+def tables(image: SpectralImage) -> list[Any]:
+    """Extensions with the wavelengths and with the recipe."""
+    from astropy.io import fits
+
     n = image.wavelengths.size
     column = fits.Column(_COLUMN, f"{n}D", unit="nm", dim=f"(1,{n})", array=image.wavelengths.reshape(1, n, 1))
     table = fits.BinTableHDU.from_columns([column], name=_TABLE)
     table.header["EXTVER"], table.header["EXTLEVEL"] = 1, 1
-    hdus.append(table)
-    hdus.append(recipe_table(image.recipe))
-    return hdus
+    return [table, recipe_table(image.recipe)]
 
 
 def write(

@@ -72,13 +72,14 @@ class SkyFrame(Record):
             **{turn: getattr(view, turn) for turn in TURNS},
         )
 
-    def coordinates(self, width: int, height: int) -> tuple[Array, Array]:
-        """Right ascension (0 to 360) and declination of the pixel centres [degree], each of shape (height, width).
+    def coordinates(self, width: int, height: int, rows: slice = slice(None)) -> tuple[Array, Array]:
+        """Right ascension (0 to 360) and declination of the pixel centres [degree], each of shape (row, width).
 
+        Of all rows of a picture of that size, or of some of them.
         Calabretta & Greisen (2002, A&A 395, 1077), equations 54 and 2, for LONPOLE = 180 degrees, written with vectors
         so that the pole is no exception.
         """
-        east, north = self._plane(width, height)
+        east, north = (values[rows] for values in self._plane(width, height))
         d = np.radians(self.dec_deg)
         toward_pole = np.sin(d) + north * np.cos(d)
         outward = np.cos(d) - north * np.sin(d)
@@ -86,9 +87,9 @@ class SkyFrame(Record):
         dec = np.degrees(np.arctan2(toward_pole, np.hypot(outward, east)))
         return np.mod(ra, 360.0), dec
 
-    def pixel_solid_angle(self, width: int, height: int) -> Array:
-        """Solid angle of each pixel [sr], shape (height, width)."""
-        east, north = self._plane(width, height)
+    def pixel_solid_angle(self, width: int, height: int, rows: slice = slice(None)) -> Array:
+        """Solid angle of each pixel [sr], shape (row, width)."""
+        east, north = (values[rows] for values in self._plane(width, height))
         # the area of a pixel of the tangent plane, seen obliquely from further away
         return np.radians(self.pixel_scale_deg) ** 2 / (1.0 + east**2 + north**2) ** 1.5
 

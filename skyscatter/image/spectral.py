@@ -40,6 +40,7 @@ _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
     ".fits": ("fits", ("filters", "dtype", "compress", "unit")),
     ".nc": ("netcdf", ("dtype", "unit")),
+    ".zarr": ("zarrfolder", ("dtype",)),
 }
 _READERS = tuple(ext for ext in _WRITERS if ext not in (".png", ".hdr"))
 _LAYER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
@@ -359,12 +360,13 @@ class SpectralImage:
             (options ``space``, ``exposure``, ``tone`` as in `picture`, ``bits`` 8 or 16), ``.fits`` (options
             ``filters``: a plane for each instead of the spectra, see `through`; ``dtype="float32"``;
             ``compress=True``: tiles without loss; ``unit``: brightness in a unit of photometry, see
-            `skyscatter.image.photometry`) or ``.nc`` (netCDF-4; options ``dtype``, ``unit``).  A ``.png`` may also show
-            three filters as red, green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear",
-            ``stretch``, ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a
-            polarised image may also show ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis)
-            or ``show="angle"`` (0 to 180 degrees on the cyclic map twilight), of all wavelengths weighted by luminous
-            efficiency or of one ``wavelength`` [nm]; transparent where undefined.
+            `skyscatter.image.photometry`), ``.nc`` (netCDF-4; options ``dtype``, ``unit``) or ``.zarr`` (a folder
+            with the same labels, for xarray and dask; option ``dtype``).  A ``.png`` may also show three filters as
+            red, green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
+            ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a polarised image may also show
+            ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis) or ``show="angle"`` (0 to 180
+            degrees on the cyclic map twilight), of all wavelengths weighted by luminous efficiency or of one
+            ``wavelength`` [nm]; transparent where undefined.
         **options
             As listed above.
 
@@ -398,7 +400,7 @@ class SpectralImage:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> SpectralImage:
-        """Read an image back from a spectral ``.exr``, a ``.fits`` or a ``.nc`` file.
+        """Read an image back from a spectral ``.exr``, a ``.fits`` or a ``.nc`` file, or from a ``.zarr`` folder.
 
         Raises
         ------
@@ -425,7 +427,7 @@ class SpectralImage:
         extension = file.suffix.lower()
         if extension not in _READERS:
             raise DomainError("image file", str(path), f"spectra are read from {', '.join(_READERS)} files")
-        if not file.is_file():
+        if not (file.is_dir() if extension == ".zarr" else file.is_file()):
             raise MissingDataError(path, "there is no such file; check the path")
         image: SpectralImage = importlib.import_module(f"skyscatter.image.{_WRITERS[extension][0]}").read(file)
         return image

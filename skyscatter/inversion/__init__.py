@@ -36,6 +36,7 @@ _HOMES = {
     "extinction_map": "skyscatter.inversion.matter",
     "find_centre": "skyscatter.inversion.centre",
     "fit": "skyscatter.inversion.fitting",
+    "fit_each": "skyscatter.inversion.ensemble",
     "fit_shell": "skyscatter.inversion.shells",
     "FitResult": "skyscatter.inversion.fitresult",
     "flux_table": "skyscatter.inversion.fluxes",
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
     from skyscatter.inversion.distributions import LogUniform as LogUniform
     from skyscatter.inversion.distributions import Normal as Normal
     from skyscatter.inversion.distributions import Uniform as Uniform
+    from skyscatter.inversion.ensemble import fit_each as fit_each
     from skyscatter.inversion.fitresult import FitResult as FitResult
     from skyscatter.inversion.fitting import fit as fit
     from skyscatter.inversion.fluxes import flux_table as flux_table

@@ -65,7 +65,7 @@ class Emulator:
 
     def judge(self, forward: Forward, states: Array) -> dict[str, Any]:
         """How far it is from the model at some states."""
-        true = np.array([forward.predict(z).value for z in states])
+        true = np.array([found.value for found in forward.predictions(states)])
         off = (self(states) - true) / self.sigma
         # What matters is the misfit: its change from what the emulator says to what the model says.
         change = [
@@ -95,10 +95,10 @@ def build_emulator(
     design = _ball(n, RUNS_PER_COEFFICIENT * terms, seed) * _radius(n)
     states = np.clip(estimate.z + design @ root.T, -FARTHEST, FARTHEST)
     runs = kept.get("design_values", np.zeros((0, estimate.value.size)))
-    for k in range(len(runs), len(states)):
-        runs = np.concatenate([runs, forward.predict(states[k]).value[None]])
+    for found in forward.predictions(states[len(runs) :]):
+        runs = np.concatenate([runs, found.value[None]])
         keep(design_values=runs)
-        tell((k + 1) / len(states))
+        tell(len(runs) / len(states))
     u = _scaled(states, estimate.z, root)
     u = np.concatenate([np.zeros((1, n)), u])
     values = np.concatenate([estimate.value[None], runs])

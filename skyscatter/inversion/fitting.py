@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import fields, replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from skyscatter.inversion.parameters import Parameter, Subject, parse_free, reso
 from skyscatter.inversion.readers import read_observation
 from skyscatter.models.files import load_model
 from skyscatter.solvers.memory import check_fits
+from skyscatter.tasks.engine import opened
 
 Array = NDArray[np.float64]
 
@@ -48,6 +50,7 @@ def fit(
     emulator: bool | None = None,
     seed: int = 0,
     threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
     resume: str | os.PathLike[str] | None = None,
 ) -> FitResult:
@@ -83,7 +86,11 @@ def fit(
     seed : int
         Of ``path`` and of the sampling.
     threads : int, optional
-        All processors when not given.
+        All processors when not given; with an `executor` one for each of its workers.
+    executor : int, concurrent.futures.Executor or distributed.Client, optional
+        As for `skyscatter.radiance`: what runs the model for data of different files, Suns and places at once, and,
+        with method ``posterior``, for the states to which the emulator is fitted.  One table under one Sun has nothing
+        of that kind for an optimal estimation: leave it to the threads.
     progress : callable, optional
         Called with the finished share, 0 to 1.
     resume : path, optional
@@ -132,8 +139,7 @@ def fit(
     observations = _observations(data, noise)
     run = Run(solver, _options(solver, tolerance, samples, max_order, seed), threads)
     parameters, subject = free_parameters(chosen, free, observations)
-    forward = Forward(parameters, subject, observations, run, model_error)
-    _check_memory(forward)
+    _check_memory(Forward(parameters, subject, observations, run, model_error))
     settings: dict[str, Any] = {
         "free": {p.name: str(p.prior) for p in parameters}, "solver": solver, "method": method, "seed": seed,
         "options": {k: v for k, v in run.options.items() if v is not None}, "model_error": model_error,
@@ -141,13 +147,31 @@ def fit(
     walking = method == "posterior"
     if walking:
         settings |= {"steps": steps, "emulator": emulator is not False}
-    state = FitState(resume, {"settings": settings, **_digest(forward)})
+    with nullcontext() if executor is None else opened(executor) as engine:
+        forward = Forward(parameters, subject, observations, run, model_error, engine=engine)
+        emulated = emulator is not False if walking else None
+        return _found(forward, settings, method, max_iterations, steps, emulated, seed, progress, resume)
+
+
+def _found(
+    forward: Forward,
+    settings: dict[str, Any],
+    method: str,
+    max_iterations: int,
+    steps: int,
+    emulated: bool | None,
+    seed: int,
+    progress: Callable[[float], None] | None,
+    resume: str | os.PathLike[str] | None,
+) -> FitResult:
+    """The result of a fit; `emulated` is None where no posterior is walked through."""
+    state, walking = FitState(resume, {"settings": settings, **_digest(forward)}), emulated is not None
     kept = state.load() or {}
     share = 0.2 if walking else 1.0
     estimate = _estimate(forward, max_iterations, progress and _part(progress, 0.0, share), state, kept)
     if not walking:
         return _result(forward, estimate, method, settings)
-    if emulator is not False and not estimate.converged:
+    if emulated and not estimate.converged:
         raise ConvergenceError(
             f"the estimate around which the model would be emulated has not converged in {estimate.iterations} "
             "iterations; allow more (max_iterations), or look first at what method optimal_estimation finds"
@@ -155,7 +179,7 @@ def fit(
     from skyscatter.inversion.posterior import sample_posterior
 
     found = sample_posterior(
-        forward, estimate, state, kept, steps=steps, seed=seed, emulated=emulator is not False,
+        forward, estimate, state, kept, steps=steps, seed=seed, emulated=bool(emulated),
         progress=progress and _part(progress, share, 1.0),
     )  # fmt: skip
     return _sampled(forward, _result(forward, estimate, method, settings), found)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.inversion import elsewhere
 from skyscatter.inversion.datumunits import refuse_implausible
 from skyscatter.inversion.observations import Linearisation, Observation, Prediction, Run
 from skyscatter.inversion.parameters import Parameter, Subject, apply
+
+if TYPE_CHECKING:
+    from skyscatter.tasks.engine import Engine
 
 Array = NDArray[np.float64]
 
@@ -37,6 +42,8 @@ class Forward:
     model_error: float | None = None
     #: Called with the number of predictions that a call is worth, after it.
     tick: Callable[[float], None] | None = None
+    #: What runs the model for states, and for parts of the data, that do not depend on each other.
+    engine: Engine | None = None
 
     @property
     def y(self) -> Array:
@@ -90,16 +97,31 @@ class Forward:
 
     def predict(self, z: Array) -> Prediction:
         """All data at a state, and the model's error."""
-        subject = self.subject_at(z)
-        parts = [o.predict(subject, self.run) for o in self.observations]
+        if self.engine is None:
+            subject = self.subject_at(z)
+            parts = [o.predict(subject, self.run) for o in self.observations]
+        else:
+            parts = elsewhere.by_parts(self, elsewhere.predict_part, z)
         self._tell(1.0)
         value = np.concatenate([p.value for p in parts])
         return Prediction(value, self._error(value, np.concatenate([p.error for p in parts])))
 
+    def predictions(self, states: Array) -> Iterator[Prediction]:
+        """All data at each of many states (state, parameter), in their order."""
+        if self.engine is None:
+            yield from (self.predict(z) for z in states)
+            return
+        for found in elsewhere.by_states(self, states):
+            self._tell(1.0)
+            yield found
+
     def linearise(self, z: Array, steps: Array) -> Linearisation:
         """All data at a state and their derivatives by it."""
         active = [not p.nuisance for p in self.parameters]
-        parts = [o.linearise(self.subject_at, z, steps, active, self.run) for o in self.observations]
+        if self.engine is None:
+            parts = [o.linearise(self.subject_at, z, steps, active, self.run) for o in self.observations]
+        else:
+            parts = elsewhere.by_parts(self, elsewhere.linearise_part, z, steps, active)
         self._tell(2.0 * z.size + 1)
         value = np.concatenate([p.value for p in parts])
         error = self._error(value, np.concatenate([p.error for p in parts]))

@@ -54,6 +54,10 @@ class Observation:
     #: Nuisance parameters: name -> (neutral value, usual prior).
     nuisances: Mapping[str, tuple[float, Distribution]]
 
+    def parts(self) -> list[tuple[NDArray[np.int64], Observation]]:
+        """Parts whose predictions do not depend on each other, and where their data stand: (datum,), observation."""
+        return [(np.arange(self.values.size), self)]
+
     @property
     def sun(self) -> dict[str, float]:
         """Where the Sun stood, if all data have the same; else empty."""

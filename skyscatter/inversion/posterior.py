@@ -111,7 +111,7 @@ def _log_density(forward: Forward, estimate: Estimate, emulator: Emulator | None
     y, variance = forward.y, estimate.variance
 
     def of(states: Array) -> Array:
-        values = np.array([forward.predict(z).value for z in states]) if emulator is None else emulator(states)
+        values = emulator(states) if emulator else np.array([found.value for found in forward.predictions(states)])
         extra = 0.0 if emulator is None else emulator.variance
         misfit = np.sum((y - values) ** 2 / (variance + extra), axis=1)
         density = np.asarray(-0.5 * (misfit + np.sum(states**2, axis=1)))

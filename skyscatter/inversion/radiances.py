@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,21 @@ class Radiances(Observation):
     def coordinates(self) -> dict[str, Array]:
         """Azimuth, elevation, wavelength, ..., each (datum,)."""
         return dict(self.labels)
+
+    def parts(self) -> list[tuple[Integers, Observation]]:
+        """See `Observation.parts`: each look by itself."""
+        if len(self.looks) < 2:
+            return super().parts()
+        return [
+            (
+                look.rows,
+                replace(
+                    self, looks=(replace(look, rows=np.arange(look.rows.size)),), values=self.values[look.rows],
+                    sigma=self.sigma[look.rows], labels={},
+                ),
+            )
+            for look in self.looks
+        ]  # fmt: skip
 
     def predict(self, subject: Subject, run: Run) -> Prediction:
         """Radiances of the model, times the calibration."""

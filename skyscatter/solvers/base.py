@@ -178,6 +178,11 @@ class Options:
     estimator: str | None = None
     direct: bool | None = None
 
+    @property
+    def layers(self) -> int:
+        """Layers beside the radiance and its error, at most."""
+        return self.orders + 4 * bool(self.parts) + 6 * bool(self.stokes)
+
     def check(self) -> None:
         """Refuse values that no solver can use."""
         _at_least("samples", self.samples, 2)  # one walk has no standard error

@@ -17,6 +17,9 @@ OF_FILES = 2
 ORDERS = 15
 #: Numbers of a point at which photons are gathered, beside its spectrum: with up to a dozen sorts of matter.
 OF_POINT = 40
+#: Bytes that a worker process may write to before its first task: interpreter, libraries, compiled code.  Some 290 MB
+#: by the system's count (VmData, which the cap is for); two thirds of that are resident.
+IDLE_WORKER = 320_000_000
 _CGROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -108,6 +111,21 @@ def field_bytes(nodes: int, suns: int, moments: int, wavelengths: int, rows: int
     """
     order = nodes * suns * moments * wavelengths
     return 8.0 * ORDERS * order + 2 * 4.0 * rows * suns * moments * wavelengths
+
+
+def tile_bytes(rays: int, wavelengths: int, layers: int = 0, batches: int = 0) -> int:
+    """Memory that a worker takes for a tile of a picture [byte].
+
+    Parameters
+    ----------
+    rays, wavelengths : int
+    layers : int
+        Beside the radiance and its error.
+    batches : int
+        Of walks, whose sums are kept.
+    """
+    # The answer is there once more, packed, on its way back; the sums come and go as well.
+    return 8 * rays * wavelengths * 2 * (2 + layers + 2 * batches)
 
 
 def photon_bytes(rays: int, points: int, wavelengths: int, layers: int, threads: int) -> float:

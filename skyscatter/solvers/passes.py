@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.task import Shared, Task
@@ -167,7 +168,8 @@ class _Series:
         while self.following < self.total and self.share < 1.0:
             number = self.following
             self.following += 1
-            yield Task(self.work if shared is None else make_pass, (number,), shared, number)
+            memory = tile_bytes(len(self.rays.origins), self.state.radiance.shape[1], self.options.layers)
+            yield Task(self.work if shared is None else make_pass, (number,), shared, number, memory)
 
     def work(self, number: int) -> None:
         """Make a pass, and keep it."""

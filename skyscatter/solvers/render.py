@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.geometry.telescope import Telescope
 from skyscatter.progress import remark
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
+from skyscatter.solvers.corrections import Corrections, seen
 from skyscatter.solvers.memory import check_picture, format_bytes
 from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
@@ -131,13 +131,12 @@ def render(
         samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
         radius, estimator, direct,
     )  # fmt: skip
-    layers = orders + 4 * bool(parts) + 6 * bool(stokes)
-    needed = check_picture(camera.width, camera.height, wl.size, layers, subpixels**2)
+    needed = check_picture(camera.width, camera.height, wl.size, options.layers, subpixels**2)
     if progress is not None:
         remark(f"some {format_bytes(needed)} of memory")
-    grid = _seen(scene, camera)
+    grid = seen(scene, camera)
     wrap = _wrapper(scene, camera, grid, subpixels)
-    recipe = _recipe(scene, camera, wl, solver, options, subpixels)
+    recipe = recipe_of(scene, camera, wl, solver, options, subpixels)
     if not sun_disk:
         if not isinstance(scene, Scene):
             raise DomainError("sun_disk", sun_disk, "is for skies of planets; leave it out")
@@ -194,7 +193,7 @@ def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int) -> Calla
     return lambda module: Subpixels(module, fine, subpixels**2)
 
 
-def _recipe(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options, subpixels: int) -> dict[str, Any]:
+def recipe_of(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options, subpixels: int) -> dict[str, Any]:
     """All that is needed to make the picture again."""
     from skyscatter import __version__
 
@@ -256,49 +255,17 @@ def _picture(
 
     cube = spread(state.radiance)
     layers = {name: spread(values) for name, values in state.layers.items()}
-    if is_space(scene):
-        return _space_picture(scene, camera, grid, cube, layers, spread(state.standard_error), wl, state)
-    recipe = state.recipe
+    if not isinstance(scene, Scene):
+        added = Corrections(scene, camera, wl)
+        added.add(grid, cube, layers, state.recipe)
+        return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers, sky=added.sky)
     error = spread(state.standard_error)
-    if isinstance(scene, Scene):
-        correction, recipe = _sun_correction(scene, camera, grid, wl, recipe)
-        for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
-            values.reshape(-1, wl.size)[correction[0]] += correction[1]
-        if scene.lights is not None and state.done.all():
-            _skylights().add_to(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
+    correction, recipe = _sun_correction(scene, camera, grid, wl, state.recipe)
+    for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
+        values.reshape(-1, wl.size)[correction[0]] += correction[1]
+    if scene.lights is not None and state.done.all():
+        _skylights().add_to(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
     return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
-
-
-def _space_picture(
-    scene: SpaceScene,
-    camera: Any,
-    grid: Array,
-    cube: Array,
-    layers: dict[str, Array],
-    error: Array,
-    wl: Array,
-    state: RenderState,
-) -> SpectralImage:
-    """A nebula with its stars, and its place in the sky."""
-    from skyscatter.image.skyframe import SkyFrame
-    from skyscatter.image.spectral import SpectralImage
-    from skyscatter.solvers.starlight import close_correction, star_images
-
-    sky = None
-    if isinstance(camera, Telescope):
-        sky = SkyFrame.seen(scene.view, camera)
-        usual = load_solver(state.recipe["solver"], scene).DEFAULT_TOLERANCE
-        correction = close_correction(scene, camera, grid, wl, state.recipe["options"].get("tolerance", usual))
-        stars = star_images(scene, camera, wl)
-        cube += stars
-        for name in ("direct",) if "direct" in layers else ():
-            layers[name] += stars
-        if correction is not None:
-            cube[correction[0]] += correction[1]
-            for name in ("scattered", "order1"):
-                if name in layers:
-                    layers[name][correction[0]] += correction[1]
-    return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=sky)
 
 
 def _sun_correction(
@@ -351,17 +318,13 @@ def picture_of(store: str | os.PathLike[str]) -> SpectralImage:
     ...     bool((picture_of(run).radiance == made.radiance).all())
     True
     """
-    from pydantic import TypeAdapter
-
-    from skyscatter.geometry.camera import Camera
     from skyscatter.solvers.stored import fill, opened_again
 
     with opened_again(store) as folder:
         recipe = folder.attributes["recipe"]
-        scene = _scene_class(folder.attributes["sort"]).model_validate(recipe["scene"])
-        camera: Any = TypeAdapter(Camera).validate_python(recipe["camera"])
-        wl = np.asarray(recipe["wavelengths_nm"], float)
-        grid = _seen(scene, camera)
+        scene, camera, wl = recorded(folder.attributes)
+        check_picture(camera.width, camera.height, wl.size)
+        grid = seen(scene, camera)
         inside = np.isfinite(grid[..., 0])
         state = _begun(scene, recipe, int(inside.sum()), wl)
         module = load_solver(recipe["solver"], scene)
@@ -370,6 +333,18 @@ def picture_of(store: str | os.PathLike[str]) -> SpectralImage:
     if "samples" in recipe["options"] and state.samples.size:
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])
     return _picture(scene, camera, grid, inside, wl, state)
+
+
+def recorded(attributes: dict[str, Any]) -> tuple[Any, Any, Array]:
+    """Scene, camera and wavelengths [nm] of what a store says of itself."""
+    from pydantic import TypeAdapter
+
+    from skyscatter.geometry.camera import Camera
+
+    recipe = attributes["recipe"]
+    scene = _scene_class(attributes["sort"]).model_validate(recipe["scene"])
+    camera: Any = TypeAdapter(Camera).validate_python(recipe["camera"])
+    return scene, camera, np.asarray(recipe["wavelengths_nm"], float)
 
 
 def _scene_class(sort: str) -> Any:
@@ -382,13 +357,3 @@ def _scene_class(sort: str) -> Any:
     from skyscatter.surfaces.scene import SurfaceScene
 
     return SurfaceScene
-
-
-def _seen(scene: AnyScene, camera: Any) -> Array:
-    """Directions of the pixels, NaN outside of the camera's field."""
-    grid = camera.directions(scene.observer)
-    if isinstance(camera, Telescope) and is_space(scene):
-        from skyscatter.solvers.starlight import beside_stars
-
-        grid = beside_stars(scene, camera, grid)
-    return np.asarray(grid)

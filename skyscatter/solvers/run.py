@@ -19,6 +19,7 @@ from skyscatter.kernels.forms import expect
 from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
@@ -261,7 +262,10 @@ class _Tiles:
             yield from (Task(self.work, (tile,)) for tile in self.waiting())
             return
         shared = Shared(Solving(self.module, self.context, self.options))
-        yield from (Task(solve_tile, (self.rays.part(tile), tile), shared) for tile in self.waiting())
+        wavelengths, layers = self.state.radiance.shape[1], self.options.layers
+        for tile in self.waiting():
+            memory = tile_bytes(tile.stop - tile.start, wavelengths, layers)
+            yield Task(solve_tile, (self.rays.part(tile), tile), shared, memory=memory)
 
     def work(self, tile: slice) -> None:
         """Solve what is not finished of a tile, and keep it part by part."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,31 +33,69 @@ def dimmed(scene: SpaceScene, points: Array, wl: Array) -> Array:
     return np.asarray(np.exp(-columns @ table.sigma_t))
 
 
-def star_images(scene: SpaceScene, camera: Any, wl: Array) -> Array:
-    """Radiance (y, x, wavelength) that the stars add to the pixels of a picture [W m-2 sr-1 nm-1].
+class StarLight(NamedTuple):
+    """Light of some stars in a picture.
 
-    A star's flux is divided between the four pixels around it so that its place is kept.  Stars of the field behind are
-    as far away as the telescope's picture is wide: behind everything.
+    Attributes
+    ----------
+    x, y : ndarray, shape (star,)
+        Fractional pixel coordinates.
+    flux : ndarray, shape (star, wavelength)
+        Before the telescope [W m-2 nm-1].
     """
-    picture = np.zeros((camera.height, camera.width, wl.size))
-    per_pixel = camera.pixel_solid_angle(scene.view)
+
+    x: Array
+    y: Array
+    flux: Array
+
+
+def star_light(scene: SpaceScene, camera: Any, wl: Array) -> list[StarLight]:
+    """Where the stars stand in a picture, and how much of their light arrives.
+
+    Stars of the field behind are as far away as the telescope's picture is wide: behind everything.
+    """
+    found = []
     for star in scene.stars:
         offset = np.asarray(star.position) - scene.view.position
         distance = float(np.linalg.norm(offset))
         flux = star.spectral_luminosity(wl, scene.view.distance) / (4 * np.pi * distance**2)
         through = dimmed(scene, np.array([star.position], float), wl)
         x, y = camera.pixel(offset[None, :] / distance, scene.view)
-        _splat(picture, x, y, flux * through)
-    if scene.star_field is not None:
-        _add_field(picture, scene, camera, wl)
-    return picture / per_pixel[..., None]
+        found.append(StarLight(x, y, flux * through))
+    field = None if scene.star_field is None else _field_light(scene, camera, wl)
+    return found if field is None else [*found, field]
 
 
-def _add_field(picture: Array, scene: SpaceScene, camera: Any, wl: Array) -> None:
+def star_images(
+    scene: SpaceScene, camera: Any, wl: Array, rows: slice = slice(None), light: list[StarLight] | None = None
+) -> Array:
+    """Radiance (y, x, wavelength) that the stars add to the pixels of a picture [W m-2 sr-1 nm-1].
+
+    A star's flux is divided between the four pixels around it so that its place is kept.
+
+    Parameters
+    ----------
+    scene : SpaceScene
+    camera : Telescope
+    wl : ndarray, shape (wavelength,)
+        [nm]
+    rows : slice
+        Of the picture, those that are wanted.
+    light : list of StarLight, optional
+        What `star_light` has found, where it is known.
+    """
+    first, last, _ = rows.indices(camera.height)
+    picture = np.zeros((last - first, camera.width, wl.size))
+    for some in star_light(scene, camera, wl) if light is None else light:
+        _splat(picture, some, first, camera.height)
+    return np.asarray(picture / camera.pixel_solid_angle(scene.view, rows)[..., None])
+
+
+def _field_light(scene: SpaceScene, camera: Any, wl: Array) -> StarLight | None:
     scale = camera.pixel_scale_deg
     stars = scene.star_field.stars((camera.width * scale, camera.height * scale)) if scene.star_field else None
     if stars is None or not stars.x_deg.size:
-        return
+        return None
     view = scene.view
     plane = np.radians(np.stack([stars.x_deg, stars.y_deg], axis=1))
     direction = view.forward + plane @ np.stack([view.right, view.up])
@@ -66,31 +104,36 @@ def _add_field(picture: Array, scene: SpaceScene, camera: Any, wl: Array) -> Non
     behind = view.distance + 4 * float(np.abs([low.min(), high.max()]).max())
     through = dimmed(scene, view.position + behind * direction, wl)
     x, y = camera.pixel(direction, view)
-    _splat(picture, x, y, stars.fluxes(wl) * through)
+    return StarLight(x, y, stars.fluxes(wl) * through)
 
 
-def _splat(picture: Array, x: Array, y: Array, flux: Array) -> None:
-    """Divide fluxes (n, wavelength) at fractional pixels between the four around each; none goes beyond the border."""
-    seen = np.isfinite(x) & np.isfinite(y)
-    x, y, flux = x[seen], y[seen], flux[seen]
+def _splat(picture: Array, light: StarLight, first: int, height: int) -> None:
+    """Divide fluxes at fractional pixels between the four around each; none goes beyond the border of the picture.
+
+    `picture` has the rows from the `first` one on of a picture that is so many rows high.
+    """
+    seen = np.isfinite(light.x) & np.isfinite(light.y)
+    x, y, flux = light.x[seen], light.y[seen], light.flux[seen]
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
-    height, width = picture.shape[:2]
+    rows, width = picture.shape[:2]
     for across in (0, 1):
         for down in (0, 1):
             share = (x - i if across else 1 - x + i) * (y - j if down else 1 - y + j)
-            at = (np.clip(j + down, 0, height - 1), np.clip(i + across, 0, width - 1))
-            np.add.at(picture, at, share[:, None] * flux)
+            row, column = np.clip(j + down, 0, height - 1) - first, np.clip(i + across, 0, width - 1)
+            here = (row >= 0) & (row < rows)
+            np.add.at(picture, (row[here], column[here]), share[here, None] * flux[here])
 
 
-def beside_stars(scene: SpaceScene, camera: Any, grid: Array) -> Array:
-    """The directions of a picture, those that meet a star moved a little to its side.
+def beside_stars(scene: SpaceScene, camera: Any, grid: Array, first: int = 0) -> Array:
+    """The directions of the rows of a picture from the `first` on, those that meet a star moved a little to its side.
 
     A ray through the star itself sees the dust in front of its surface, millions of times brighter than the pixel.
     """
     moved = grid.copy()
     for x, y, row, column, _ in _star_pixels(scene, camera):
-        if 0 <= row < camera.height and 0 <= column < camera.width and np.hypot(x - column, y - row) < LEAST_OFFSET:
-            moved[row, column] = camera.through(x + LEAST_OFFSET, y, scene.view)
+        near = np.hypot(x - column, y - row) < LEAST_OFFSET
+        if 0 <= row - first < len(grid) and 0 <= column < camera.width and near:
+            moved[row - first, column] = camera.through(x + LEAST_OFFSET, y, scene.view)
     return moved
 
 
@@ -106,7 +149,7 @@ def _star_pixels(scene: SpaceScene, camera: Any) -> list[Place]:
 
 
 def close_correction(
-    scene: SpaceScene, camera: Any, grid: Array, wl: Array, tolerance: float
+    scene: SpaceScene, camera: Any, grid: Array, wl: Array, tolerance: float, first: int = 0
 ) -> tuple[NDArray[np.bool_], Array] | None:
     """Pixels near a star, and what averaging the light scattered once over them adds to that along their ray.
 
@@ -123,11 +166,13 @@ def close_correction(
         [nm]
     tolerance : float
         Of the solver that made the picture, so that the light along the ray is the same.
+    first : int
+        Row of the picture at which `grid` begins.
     """
     from skyscatter.solvers.volume_single import single_parts
 
-    near = np.zeros((camera.height, camera.width), bool)
-    rows, columns = np.mgrid[: camera.height, : camera.width]
+    near = np.zeros(grid.shape[:2], bool)
+    rows, columns = np.ogrid[first : first + len(grid), : camera.width]
     places = _star_pixels(scene, camera)
     for x, y, *_ in places:
         near |= (rows - y) ** 2 + (columns - x) ** 2 < CLOSE**2
@@ -135,7 +180,7 @@ def close_correction(
         return None
     j, i = np.nonzero(near)
     inner = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
-    down, across = np.broadcast_arrays(j[:, None, None] + inner[:, None], i[:, None, None] + inner)
+    down, across = np.broadcast_arrays(first + j[:, None, None] + inner[:, None], i[:, None, None] + inner)
     across = _off_stars(across, down, places)
     directions = np.concatenate([camera.through(across, down, scene.view).reshape(-1, 3), grid[near]])
     origins = np.tile(scene.view.position, (len(directions), 1))

@@ -54,6 +54,10 @@ class RenderState:
             return self.passes / self.total
         return float(self.done.mean()) if self.done.size else 0.0
 
+    def has(self, rays: slice) -> bool:
+        """Whether some rays are finished."""
+        return bool(self.done[rays].all())
+
     def put(self, rays: slice, answer: Answer) -> None:
         """Keep the answer for some rays."""
         self.radiance[rays], self.standard_error[rays] = answer.radiance, answer.standard_error

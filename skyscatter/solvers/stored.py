@@ -20,6 +20,7 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
+from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.passes import sum_up
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.tiles import tiles_of
@@ -107,10 +108,11 @@ class StoredTiles:
         What keeping a tile has met.
     """
 
-    def __init__(self, solving: Solving, rays: Rays, tiles: list[slice], state: RenderState, store: Store) -> None:
+    def __init__(self, solving: Solving, rays: Any, tiles: list[slice], state: Any, store: Store) -> None:
         self.solving, self.rays, self.tiles, self.state, self.store = solving, rays, tiles, state, store
         self.most = max((tile.stop - tile.start for tile in tiles), default=0)
         self.goal = amount_of(solving.module, solving.options)
+        self.wavelengths = len(store.attributes["recipe"]["wavelengths_nm"])
         self.failed: Exception | None = None
         self.tick: Callable[[], object] = lambda: None
 
@@ -122,7 +124,7 @@ class StoredTiles:
             task = self._claimed(int(number), shared)
             if task is not None:
                 yield task
-            elif not self.state.done[self.tiles[number]].all():
+            elif not self.state.has(self.tiles[number]):
                 others.append(int(number))
         while others:
             for _ in range(len(others)):
@@ -130,7 +132,7 @@ class StoredTiles:
                 task = self._claimed(number, shared)
                 if task is not None:
                     yield task
-                elif not self.state.done[self.tiles[number]].all():
+                elif not self.state.has(self.tiles[number]):
                     others.append(number)
             self.tick()
             if others:
@@ -149,7 +151,13 @@ class StoredTiles:
             return None
         tile = self.tiles[number]
         before = None if found is None else self._walks(found[0], found[1])
-        return Task(solve_more, (self.rays.part(tile), before), shared, number)
+        return Task(solve_more, (self.rays.part(tile), before), shared, number, self._bytes(tile))
+
+    def _bytes(self, tile: slice) -> int:
+        """Memory of a task, about."""
+        options = self.solving.options
+        batches = FEWEST * (4 if options.stokes else 1) if hasattr(self.solving.module, "no_walks") else 0
+        return tile_bytes(tile.stop - tile.start, self.wavelengths, options.layers, batches)
 
     def _found(self, number: int) -> tuple[int, dict[str, Array]] | None:
         """What the store has of a tile; put into the picture where it is enough."""
@@ -210,7 +218,7 @@ def solve_tiles_stored(
         if tiles.failed is not None:
             raise tiles.failed
         if progress is not None:
-            progress(float(tiles.state.done.mean()))
+            progress(tiles.state.share)
 
     tiles.tick = tick
     try:
@@ -280,8 +288,15 @@ def opened_again(path: Any) -> Iterator[Store]:
         store.close()
 
 
-def fill(state: RenderState, store: Store, module: Any, subpixels: int = 1) -> None:
-    """Put all that a store has into the state of a picture."""
+def fill(
+    state: RenderState,
+    store: Store,
+    module: Any,
+    subpixels: int = 1,
+    rays: slice | None = None,
+    tiles: list[slice] | None = None,
+) -> None:
+    """Put what a store has into the state of a picture, or of some of its `rays`; `tiles` where they are known."""
     if getattr(module, "PASSES", False):
         passes = StoredPasses(state, store)
         passes.take_over()
@@ -291,10 +306,14 @@ def fill(state: RenderState, store: Store, module: Any, subpixels: int = 1) -> N
         from skyscatter.solvers.subpixels import Subpixels
 
         module = Subpixels(module, np.zeros((0, subpixels**2, 3)), subpixels**2)
-    for number, tile in enumerate(tiles_of(module, len(state.done))):
-        found = store.get(number, tile.stop - tile.start)
+    rays = slice(0, len(state.done)) if rays is None else rays
+    for number, tile in enumerate(tiles_of(module, rays.stop) if tiles is None else tiles):
+        first, last = max(tile.start, rays.start), min(tile.stop, rays.stop)
+        found = store.get(number, tile.stop - tile.start) if first < last else None
         if found is not None:
-            state.put(tile, answer_of(found[1]))
+            part = slice(first - tile.start, last - tile.start)
+            values = {name: array[part] for name, array in found[1].items()}
+            state.put(slice(first - rays.start, last - rays.start), answer_of(values))
 
 
 def answer_of(values: dict[str, Array]) -> Answer:

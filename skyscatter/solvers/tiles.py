@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 TILE_RAYS = 128
 #: Tiles of a picture at least, as far as there are rays; whatever runs them, so that a store fits every run.
 TILES = 64
+#: Tiles of a picture at most; a tile of a larger one has more rays, where these are independent.
+MOST_TILES = 16384
 #: The golden section: its multiples spread evenly, however many.
 GOLDEN = 0.6180339887498949
 
@@ -24,4 +26,6 @@ def tiles_of(module: Any, rays: int) -> list[slice]:
     """The tiles of a picture, whoever solves them."""
     count = getattr(module, "TILES", TILES)
     size = min(max(rays // count, 1), getattr(module, "TILE_RAYS", TILE_RAYS))
+    if not hasattr(module, "TILES"):
+        size = max(size, -(-rays // MOST_TILES))
     return [slice(k, min(k + size, rays)) for k in range(0, rays, size)]

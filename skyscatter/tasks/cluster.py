@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.tasks.engine import engine_for
 
 #: Seconds in which a scheduler has to answer.
 PATIENCE = 20
 
 
 @contextmanager
-def executor_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
+def executor_of(workers: int | None = None, scheduler: str | None = None, memory: int | None = None) -> Iterator[Any]:
     """What `executor` shall be; the connection to a scheduler ends with the body.
 
     Parameters
@@ -23,16 +24,22 @@ def executor_of(workers: int | None = None, scheduler: str | None = None) -> Ite
         Processes of this machine.
     scheduler : str, optional
         Address of a dask scheduler, or the file in which it wrote that.
+    memory : int, optional
+        That each of the processes may take [byte].
 
     Yields
     ------
-    None, int or distributed.Client
+    None, int, skyscatter.tasks.Engine or distributed.Client
 
     Raises
     ------
     SkyscatterError
         If dask is not installed, or nobody answers.
     """
+    if memory is not None:
+        with engine_for(workers, memory=memory) as engine:
+            yield engine
+        return
     if scheduler is None:
         yield workers
         return

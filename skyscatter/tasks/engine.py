@@ -11,18 +11,19 @@ carries it to each worker; through other executors a worker asks for it when it 
 from __future__ import annotations
 
 import contextlib
+import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED as FIRST
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, Executor, Future, wait
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.progress import remark
 from skyscatter.tasks import worker
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.workers import Workers, processors, steady_algebra
@@ -53,6 +54,8 @@ class Engine:
     local = True
     #: Tasks that wait at the door for each worker, so that none of them is idle.
     ahead = 2
+    #: Tasks that go to a worker together.
+    size = 1
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -65,6 +68,13 @@ class Engine:
     def submit(self, task: Task) -> Future[Any]:
         """Have a task run; its result or its error comes with the future."""
         return self._pool.submit(task.run)
+
+    def begin(self, task: Task) -> Future[Any]:
+        """As `submit`, where more tasks may follow before `flush` is called."""
+        return self.submit(task)
+
+    def flush(self) -> None:
+        """No more tasks follow at this moment."""
 
     def results(
         self,
@@ -97,14 +107,17 @@ class Engine:
         try:
             while more or waiting:
                 most = self.room if more else 0
+                if waiting and most - len(waiting) < self.size:  # until there is room for as many as go together
+                    most = 0
                 while more and len(waiting) < most and (room is None or room() > 0 or not waiting):
                     task = next(source, None)
                     more = task is not None
                     if task is not None:
-                        future = self.submit(task)
+                        future = self.begin(task)
                         waiting[future] = task
                         if kept is not None:
                             future.add_done_callback(partial(kept, task))
+                self.flush()
                 finished, _ = wait(waiting, SLICE, return_when=FIRST)
                 for future in finished:
                     yield waiting.pop(future), future.result()
@@ -143,6 +156,8 @@ class Elsewhere(Engine):
     """
 
     local = False
+    #: That each worker may take [byte], where the engine caps it.
+    memory: int | None = None
 
     def __init__(self, executor: Executor, workers: int | None = None) -> None:
         self.running = {}
@@ -162,7 +177,7 @@ class Elsewhere(Engine):
             inner = self._send(task, gift)
         except BaseException as error:
             if not self._survive(error, task, answer, tries):
-                answer.set_exception(explained(error))
+                answer.set_exception(explained(error, self.memory))
             return
         inner.add_done_callback(lambda done: self._answered(done, task, answer, tries))
 
@@ -170,7 +185,7 @@ class Elsewhere(Engine):
         key = None if task.shared is None else task.shared.key
         if gift is None and task.shared is not None:
             gift = self._gift(task.shared)
-        return self._executor.submit(worker.run, _Packed.of(task.call), task.arguments, key, gift)
+        return self._executor.submit(worker.run, packed_call(task.call), task.arguments, key, gift)
 
     def _gift(self, shared: Shared) -> Any:
         """What goes with every task; None where workers keep what they once have, and ask."""
@@ -185,7 +200,7 @@ class Elsewhere(Engine):
             found = done.result()
         except BaseException as error:
             if not self._survive(error, task, answer, tries):
-                answer.set_exception(explained(error))
+                answer.set_exception(explained(error, self.memory))
             return
         if isinstance(found, worker.Missing) and task.shared is not None:
             self.sent += len(task.shared.packed)
@@ -201,21 +216,22 @@ class Elsewhere(Engine):
         """Nothing: who made the executor ends it."""
 
 
+def packed_call(call: Callable[..., Any]) -> Callable[..., Any]:
+    """A function as it goes to other processes."""
+    module, name = (getattr(call, attribute, "<") or "<" for attribute in ("__module__", "__qualname__"))
+    if "<" not in name and module.partition(".")[0] in ("skyscatter", "builtins"):
+        return call
+    import cloudpickle
+
+    return _Packed(cloudpickle.dumps(call))
+
+
 class _Packed:
     """A function of a user's, packed by value where it has no place in a module: closures travel, too."""
 
     def __init__(self, packed: bytes) -> None:
         self.packed = packed
         self.call: Callable[..., Any] | None = None
-
-    @classmethod
-    def of(cls, call: Callable[..., Any]) -> Callable[..., Any]:
-        module, name = (getattr(call, attribute, "<") or "<" for attribute in ("__module__", "__qualname__"))
-        if "<" not in name and module.partition(".")[0] in ("skyscatter", "builtins"):
-            return call
-        import cloudpickle
-
-        return cls(cloudpickle.dumps(call))
 
     def __call__(self, *arguments: Any) -> Any:
         if self.call is None:
@@ -234,12 +250,37 @@ class Processes(Elsewhere):
     Parameters
     ----------
     workers : int
+    memory : int, optional
+        That each may take [byte]; a task that needs more ends with an error.
+
+    Raises
+    ------
+    DomainError
+        Where the system does not cap the memory of a process.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, memory: int | None = None) -> None:
+        if memory is not None:
+            check_cap(memory)
         self._lock = threading.Lock()
         self._folder = tempfile.TemporaryDirectory(prefix="skyscatter-")
-        super().__init__(_processes(workers), workers)
+        super().__init__(_processes(workers, memory), workers)
+        self.memory = memory
+        self._stated: set[str | None] = set()
+
+    def submit(self, task: Task) -> Future[Any]:
+        """As `Engine.submit`; before the first task of a job it is said what a worker takes, and whether that is there.
+
+        Raises
+        ------
+        DomainError
+            Where it is more than a worker may take.
+        """
+        key = None if task.shared is None else task.shared.key
+        if key not in self._stated:
+            self._stated.add(key)
+            state_memory(task, self.memory)
+        return super().submit(task)
 
     def _gift(self, shared: Shared) -> Any:
         path = Path(self._folder.name, shared.key)
@@ -259,7 +300,7 @@ class Processes(Elsewhere):
     def _renewed(self, executor: Executor) -> Executor:
         with self._lock:
             if self._executor is executor:
-                self._executor = _processes(self.workers)
+                self._executor = _processes(self.workers, self.memory)
                 executor.shutdown(wait=False)
             return self._executor
 
@@ -277,19 +318,12 @@ class Processes(Elsewhere):
             self._folder.cleanup()
 
 
-def _processes(workers: int) -> Executor:
+def _processes(workers: int, memory: int | None) -> Executor:
     # Unlike those of the standard library they need no guard in the script that begins them.
     from loky import ProcessPoolExecutor
 
-    pool: Executor = ProcessPoolExecutor(workers, timeout=None, initializer=_settle)
+    pool: Executor = ProcessPoolExecutor(workers, timeout=None, initializer=worker.settle, initargs=(memory,))
     return pool
-
-
-def _settle() -> None:
-    """In a new process: Ctrl-C is the business of the one that began it."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def broken(executor: Any) -> bool:
@@ -297,56 +331,18 @@ def broken(executor: Any) -> bool:
     return getattr(executor, "_flags", None) is not None and executor._flags.broken is not None
 
 
-class Dask(Elsewhere):
-    """Workers of dask; the scheduler replaces those that die, and carries what tasks share to each of them once.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        Stays open when the engine is closed.
-    """
-
-    #: Messages go in batches, some tens of milliseconds from door to door.
-    ahead = 16
-
-    def __init__(self, client: Any) -> None:
-        workers = sum(info["nthreads"] for info in client.scheduler_info(n_workers=-1)["workers"].values())
-        super().__init__(client.get_executor(pure=False), max(workers, 1))
-        self._client, self._asked = client, time.monotonic()
-        self._lock = threading.Lock()
-        self._scattered: dict[str, Any] = {}
-
-    @property
-    def room(self) -> int:
-        """Tasks that should be waiting or running; workers come and go."""
-        now = time.monotonic()
-        if now - self._asked > SLICE:  # asking the scheduler takes milliseconds
-            self._asked = now
-            known = self._client.scheduler_info(n_workers=-1)["workers"].values()
-            self.workers = max(sum(info["nthreads"] for info in known), 1)
-        return super().room
-
-    def _gift(self, shared: Shared) -> Any:
-        with self._lock:
-            gift = self._scattered.get(shared.key)
-            if gift is None or gift.status in ("cancelled", "lost", "error"):
-                self.sent += len(shared.packed)
-                gift = self._client.scatter(shared.packed, hash=True, broadcast=True)
-                self._scattered[shared.key] = gift
-        return gift
-
-    def _survive(self, error: BaseException, task: Task, answer: Future[Any], tries: int) -> bool:
-        if tries <= 1 or not (isinstance(error, CancelledError) or type(error).__name__ == "KilledWorker"):
-            return False
-        self._try(task, answer, tries - 1, None)
-        return True
-
-
-def explained(error: BaseException) -> BaseException:
+def explained(error: BaseException, memory: int | None = None) -> BaseException:
     """An error of workers as one line; those of the tasks themselves as they are."""
-    if "un-serialize" in str(error):
+    if "un-serialize" in str(error) and not isinstance(error, MemoryError):
         return SkyscatterError("executor: a worker cannot read its task; let it call what is in a module it can import")
-    if isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "CancelledError"):
+    dead = isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "CancelledError")
+    if memory is not None and (dead or isinstance(error, MemoryError)):
+        from skyscatter.solvers.memory import format_bytes
+
+        what = "workers have ended, it seems for want of it" if dead else "is too little for a task"
+        rule = f"{what}; give more, or fewer wavelengths or smaller windows"
+        return DomainError("worker_memory", format_bytes(memory), rule)
+    if dead:
         words = " ".join(str(error).split())[:200] or type(error).__name__
         return SkyscatterError(
             f"workers: one ended before its task did, {MOST_TRIES} times where it could be tried again ({words}); "
@@ -355,7 +351,43 @@ def explained(error: BaseException) -> BaseException:
     return error
 
 
-def engine_for(executor: Any = None, threads: int | None = None) -> Engine:
+def state_memory(task: Task, most: int | None) -> int:
+    """Say what memory a worker takes with a task [byte]; refuse it where that is more than it may take.
+
+    Raises
+    ------
+    DomainError
+    """
+    from skyscatter.solvers.memory import IDLE_WORKER, format_bytes
+
+    # What is shared is unpacked from a file, so that for a moment it is there twice.
+    shared = 0 if task.shared is None else 2 * len(task.shared.packed)
+    needed = IDLE_WORKER + shared + task.memory
+    if most is not None and needed > most:
+        rule = f"a worker takes some {format_bytes(needed)} here; give more, or fewer wavelengths or smaller windows"
+        raise DomainError("worker_memory", format_bytes(most), rule)
+    remark(f"some {format_bytes(needed)} of memory for each worker")
+    return needed
+
+
+def check_cap(memory: int) -> None:
+    """Refuse to cap the memory of workers where that cannot be done, or below what they take when idle.
+
+    Raises
+    ------
+    DomainError
+    """
+    from skyscatter.solvers.memory import IDLE_WORKER, format_bytes
+
+    if not sys.platform.startswith("linux"):
+        rule = "only Linux caps the memory of a process; leave it out"
+        raise DomainError("worker_memory", format_bytes(memory), rule)
+    if memory < IDLE_WORKER:
+        rule = f"a worker takes {format_bytes(IDLE_WORKER)} before its first task; give more"
+        raise DomainError("worker_memory", format_bytes(memory), rule)
+
+
+def engine_for(executor: Any = None, threads: int | None = None, memory: int | None = None) -> Engine:
     """The engine for what a user has given.
 
     Parameters
@@ -364,6 +396,8 @@ def engine_for(executor: Any = None, threads: int | None = None) -> Engine:
         Threads of this process, so many processes of this machine, an executor, or a client of dask.
     threads : int, optional
         Of this process; all processors when not given.
+    memory : int, optional
+        That each process may take [byte], where `executor` is a number of them.
 
     Returns
     -------
@@ -373,7 +407,7 @@ def engine_for(executor: Any = None, threads: int | None = None) -> Engine:
     Raises
     ------
     DomainError
-        For anything else.
+        For anything else, and for a cap on the memory of what is no process of this engine's.
 
     Examples
     --------
@@ -382,13 +416,17 @@ def engine_for(executor: Any = None, threads: int | None = None) -> Engine:
     ...     engine.workers, engine.local
     (3, True)
     """
+    if memory is not None and (not isinstance(executor, int) or isinstance(executor, bool)):
+        raise DomainError("worker_memory", memory, "is for a number of processes; others have limits of their own")
     if executor is None:
         return Engine(processors() if threads is None else threads)
     if isinstance(executor, int) and not isinstance(executor, bool):
         if executor < 1:
             raise DomainError("executor", executor, "a number of processes is at least 1")
-        return Processes(executor)
+        return Processes(executor, memory)
     if hasattr(executor, "scheduler_info") and hasattr(executor, "scatter"):
+        from skyscatter.tasks.daskengine import Dask
+
         return Dask(executor)
     if hasattr(executor, "submit"):
         return Elsewhere(executor)

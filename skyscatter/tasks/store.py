@@ -185,9 +185,7 @@ class Store:
                     reason = "the disk is full" if error.errno in _FULL else error.strerror or str(error)
                     raise SkyscatterError(f"{self.path}: cannot be written: {reason}") from error
                 if not said:
-                    _log.warning(
-                        "%s: the disk is full; waiting %.0f minutes for room", self.path, PATIENCE / 60
-                    )
+                    _log.warning("%s: the disk is full; waiting %.0f minutes for room", self.path, PATIENCE / 60)
                 said = True
                 time.sleep(AGAIN)
 

@@ -73,6 +73,8 @@ class Task:
         What goes before the arguments.
     number : int
         Tells the tasks of a job apart.
+    memory : int
+        That it takes beside what it shares [byte], about; 0 where that is not worth a word.
 
     Examples
     --------
@@ -86,6 +88,7 @@ class Task:
     arguments: tuple[Any, ...] = ()
     shared: Shared | None = field(default=None)
     number: int = 0
+    memory: int = 0
 
     def run(self) -> Any:
         """Run it here."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +34,47 @@ class InFile(NamedTuple):
 
 #: How a shared value comes: in a file, packed, or not at all because the worker should have it.
 Gift = InFile | bytes | None
+
+
+class Failed(NamedTuple):
+    """What a task of a group has ended with, in place of its result."""
+
+    error: BaseException
+
+
+def settle(memory: int | None = None) -> None:
+    """In a new process: Ctrl-C is the business of the one that began it, and there is so much memory [byte]."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if memory is not None:
+        import resource
+
+        # What a process writes to, mapped files that it only reads left out: machine code and libraries.
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+
+
+def run_group(
+    tasks: list[tuple[Callable[..., Any], tuple[Any, ...]]], key: str | None = None, gift: Gift = None
+) -> tuple[float, list[Any]]:
+    """Run tasks that share the same, one after the other; seconds of a task, and results or `Failed`."""
+    began = time.perf_counter()
+    found: list[Any] = []
+    for call, arguments in tasks:
+        try:
+            found.append(run(call, arguments, key, gift))
+        except Exception as error:
+            found.append(Failed(_portable(error)))
+    return (time.perf_counter() - began) / len(tasks), found
+
+
+def _portable(error: Exception) -> BaseException:
+    """An error that comes through to other processes."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def run(call: Callable[..., Any], arguments: tuple[Any, ...], key: str | None = None, gift: Gift = None) -> Any:

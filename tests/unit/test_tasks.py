@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import time
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -156,3 +156,69 @@ def test_cost_of_a_task() -> None:
         began = time.perf_counter()
         assert len(list(engine.results(Task(pow, (2, 1), None, k) for k in range(300)))) == 300
         assert (time.perf_counter() - began) / 300 < 0.02  # ten times that: other programs may be running
+
+
+class StandIn:
+    """What the engine asks of a client of dask, with threads behind it; some groups end as if their worker had died."""
+
+    def __init__(self, deaths: int = 0) -> None:
+        self.pool, self.groups, self.deaths = ThreadPoolExecutor(2), [0], deaths
+
+    def scheduler_info(self, n_workers: int) -> Any:
+        return {"workers": {k: {"nthreads": 1} for k in "ab"}}
+
+    def scatter(self, value: Any, **_: Any) -> Any:
+        raise AssertionError("nothing is shared here")
+
+    def get_executor(self, pure: bool) -> Any:
+        return self
+
+    def submit(self, call: Any, calls: Any, key: Any, gift: Any) -> Future[Any]:
+        self.groups.append(len(calls))
+        if self.deaths:
+            self.deaths -= 1
+            dead: Future[Any] = Future()
+            dead.set_exception(CancelledError("its worker has died"))
+            return dead
+        return self.pool.submit(call, calls, key, gift)
+
+
+def test_short_tasks_go_to_dask_in_groups() -> None:
+    client = StandIn()
+    with engine_for(client) as engine:
+        assert results(engine, [Task(abs, (-k,), None, k) for k in range(600)]) == list(range(600))
+    assert sum(client.groups) == 600
+    # The first ones go alone, two workers with 16 ahead each; then 64 at a time.
+    assert len(client.groups) < 2 * 17 + 600 / 64 + 10
+
+
+def test_long_tasks_go_to_dask_alone() -> None:
+    client = StandIn()
+    with engine_for(client) as engine:
+        list(engine.results(Task(time.sleep, (0.21,), None, k) for k in range(4)))
+        assert engine.size == 1
+    assert max(client.groups) == 1
+
+
+def test_an_error_in_a_group_is_that_of_its_task() -> None:
+    with engine_for(StandIn()) as engine:
+        engine.size = 3
+        futures = [engine.begin(Task(call, (k,))) for k, call in ((1, abs), (4, fail), (-2, abs))]
+        assert futures[0].result() == 1
+        with pytest.raises(ValueError, match="task 4"):
+            futures[1].result()
+        assert futures[2].result() == 2
+
+
+@pytest.mark.parametrize(("deaths", "survives"), [(1, True), (99, False)])
+def test_groups_of_workers_that_die_are_tried_again(deaths: int, survives: bool) -> None:
+    client = StandIn(deaths)
+    with engine_for(client) as engine:
+        engine.size = 2
+        futures = [engine.begin(Task(abs, (-k,))) for k in (1, 2)]
+        if survives:
+            assert [future.result() for future in futures] == [1, 2]
+            assert client.groups[1:] == [2, 1, 1], "each by itself: one of them may have killed it"
+        else:
+            with pytest.raises(SkyscatterError, match="3 times"):
+                futures[0].result()

@@ -21,6 +21,8 @@ from skyscatter.tasks.task import Shared, Task
 #: Values [byte] of one window, where no size is asked for.
 _WINDOW_BYTES = 48 << 20
 _SMALLEST, _LARGEST = 256, 2048
+#: Times that the values of a window are in memory while they are worked on; measured with twelve bands.
+COPIES = 8
 
 Progress = Callable[[float], object]
 
@@ -112,7 +114,8 @@ def map_windows(
         def task(window: Window) -> Task:
             if engine.local:  # read in the threads, too
                 return Task(lambda: function(*read(window)))
-            return Task(_apply, read(window), shared)
+            seen = read(window)
+            return Task(_apply, seen, shared, memory=COPIES * seen[2].nbytes)
 
         waiting: deque[tuple[Window, Future[Any]]] = deque()
         most = engine.workers if engine.local else 2 * engine.workers
