@@ -238,16 +238,27 @@ def parse_exposure(text: str) -> float | str:
     return value
 
 
-def parse_show(text: str | None) -> tuple[str, float | None]:
-    """``colour``, ``degree`` or ``angle``, the latter two perhaps with a wavelength: ``degree:550`` (nm)."""
+def parse_show(text: str | None) -> tuple[str, float | None, str | None]:
+    """What a picture shows: ``colour``, ``degree`` or ``angle``, perhaps of a wavelength (nm), or ``magnitudes:B``.
+
+    Returns
+    -------
+    what : str
+    wavelength : float, optional
+    filter : str, optional
+    """
     if text is None:
-        return "colour", None
+        return "colour", None, None
     what, colon, wavelength = text.partition(":")
-    remedy = "choose colour, degree or angle, the latter two also of one wavelength in nm: degree:550"
+    if what == "magnitudes":
+        if wavelength not in ("", "U", "B", "V", "R", "I"):
+            raise DomainError("show", text, "magnitudes are those of one of U, B, V, R, I: magnitudes:B")
+        return what, None, wavelength or "V"
+    remedy = "choose colour, magnitudes, degree or angle, the latter two also of one wavelength in nm: degree:550"
     if what not in ("colour", "degree", "angle") or (colon and what == "colour"):
         raise DomainError("show", text, remedy)
     try:
-        return what, nanometres(wavelength, "show") if colon else None
+        return what, nanometres(wavelength, "show") if colon else None, None
     except UnitsError as error:
         raise DomainError("show", text, remedy) from error
 

@@ -13,6 +13,7 @@ import typer
 from skyscatter.cli import common, parse, sequence
 from skyscatter.cli.common import DEFAULT_TONE
 from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
+from skyscatter.cli.lights import LightChoice, Lights, SolarFlux, Stars, Without, centre_of, light_choice
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
@@ -47,6 +48,8 @@ class Request(common.RunRequest):
     stokes: bool
     show: str
     shown_wavelength: float | None
+    shown_filter: str | None
+    lights: LightChoice
 
 
 def sky(
@@ -81,6 +84,10 @@ def sky(
             metavar="DEG", help=f"Sun's azimuth [degree] from north through east, else {DEFAULT_SUN_AZIMUTH:g}."
         ),
     ] = None,
+    lights: Lights = None,
+    without: Without = None,
+    solar_flux: SolarFlux = None,
+    stars: Stars = None,
     altitude: Annotated[
         str | None,
         typer.Option(
@@ -142,8 +149,9 @@ def sky(
         str | None,
         typer.Option(
             metavar="WHAT",
-            help="For PNG: colour (the default), or degree or angle of linear polarisation, which imply --stokes; all "
-            "wavelengths weighted by luminous efficiency, or one [nm]: degree:550.",
+            help="For PNG: colour (the default); magnitudes, a map in V mag arcsec-2 with contours (or magnitudes:B); or "
+            "degree or angle of linear polarisation, which imply --stokes, of all wavelengths weighted by luminous "
+            "efficiency, or of one [nm]: degree:550.",
         ),
     ] = None,
     scale: common.Scale = None,
@@ -164,8 +172,9 @@ def sky(
 ) -> int:
     """Render the sky of a model.
 
-    The Sun stands where --place and --time put it, or at --sun-elevation and --sun-azimuth.  Ctrl-C keeps what is
-    finished, a picture as NAME.partial.EXT, and says how to go on.
+    The Sun stands where --place and --time put it, or at --sun-elevation and --sun-azimuth.  With a place and a time
+    the Moon, planets, stars, the Milky Way, zodiacal light and airglow shine too, where they matter.  Ctrl-C keeps what
+    is finished, a picture as NAME.partial.EXT, and says how to go on.
 
     --times, --sun-elevations and lists of models make a sequence from one solved field: numbered files, or a film
     where the output is .mp4, .webm or .gif.  Its exposure follows smoothly.  Repeat the command to go on with one.
@@ -178,7 +187,7 @@ def sky(
     if frames is not None:
         sequence.check_output(outputs)
     parse.check_new(lamp_files(outputs) if no_clobber and no_sun else ())
-    shown, shown_wavelength = parse.parse_show(show)
+    shown, shown_wavelength, shown_filter = parse.parse_show(show)
     development = {"exposure": exposure, "tone": tone, "space": space}
     common.check_png_options(outputs, {**development, "bits": bits, "show": show})
     _check_development(shown, development)
@@ -197,9 +206,11 @@ def sky(
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
         tone=DEFAULT_TONE if tone is None else tone,
         space="srgb" if space is None else space,
-        stokes=stokes or shown != "colour",
+        stokes=stokes or shown in ("degree", "angle"),
         show=shown,
         shown_wavelength=shown_wavelength,
+        shown_filter=shown_filter,
+        lights=light_choice(place, lights, without, solar_flux, stars),
         outputs=outputs,
         file_options=common.file_options(
             outputs,
@@ -290,7 +301,11 @@ def _check_development(show: str, options: dict[str, Any]) -> None:
 def _check_picture(request: Request) -> None:
     common.check_development(request.space, request.tone, request.bits)
     common.check_brightness(request.file_options, request.wavelengths)
-    if request.show != "colour":
+    if request.show == "magnitudes":
+        from skyscatter.image.filters import filter_curve
+
+        filter_curve(request.shown_filter or "V").weights(request.wavelengths)  # refuses wavelengths that miss it
+    elif request.show != "colour":
         from skyscatter.image.polarisation import band_weights
 
         band_weights(request.wavelengths, request.shown_wavelength)  # refuses what the picture could not show
@@ -306,7 +321,8 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
-    return model, common.scene_at(model, request.model, request.place, request.time, request.altitude)
+    scene = common.scene_at(model, request.model, request.place, request.time, request.altitude)
+    return model, request.lights.put(scene)
 
 
 def run(request: Request, arguments: list[str]) -> int:
@@ -315,7 +331,7 @@ def run(request: Request, arguments: list[str]) -> int:
 
     started = clock.monotonic()
     model, scene = build_scene(request)
-    request, camera = composed(request, scene.observer, scene.sun.azimuth_deg)
+    request, camera = composed(request, scene.observer, centre_of(scene))
     check_picture(*request.size, request.wavelengths.size)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
     more = {"stokes": True} if request.stokes else {}
@@ -352,6 +368,8 @@ def lamp_files(outputs: list[Path]) -> list[Path]:
 def _png_options(request: Request, exposure: float) -> dict[str, Any]:
     if request.show == "colour":
         return {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
+    if request.show == "magnitudes":
+        return {"show": request.show, "filters": request.shown_filter, "bits": request.bits}
     return {"show": request.show, "wavelength": request.shown_wavelength, "bits": request.bits}
 
 
@@ -390,6 +408,7 @@ def summarise(
             "azimuth_deg": float(scene.sun.azimuth_deg),
             "distance_au": float(scene.star_distance) / AU,
         },
+        "lights": [] if scene.lights is None else list(scene.lights.shine),
         "altitude_m": float(scene.observer.altitude),
         "view": request.view,
         # Chance and what a grid misses are not the same thing, and `single` states neither.
@@ -412,9 +431,11 @@ def describe(summary: dict[str, Any]) -> str:
     if polarised is not None and polarised["mean_degree"] is not None:
         accuracy += f"; degree of linear polarisation {common.percent(polarised['mean_degree'])} on average"
         accuracy += f", {common.percent(polarised['maximum_degree'])} at most"
+    others = [name for name in summary["lights"] if name != "sun"]
     return (
         f"{common.describe_part(summary)}{summary['model']}: "
         f"Sun at elevation {sun['elevation_deg']:.2f}°, azimuth {sun['azimuth_deg']:.2f}°; "
+        f"{'with ' + ', '.join(others) + '; ' if others else ''}"
         f"solver {summary['solver']}{accuracy}; EV {summary['exposure_ev']:.1f}; {format_seconds(summary['seconds'])}; "
         f"wrote {', '.join(summary['outputs']) or 'nothing'}"
     )

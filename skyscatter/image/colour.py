@@ -129,24 +129,32 @@ def xyz_weights(wavelengths_nm: ArrayLike) -> Array:
     nodes, functions = observer()
     if wl.size == 1:
         return LUMINOUS_EFFICACY * np.trapezoid(functions[:, 1], nodes) * _xy_to_xyz(_D65)[None, :]
+    return LUMINOUS_EFFICACY * sample_weights(wl, nodes, functions)
+
+
+def sample_weights(wl: Array, nodes: Array, functions: Array) -> Array:
+    """Integrals of functions (node, function) at nodes [nm] times a spectrum sampled at `wl`; (wavelength, function).
+
+    Both are linear between their samples; see `xyz_weights`.
+    """
     low, high = wl[0] - 0.5 * (wl[1] - wl[0]), wl[-1] + 0.5 * (wl[-1] - wl[-2])
     low, high = max(low, nodes[0]), min(high, nodes[-1])
     if low >= high:
-        return np.zeros((wl.size, 3))
+        return np.zeros((wl.size, functions.shape[1]))
     grid = np.unique(np.concatenate([[low, high], nodes, wl]))
     grid = grid[(grid >= low) & (grid <= high)]
     middle = 0.5 * (grid[1:] + grid[:-1])
     step = np.diff(grid)
-    weights = np.zeros((wl.size, 3))
+    weights = np.zeros((wl.size, functions.shape[1]))
     # Simpson's rule is exact for the product of two linear pieces.
     for points, factor in ((grid[:-1], step / 6.0), (middle, step * (4.0 / 6.0)), (grid[1:], step / 6.0)):
-        cmf = np.stack([np.interp(points, nodes, functions[:, c]) for c in range(3)], axis=1)
-        _add_hats(weights, wl, points, cmf * factor[:, None])
-    return LUMINOUS_EFFICACY * weights
+        values = np.stack([np.interp(points, nodes, column) for column in functions.T], axis=1)
+        _add_hats(weights, wl, points, values * factor[:, None])
+    return weights
 
 
 def _add_hats(weights: Array, wl: Array, points: Array, amounts: Array) -> None:
-    """Share `amounts` (point, 3) at `points` among the two neighbouring samples, as linear interpolation does."""
+    """Share `amounts` (point, function) at `points` among the two neighbouring samples, as linear interpolation does."""
     left = np.clip(np.searchsorted(wl, points, side="right") - 1, 0, wl.size - 2)
     share = np.clip((points - wl[left]) / (wl[left + 1] - wl[left]), 0.0, 1.0)[:, None]
     np.add.at(weights, left, (1.0 - share) * amounts)
@@ -156,6 +164,22 @@ def _add_hats(weights: Array, wl: Array, points: Array, amounts: Array) -> None:
 def spectrum_to_xyz(radiance: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
     """Absolute XYZ (..., 3) of spectral radiance (..., wavelength) [W m-2 sr-1 nm-1]; Y in cd m-2."""
     return np.asarray(np.asarray(radiance) @ xyz_weights(wavelengths_nm), dtype=np.float64)
+
+
+def adapted_white(xyz: ArrayLike, white: ArrayLike, degree: float = 1.0) -> Array:
+    """XYZ (..., 3) for an eye or a camera that takes a colour for white, by gains of cone-like responses (Bradford).
+
+    Parameters
+    ----------
+    xyz : array_like, shape (..., 3)
+    white : array_like, shape (3,)
+        XYZ of what is taken for white; it becomes D65 of the same luminance.
+    degree : float
+        0 for no adaptation, 1 for a complete one.
+    """
+    response = _BRADFORD @ (np.asarray(white, float) / np.asarray(white, float)[1])
+    gains = 1.0 + degree * (_BRADFORD @ _xy_to_xyz(_D65) / response - 1.0)
+    return np.asarray(np.asarray(xyz, float) @ (np.linalg.inv(_BRADFORD) @ (gains[:, None] * _BRADFORD)).T)
 
 
 def xyz_to_rgb(xyz: ArrayLike, space: str = "srgb") -> Array:

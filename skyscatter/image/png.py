@@ -21,6 +21,7 @@ from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image.colour import ColourSpace, display_space
 from skyscatter.image.palettes import Levels, plane_picture
+from skyscatter.image import skybrightness as brightness
 from skyscatter.image.polarisation import SCALES, check_shown, painted
 from skyscatter.image.spectral import SpectralImage
 
@@ -128,12 +129,19 @@ def write(
 
     With `show` ``"degree"`` or ``"angle"`` the picture is that of the linear polarisation, of all wavelengths weighted
     by luminous efficiency or of one `wavelength` [nm], and transparent where it is undefined.  With a `palette` or
-    three `filters` it shows these as red, green and blue; see `skyscatter.image.palettes`.
+    three `filters` it shows these as red, green and blue; see `skyscatter.image.palettes`.  With `show`
+    ``"magnitudes"`` it is a map of the brightness in the filter V, or in one that `filters` names; see
+    `skyscatter.image.skybrightness`.
     """
     check_shown(show)
     developed = {"space": space, "exposure": exposure, "tone": tone}
     planes = {"palette": palette, "filters": filters, "stretch": stretch, "softening": softening, "levels": levels}
-    if palette is not None or filters is not None:
+    if show == "magnitudes":
+        name = "V" if filters is None else filters
+        _refuse({**developed, **planes, "filters": None, "wavelength": wavelength}, "magnitudes, whose colours are fixed")
+        space, (picture, opaque, shown) = "srgb", brightness.painted(image, str(name))
+        made = {"show": show, **shown}
+    elif palette is not None or filters is not None:
         _refuse({"space": space, "exposure": exposure}, "pictures of filters, which are sRGB and take levels")
         _refuse({"wavelength": wavelength, "show": None if show == "colour" else show}, "pictures of filters")
         space, (picture, opaque, made) = "srgb", plane_picture(image, tone=tone, **planes)  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ FRAME = (
 )
 
 #: What a picture may show.
-SHOWN = ("colour", "degree", "angle")
+SHOWN = ("colour", "degree", "angle", "magnitudes")
 
 
 class Band(NamedTuple):

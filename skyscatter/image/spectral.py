@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errorkind import ErrorKind, kind_of
 from skyscatter.errors import DomainError, MissingDataError
-from skyscatter.image import colour
+from skyscatter.image import colour, nightvision
 from skyscatter.image import polarisation as polar
 from skyscatter.image import tone as tones
 from skyscatter.image.dataset import to_dataset
@@ -312,7 +312,14 @@ class SpectralImage:
 
     def auto_exposure(self) -> float:
         """Exposure value (EV at ISO 100) that "auto" stands for; see `skyscatter.image.tone.auto_ev100`."""
-        return tones.auto_ev100(self.luminance())
+        ev100 = tones.auto_ev100(self.luminance())
+        return tones.dusk_ev100(ev100) if self._is_sky else ev100
+
+    @property
+    def _is_sky(self) -> bool:
+        """Whether it is a picture of a planet's sky, in which night shall look dark."""
+        scene = self._recipe.get("scene")
+        return isinstance(scene, dict) and "sun" in scene and "ground" in scene
 
     def picture(
         self, space: str = "srgb", exposure: float | Literal["auto"] = "auto", tone: str = "photograph"
@@ -346,7 +353,11 @@ class SpectralImage:
         """`picture`, and the exposure value (EV at ISO 100) that it was made with."""
         colour.display_space(space)
         xyz = self.xyz()
-        ev100 = tones.exposure_value(exposure, xyz[..., 1])
+        ev100 = self.auto_exposure() if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
+        if tone == "eye":
+            xyz = nightvision.as_the_eye(xyz, nightvision.scotopic_luminance(self._radiance, self._wavelengths))
+        elif tone == "photograph" and self._is_sky:
+            xyz = nightvision.balanced(xyz, ev100)
         return tones.develop(colour.xyz_to_rgb(xyz, space), space, ev100, tone), ev100
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:

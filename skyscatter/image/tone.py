@@ -74,6 +74,16 @@ def auto_ev100(luminance: ArrayLike) -> float:
     return float(grey - np.log2(metered_luminance(0.0)))
 
 
+def dusk_ev100(ev100: float) -> float:
+    """Exposure value for a sky whose average would be mid grey with `ev100`: by night it looks dark.
+
+    The key of a scene of luminance L is 1.03 - 2 / (2 + lg(L + 1)), from 0.03 in the dark on (Krawczyk, Myszkowski &
+    Seidel 2005, Proc. SCCG, 195, eq. 11); where that is below mid grey the exposure falls in proportion.
+    """
+    key = 1.03 - 2.0 / (2.0 + np.log10(metered_luminance(ev100) + 1.0))
+    return float(ev100 + max(np.log2(MID_GREY / key), 0.0))
+
+
 def exposure_value(exposure: float | Literal["auto"], luminance: ArrayLike) -> float:
     """EV (ISO 100) from a user's word: "auto" or a number."""
     if isinstance(exposure, str):
@@ -172,7 +182,8 @@ def _strengthened(rgb: Array, factor: float, space: str) -> Array:
     lab = np.cbrt(rgb @ to_lms.T) @ _OKLAB.T
     peak = rgb.max(axis=-1)
     saturation = 1.0 - np.divide(rgb.min(axis=-1), peak, out=np.ones_like(peak), where=peak > 0.0)
-    lab[..., 1:] *= (1.0 + (factor - 1.0) * (1.0 - saturation**4 if factor > 1.0 else 1.0))[..., None]
+    share = 1.0 - saturation**4 if factor > 1.0 else np.ones_like(saturation)
+    lab[..., 1:] *= (1.0 + (factor - 1.0) * share)[..., None]
     return map_gamut((lab @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T, space)
 
 

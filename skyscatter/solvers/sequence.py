@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
-from skyscatter.solvers import orders, sundisk
+from skyscatter.solvers import orders, skylights, sundisk
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
@@ -83,8 +83,13 @@ def field_for(
         directions = small.directions(scene.observer).reshape(-1, 3)
         directions = np.ascontiguousarray(directions[np.isfinite(directions[:, 0])])
         origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
-        ranges.append(orders.window_of(scene, compile_scene(scene, wl), origins, directions))
-    zenith = min(low for low, _ in ranges), max(high for _, high in ranges)
+        if skylights.sun_shines(scene):
+            ranges.append(orders.window_of(scene, compile_scene(scene, wl), origins, directions))
+        heavens = skylights.heavens_of(scene, wl)
+        window = None if heavens is None else skylights.light_window(scene, heavens, directions)
+        ranges += [] if window is None else [window]
+    # Where nothing shines that the air could scatter, any field will do.
+    zenith = min((low for low, _ in ranges), default=0.0), max((high for _, high in ranges), default=0.1)
     return solve_range(
         scenes[0], wl, zenith, DEFAULT_TOLERANCE if tolerance is None else tolerance, False, None,
         worker_count(threads), progress, checkpoint,
@@ -93,7 +98,7 @@ def field_for(
 
 def same_air(one: Scene, other: Scene) -> bool:
     """Whether one field serves two scenes."""
-    apart = {"sun", "altitude"}
+    apart = {"sun", "altitude", "lights"}
     return one.model_dump(mode="json", exclude=apart) == other.model_dump(mode="json", exclude=apart)
 
 
@@ -105,15 +110,17 @@ def smaller(camera: Any, width: int = SMALL) -> Any:
     return type(camera).model_validate({**camera.model_dump(), "width": width, "height": height})
 
 
-def frame(field: RadianceField, scene: Scene, camera: Any) -> SpectralImage:
-    """A picture of a scene from a field that covers its Sun.
+def frame(field: RadianceField, scene: Scene, camera: Any, air: skylights.LitAir | None = None) -> SpectralImage:
+    """A picture of a scene from a field that covers its Sun, and the other lights that shine on it.
 
     Parameters
     ----------
     field : RadianceField
     scene : Scene
-        Of the same air; its Sun and its observer count.
+        Of the same air; its Sun, its lights and its observer count.
     camera : Camera
+    air : LitAir, optional
+        Of that field and the observer's height; what was found for other frames is not found again.
 
     Returns
     -------
@@ -126,10 +133,19 @@ def frame(field: RadianceField, scene: Scene, camera: Any) -> SpectralImage:
     table = field.at(scene.sun)
     inside = np.isfinite(grid[..., 0])
     cube = np.full((*inside.shape, field.wavelengths.size), np.nan)
-    cube[inside] = looked(field, table, scene, grid[inside])
-    correction = sundisk.disk_correction(scene, table, camera, grid)
-    if correction is not None:
-        cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
+    if skylights.sun_shines(scene):
+        cube[inside] = looked(field, table, scene, grid[inside])
+        correction = sundisk.disk_correction(scene, table, camera, grid)
+        if correction is not None:
+            cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
+    else:
+        cube[inside] = 0.0
+    heavens = skylights.heavens_of(scene, field.wavelengths)
+    if heavens is not None:
+        lit = air or skylights.LitAir(field, scene.altitude)
+        scatters = skylights.light_window(scene, heavens, np.ascontiguousarray(grid[inside])) is not None
+        picture = skylights.Picture(cube, None, {}, grid, camera)
+        skylights.add_lights(picture, scene, heavens, lit if scatters else None, 1)
     recipe = {"scene": scene.model_dump(mode="json", exclude_none=True), "camera": camera.model_dump(mode="json")}
     return SpectralImage(cube, field.wavelengths, recipe=recipe | {"solver": "orders"})
 
@@ -186,11 +202,14 @@ class Frames:
     wavelengths: Array
     solved: RadianceField | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    _airs: dict[float, skylights.LitAir] = field(default_factory=dict, repr=False, compare=False)
 
     def image(self, number: int, camera: Any = None) -> SpectralImage:
         """One frame."""
         if self.solved is not None:
-            return frame(self.solved, self.scenes[number], camera or self.camera)
+            scene = self.scenes[number]
+            air = self._airs.setdefault(scene.altitude, skylights.LitAir(self.solved, scene.altitude))
+            return frame(self.solved, scene, camera or self.camera, air)
         return render(self.scenes[number], camera or self.camera, self.wavelengths, threads=1, **self.options)
 
 
