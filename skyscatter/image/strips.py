@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
 
 #: Bytes of the spectra in a strip, as far as a row is not more than that.
-STRIP = 32_000_000
+STRIP = 16_000_000
 #: Extension -> module and the options that its writer takes.
 WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".fits": ("fitsstrips", ("dtype",)),

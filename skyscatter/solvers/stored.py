@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 #: Fewest walks whose sums can be gone on with: a batch has one of each sixteen.
 FEWEST = 16
+#: Ways to find vertices that have no sums to go on with.
+SUMLESS = ("free-flight", "delta")
 #: Seconds between two looks at what others work on.
 LOOK = 0.5
 #: Share of the time of passes that may be spent on keeping them.
@@ -43,23 +45,26 @@ SOLUTION = "solution.npz"
 
 
 def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
-    """The store of a render; samples may grow.
+    """The store of a render; samples may grow where sums over them are kept.
 
     Raises
     ------
     DomainError
-        For a folder of another render, and for walks whose sums cannot be kept.
+        For a folder of another render.
     """
     options = recipe["options"]
-    walks = recipe["solver"] == "path"
-    if walks and "noise" in options:
-        raise DomainError("noise", options["noise"], "has no end that a store could know; give samples, and more later")
-    if walks and options.get("sampling") in ("free-flight", "delta"):
-        raise DomainError("sampling", options["sampling"], "keeps no sums to go on with; leave it or the store out")
-    if walks and options["samples"] < FEWEST:
-        raise DomainError("samples", options["samples"], f"a store adds walks in sixteens; give {FEWEST} or more")
-    grows = ("samples",) if recipe["solver"] in ("path", "photons") and "subpixels" not in recipe else ()
-    return Store(path, recipe, grows, {"sort": sort})
+    plain = "noise" in options or options.get("sampling") in SUMLESS or options.get("samples", FEWEST) < FEWEST
+    walks = recipe["solver"] == "path" and "subpixels" not in recipe and not plain
+    return Store(path, recipe, ("samples",) if walks or recipe["solver"] == "photons" else (), {"sort": sort})
+
+
+def keeps_sums(module: Any, options: Options) -> bool:
+    """Whether walks are kept as sums, to which more can be added: not where their number is up to the noise."""
+    if not hasattr(module, "no_walks") or options.noise is not None or options.sampling in SUMLESS:
+        return False
+    from skyscatter.solvers.path import walks_for
+
+    return walks_for(options) >= FEWEST
 
 
 def stored_context(
@@ -93,7 +98,7 @@ def stored_context(
 def solve_more(solving: Solving, rays: Rays, before: Walks | None) -> tuple[Answer, Walks | None]:
     """The rays of a tile, with walks that were made before."""
     module, context, options = solving
-    if not hasattr(module, "no_walks"):
+    if not keeps_sums(module, options):
         return module.solve(context, rays, options), None
     walks = before or module.no_walks(context, len(rays.origins), options)
     return module.solve(context, rays, options, walks), walks
@@ -156,7 +161,7 @@ class StoredTiles:
     def _bytes(self, tile: slice) -> int:
         """Memory of a task, about."""
         options = self.solving.options
-        batches = FEWEST * (4 if options.stokes else 1) if hasattr(self.solving.module, "no_walks") else 0
+        batches = FEWEST * (4 if options.stokes else 1) if keeps_sums(self.solving.module, options) else 0
         return tile_bytes(tile.stop - tile.start, self.wavelengths, options.layers, batches)
 
     def _found(self, number: int) -> tuple[int, dict[str, Array]] | None:
@@ -169,7 +174,7 @@ class StoredTiles:
 
     def _walks(self, done: int, values: dict[str, Array]) -> Walks | None:
         module, context, options = self.solving
-        if "sums" not in values or not hasattr(module, "no_walks"):
+        if "sums" not in values or not keeps_sums(module, options):
             return None
         shape = module.no_walks(context, len(values["sums"]), options)
         if values["sums"].shape[1] != shape.sums[0].size or values["marked"].shape[1] != shape.marked[0].size:
@@ -202,7 +207,7 @@ class StoredTiles:
 
 def amount_of(module: Any, options: Options) -> int:
     """How much work a finished tile has in it: walks of each batch, or 1."""
-    if not hasattr(module, "no_walks"):
+    if not keeps_sums(module, options):
         return 1
     from skyscatter.solvers.path import walks_for
 

@@ -66,7 +66,8 @@ class Store:
         if not (self.path / "zarr.json").is_file():
             _make(self.path, {**(about or {}), "format": FORMAT, "recipe": plain, "grows": list(grows)})
         self.attributes = read_attributes(self.path)
-        _compare(self.path, self.attributes["recipe"], plain, grows)
+        both = grows if self.attributes["grows"] == list(grows) else ()  # what could not grow then cannot now
+        _compare(self.path, self.attributes["recipe"], plain, both)
         #: What is no part of zarr's hierarchy lies within the array's folder, where zarr does not look for members.
         self.beside = self.path / "values" / ".work"
         self.claims = Claims(self.beside)

@@ -202,13 +202,24 @@ def test_two_programs_share_the_work(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "word"),
-    [({"noise": 0.01}, "noise"), ({"samples": 8}, "samples"), ({"samples": 16, "sampling": "free-flight"}, "sampling")],
+    "options",
+    [{"noise": 0.1}, {"samples": 8}, {"samples": 16, "sampling": "free-flight"}],
+    ids=lambda given: next(iter(given)),
 )
-def test_walks_that_cannot_be_kept_are_refused(options: dict[str, Any], word: str, tmp_path: Path) -> None:
-    with pytest.raises(DomainError, match=word):
-        skyscatter.render(scene(), CAMERA, [550], solver="path", store=tmp_path / "a.zarr", **options)
-    assert not (tmp_path / "a.zarr").exists()
+def test_walks_without_sums_are_kept_as_they_are(options: dict[str, Any], tmp_path: Path) -> None:
+    def made(**more: Any) -> Any:
+        return skyscatter.render(scene(), CAMERA, [450, 650], solver="path", **{**options, **more})
+
+    kept, plain = made(store=tmp_path / "a.zarr"), made()
+    np.testing.assert_array_equal(kept.radiance, plain.radiance)
+    np.testing.assert_array_equal(kept.standard_error, plain.standard_error)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Store, "put", lambda *_: pytest.fail("nothing is made twice"))
+        np.testing.assert_array_equal(made(store=tmp_path / "a.zarr").radiance, plain.radiance)
+    np.testing.assert_array_equal(picture_of(tmp_path / "a.zarr").radiance, plain.radiance)
+    more = {"noise": 0.05} if "noise" in options else {"samples": 64}
+    with pytest.raises(DomainError, match="other options"):
+        made(store=tmp_path / "a.zarr", **more)
 
 
 def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
