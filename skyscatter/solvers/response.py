@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from skyscatter.scene import Sun
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.estimate import ERROR_SHARE
 from skyscatter.solvers.field import RadianceField
@@ -196,7 +195,7 @@ class Response:
 
         def work(part: slice) -> None:
             for s in range(part.start, part.stop):
-                table = self.field.at(Sun(elevation_deg=float(np.degrees(elevations[s])), azimuth_deg=0.0))
+                table = self.field.at(self.field.sun(float(np.degrees(elevations[s])), 0.0))
                 scattered, multiple, ground, _ = view(solution.problem, solution.loaded, table, origins, directions)
                 light = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
                 light /= table.optics.sun_irradiance.sum(axis=0)

@@ -226,7 +226,8 @@ def _add_moonlight(picture: Picture, scene: Scene, heavens: Heavens, air: LitAir
     from skyscatter.celestial.moon import moon_irradiance
 
     sun = _sun_of(heavens.moon.direction)
-    whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
+    # The field's own Sun, at its distance: by its irradiance the field's light is scaled.
+    whole = air.field.at(air.field.sun(sun.elevation_deg, sun.azimuth_deg)).optics.sun_irradiance.sum(axis=0)
     share = np.divide(
         moon_irradiance(heavens.moon, heavens.wavelengths), whole, out=np.zeros_like(whole), where=whole > 0
     )
