@@ -57,9 +57,11 @@ _HOME = {
     "Scene": "skyscatter.scene",
     "Star": "skyscatter.scene",
     "Sun": "skyscatter.scene",
+    "SkyLights": "skyscatter.celestial.lights",
     "Model": "skyscatter.models.sky",
     "Planet": "skyscatter.models.sky",
     "load_model": "skyscatter.models.files",
+    "sky_at": "skyscatter.models.places",
     "model_names": "skyscatter.models.files",
     "Fisheye": "skyscatter.geometry.camera",
     "Panorama": "skyscatter.geometry.camera",
@@ -93,6 +95,7 @@ if TYPE_CHECKING:
     from skyscatter import fields as fields
     from skyscatter import inversion as inversion
     from skyscatter import surfaces as surfaces
+    from skyscatter.celestial.lights import SkyLights as SkyLights
     from skyscatter.columns import optical_depth as optical_depth
     from skyscatter.columns import transmittance as transmittance
     from skyscatter.dehaze.called import dehaze as dehaze
@@ -116,6 +119,7 @@ if TYPE_CHECKING:
     from skyscatter.models.files import load_model as load_model
     from skyscatter.models.files import model_names as model_names
     from skyscatter.models.nebula import NebulaModel as NebulaModel
+    from skyscatter.models.places import sky_at as sky_at
     from skyscatter.models.sky import Model as Model
     from skyscatter.models.sky import Planet as Planet
     from skyscatter.models.surfaces import SurfaceModel as SurfaceModel

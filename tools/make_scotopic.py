@@ -10,7 +10,8 @@ from pathlib import Path
 import colour
 
 TARGET = Path(__file__).resolve().parent.parent / "data" / "scotopic.csv"
-HEAD = """# Luminous efficiency of the dark-adapted eye V'(lambda), the CIE scotopic standard observer (CIE 1951; CIE S 010).
+HEAD = """\
+# Luminous efficiency of the dark-adapted eye V'(lambda), the CIE scotopic standard observer (CIE 1951; CIE S 010).
 # wavelength [nm, air; taken as vacuum], efficiency [1]; as shipped by colour-science, BSD-3-Clause.
 wavelength_nm,efficiency
 """

@@ -13,6 +13,7 @@ from skyscatter.cli import parse
 from skyscatter.errors import DomainError
 
 if TYPE_CHECKING:
+    from skyscatter.celestial.lights import SkyLights
     from skyscatter.scene import Scene
 
 _NAMES = "sun, moon, planets, stars, starlight, zodiacal, airglow"
@@ -47,16 +48,16 @@ class LightChoice:
     solar_flux: float | None
     stars: Path | None
 
-    def put(self, scene: Scene) -> Scene:
-        """The scene of a place and a time with these lights."""
+    def __call__(self, sun_elevation_deg: float) -> SkyLights:
+        """The lights while the Sun stands there."""
         from skyscatter.celestial.lights import SkyLights, chosen, shining
 
-        names = chosen(shining(scene.sun.elevation_deg) if self.lights is None else self.lights, "lights")
+        names = chosen(shining(sun_elevation_deg) if self.lights is None else self.lights, "lights")
         names = tuple(name for name in names if name not in chosen(self.without, "without"))
         given: dict[str, Any] = {} if self.solar_flux is None else {"solar_flux": self.solar_flux}
         if self.stars is not None:
             given["catalogue"] = str(self.stars)
-        return scene.model_copy(update={"lights": SkyLights(shine=names, **given)})
+        return SkyLights(shine=names, **given)
 
 
 def light_choice(

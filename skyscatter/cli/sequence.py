@@ -157,8 +157,10 @@ def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
     air: Any = skyscatter.load_model(request.model)
     common.check_command(air, request.model, "sky")
     if sequence.times:
-        at = (common.scene_at(air, request.model, request.place, t, request.altitude) for t in sequence.times)
-        return air.name, tuple(request.lights.put(scene) for scene in at)
+        where = (request.altitude, request.lights)
+        return air.name, tuple(
+            common.scene_at(air, request.model, request.place, t, *where) for t in sequence.times
+        )
     return air.name, tuple(
         air.scene(sun_elevation_deg=e, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude)
         for e in sequence.elevations
@@ -167,7 +169,7 @@ def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
 
 def _scene(request: Any, model: Any, name: str) -> Any:
     if request.place is not None and request.time is not None:
-        return request.lights.put(common.scene_at(model, name, request.place, request.time, request.altitude))
+        return common.scene_at(model, name, request.place, request.time, request.altitude, request.lights)
     return model.scene(
         sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
     )

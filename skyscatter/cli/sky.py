@@ -149,8 +149,8 @@ def sky(
         str | None,
         typer.Option(
             metavar="WHAT",
-            help="For PNG: colour (the default); magnitudes, a map in V mag arcsec-2 with contours (or magnitudes:B); or "
-            "degree or angle of linear polarisation, which imply --stokes, of all wavelengths weighted by luminous "
+            help="For PNG: colour (the default); magnitudes, a map in V mag arcsec-2 with contours (or magnitudes:B); "
+            "or degree or angle of linear polarisation, which imply --stokes, of all wavelengths weighted by luminous "
             "efficiency, or of one [nm]: degree:550.",
         ),
     ] = None,
@@ -321,8 +321,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
-    scene = common.scene_at(model, request.model, request.place, request.time, request.altitude)
-    return model, request.lights.put(scene)
+    return model, common.scene_at(model, request.model, request.place, request.time, request.altitude, request.lights)
 
 
 def run(request: Request, arguments: list[str]) -> int:

@@ -154,7 +154,7 @@ def sample_weights(wl: Array, nodes: Array, functions: Array) -> Array:
 
 
 def _add_hats(weights: Array, wl: Array, points: Array, amounts: Array) -> None:
-    """Share `amounts` (point, function) at `points` among the two neighbouring samples, as linear interpolation does."""
+    """Share `amounts` (point, function) at `points` among the two samples beside, as linear interpolation does."""
     left = np.clip(np.searchsorted(wl, points, side="right") - 1, 0, wl.size - 2)
     share = np.clip((points - wl[left]) / (wl[left + 1] - wl[left]), 0.0, 1.0)[:, None]
     np.add.at(weights, left, (1.0 - share) * amounts)

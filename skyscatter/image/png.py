@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.image import skybrightness as brightness
 from skyscatter.image.colour import ColourSpace, display_space
 from skyscatter.image.palettes import Levels, plane_picture
-from skyscatter.image import skybrightness as brightness
 from skyscatter.image.polarisation import SCALES, check_shown, painted
 from skyscatter.image.spectral import SpectralImage
 
@@ -138,7 +138,8 @@ def write(
     planes = {"palette": palette, "filters": filters, "stretch": stretch, "softening": softening, "levels": levels}
     if show == "magnitudes":
         name = "V" if filters is None else filters
-        _refuse({**developed, **planes, "filters": None, "wavelength": wavelength}, "magnitudes, whose colours are fixed")
+        others = {**developed, **planes, "filters": None, "wavelength": wavelength}
+        _refuse(others, "magnitudes, whose colours are fixed")
         space, (picture, opaque, shown) = "srgb", brightness.painted(image, str(name))
         made = {"show": show, **shown}
     elif palette is not None or filters is not None:

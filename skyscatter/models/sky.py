@@ -148,9 +148,9 @@ class Model(ModelFile):
             ISO 8601 text, UTC; or a datetime.
         altitude : float or str or Quantity
             Of the observer above the ground [m].
-        lights : "auto", SkyLights or sequence of str, optional
-            What shines beside the Sun, see `skyscatter.celestial.lights`; ``"auto"`` takes what matters at that time.
-            The Sun alone when not given.
+        lights : "auto", SkyLights, sequence of str or callable, optional
+            What shines, see `skyscatter.SkyLights`; ``"auto"`` takes what matters at that time, a function is given the
+            elevation of the Sun [degree] and returns `SkyLights`.  The Sun alone when not given.
 
         Returns
         -------
@@ -184,5 +184,8 @@ def _lights(lights: Any, sun_elevation_deg: float) -> SkyLights | None:
     """The lights that are meant."""
     if lights is None or isinstance(lights, SkyLights):
         return lights
+    if callable(lights):
+        found: SkyLights = lights(sun_elevation_deg)
+        return found
     names = shining(sun_elevation_deg) if isinstance(lights, str) and lights == "auto" else chosen(lights, "lights")
     return SkyLights(shine=names)

@@ -97,11 +97,14 @@ def fake(monkeypatch, tmp_path):
                 azimuth_deg=options["sun_azimuth_deg"],
             ),
             star_distance=options.get("sun_distance_au", 1.5) * 149597870700.0,
+            lights=None,
         )
 
-    def scene_at(latitude, longitude, time, altitude):
+    def scene_at(latitude, longitude, time, altitude, lights=None):
         sun = sun_position(latitude, longitude, time, altitude)
-        return scene(**{f"sun_{name}": value for name, value in sun._asdict().items()}, altitude=altitude)
+        found = scene(**{f"sun_{name}": value for name, value in sun._asdict().items()}, altitude=altitude)
+        found.sun.site, found.lights = None, lights(sun.elevation_deg)
+        return found
 
     def load_model(name):
         if name not in ("earth", "mars"):
@@ -366,7 +369,7 @@ def test_unpolarised_light_is_the_default(fake, capsys):
     assert main(["sky", "--json"]) == 0
     assert "stokes" not in fake.render
     assert json.loads(capsys.readouterr().out)["polarisation"] is None
-    assert parse_show("colour") == ("colour", None)
+    assert parse_show("colour") == ("colour", None, None)
 
 
 @pytest.mark.parametrize("case", ["dark", "invisible"])
