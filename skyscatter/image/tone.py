@@ -172,7 +172,8 @@ def _strengthened(rgb: Array, factor: float, space: str) -> Array:
     lab = np.cbrt(rgb @ to_lms.T) @ _OKLAB.T
     peak = rgb.max(axis=-1)
     saturation = 1.0 - np.divide(rgb.min(axis=-1), peak, out=np.ones_like(peak), where=peak > 0.0)
-    lab[..., 1:] *= (1.0 + (factor - 1.0) * (1.0 - saturation**4 if factor > 1.0 else 1.0))[..., None]
+    room = 1.0 - saturation**4 if factor > 1.0 else np.ones_like(saturation)
+    lab[..., 1:] *= (1.0 + (factor - 1.0) * room)[..., None]
     return map_gamut((lab @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T, space)
 
 
