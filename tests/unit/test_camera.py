@@ -333,7 +333,7 @@ def test_landscapes_of_the_command_line():
             camera_from_view(view, 8, 4, 250, standing(0.0))
     with pytest.raises(DomainError, match="needs the observer's altitude"):
         camera_from_view("landscape", 8, 4)
-    with pytest.raises(DomainError, match="fov_deg"):
+    with pytest.raises(ValidationError, match="fov_deg"):
         camera_from_view("landscape:0,400", 8, 4, 250, standing(0.0))
 
 
