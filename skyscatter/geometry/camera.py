@@ -332,7 +332,7 @@ def landscape(
     >>> observer = skyscatter.load_model("earth").scene(altitude="1 km").observer
     >>> camera = landscape(1200, 480, observer)
     >>> round(camera.elevation_min_deg, 2), round(camera.elevation_max_deg, 2)
-    (-9.01, 38.99)
+    (-9.02, 38.98)
     """
     above = int(observer.altitude > observer.atmosphere_top)
     fov = LANDSCAPE_FOV[above] if fov_deg is None else fov_deg

@@ -27,6 +27,7 @@ EAST, NORTH, UP = np.eye(3)
 CAMERAS = [
     Panorama(width=24, height=12),
     Panorama(width=24, height=7, elevation_min_deg=-5, elevation_max_deg=60, centre_azimuth_deg=10),
+    Panorama(width=24, height=9, elevation_min_deg=-8, elevation_max_deg=37, centre_azimuth_deg=350, fov_deg=120),
     Fisheye(width=21, height=17),
     Fisheye(width=16, height=20, projection="equisolid", fov_deg=220, east_left=False),
     Fisheye(width=16, height=16, fov_deg=360, azimuth_deg=30, elevation_deg=-20, roll_deg=15),
@@ -303,6 +304,46 @@ def test_views_of_the_command_line():
     assert camera_from_view("planet", 8, 4) == PlanetView(width=8, height=4)
     expected = Perspective(width=8, height=4, azimuth_deg=90, elevation_deg=-10, fov_deg=45)
     assert camera_from_view("perspective:90,-10,45", 8, 4) == expected
+
+
+def standing(altitude: float) -> SimpleNamespace:
+    return SimpleNamespace(altitude=altitude, planet_radius=6371e3, atmosphere_top=100e3)
+
+
+@pytest.mark.parametrize(("altitude", "fov", "below"), [(0.0, 120.0, 1 / 6), (10e3, 120.0, 1 / 6), (400e3, 40.0, 0.6)])
+def test_a_landscape_has_its_horizon_where_it_should_be(altitude, fov, below):
+    camera = camera_from_view("landscape", 120, 60, 250, standing(altitude))
+    dip = np.arccos(6371e3 / (6371e3 + altitude))
+    _, y = camera.pixel(direction_from_azimuth_elevation(250, np.degrees(-dip)))
+    assert y == pytest.approx(60 * (1 - below) - 0.5, abs=1e-6)  # rounding, of a small dip most
+    assert (camera.fov_deg, camera.centre_azimuth_deg) == (fov, 250.0)
+    # as many degrees to a pixel both ways
+    assert camera.elevation_max_deg - camera.elevation_min_deg == pytest.approx(fov / 2, rel=1e-12)
+
+
+def test_landscapes_of_the_command_line():
+    east = camera_from_view("landscape:90", 120, 40, 250, standing(0.0))
+    assert (east.centre_azimuth_deg, east.fov_deg) == (90.0, 120.0)
+    narrow = camera_from_view("landscape:-10,30", 120, 40, 250, standing(0.0))
+    assert (narrow.centre_azimuth_deg, narrow.fov_deg) == (350.0, 30.0)
+    # nothing is seen above the zenith, however high the picture
+    assert camera_from_view("landscape:0,360", 100, 100, 250, standing(0.0)).elevation_max_deg == 90.0
+    for view in ("landscape:", "landscape:north", "landscape:1,2,3", "landscape:nan"):
+        with pytest.raises(DomainError, match="such as landscape:90 or landscape:90,60"):
+            camera_from_view(view, 8, 4, 250, standing(0.0))
+    with pytest.raises(DomainError, match="needs the observer's altitude"):
+        camera_from_view("landscape", 8, 4)
+    with pytest.raises(ValidationError, match="fov_deg"):
+        camera_from_view("landscape:0,400", 8, 4, 250, standing(0.0))
+
+
+def test_part_of_a_panorama_is_that_part():
+    whole = Panorama(width=36, height=18, centre_azimuth_deg=90)
+    part = Panorama(width=12, height=18, centre_azimuth_deg=90, fov_deg=120)
+    np.testing.assert_allclose(part.directions(), whole.directions()[:, 12:24], atol=1e-15)  # rounding
+    np.testing.assert_allclose(part.pixel_solid_angle(), whole.pixel_solid_angle()[:, 12:24], rtol=1e-12)  # rounding
+    assert np.isnan(part.pixel(direction_from_azimuth_elevation(151, 0))).all()
+    assert np.isfinite(part.pixel(direction_from_azimuth_elevation(149, 0))).all()
 
 
 @pytest.mark.parametrize("view", ["panorama:", "panorama:north", "panorama-upper:1,2"])

@@ -303,8 +303,8 @@ def test_accuracy_of_the_light_scattered_once(fake):
 
 
 def test_stated_exposure(fake, capsys):
-    words = "nebula orion --size 4x3 --json --exposure -20 -o a.png --tone linear"
-    assert main(words.split()) == 0
+    words = ["--size", "4x3", "--json", "--exposure", "-20", "-o", "a.png", "--tone", "linear"]
+    assert main(["nebula", "orion", *words]) == 0
     assert json.loads(capsys.readouterr().out)["exposure_ev"] == -20.0
     assert json.loads(read_png("a.png").texts["skyscatter-picture"])["ev100"] == -20.0
 

@@ -115,6 +115,16 @@ def test_fits_of_panoramas(tmp_path: Path, view: str, centre: float, low: float)
     np.testing.assert_allclose(elevation, (low + 90) / 2 + (90 - low) * B / H, rtol=0, atol=1e-6)
 
 
+def test_fits_of_a_landscape(tmp_path: Path) -> None:
+    made = skyscatter.Panorama(
+        **SIZE, fov_deg=90.0, centre_azimuth_deg=20.0, elevation_min_deg=-9, elevation_max_deg=36
+    )
+    image(made).save(tmp_path / "sky.fits")
+    azimuth, elevation = by_astropy(tmp_path / "sky.fits")
+    assert np.abs((azimuth - (20.0 + 90.0 * A / W) + 180.0) % 360.0 - 180.0).max() < 1e-6
+    np.testing.assert_allclose(elevation, 13.5 + 45.0 * B / H, rtol=0, atol=1e-6)
+
+
 def test_fits_of_a_planet(tmp_path: Path) -> None:
     of = scene(2000e3)
     image(skyscatter.PlanetView(**SIZE), of).save(tmp_path / "sky.fits")
