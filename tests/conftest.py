@@ -22,6 +22,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import hypothesis  # noqa: E402
+import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,6 +99,13 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep results of this session in a folder of its own: none of an earlier version, none in the user's."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SKYSCATTER_CACHE", str(tmp_path_factory.mktemp("kept")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def numbers_as_numpy_prints_them() -> Iterator[None]:
+    """Examples print arrays as a user's Python does, though a test may have imported colour, which changes that."""
+    with np.printoptions(legacy=False):
         yield
 
 

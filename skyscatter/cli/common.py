@@ -216,7 +216,7 @@ def worker_options(workers: str | None, scheduler: str | None, memory: str | Non
 
 def _cap(memory: str) -> int:
     """Bytes of a worker, refused at once where they cannot be had."""
-    from skyscatter.tasks.engine import check_cap
+    from skyscatter.tasks.processes import check_cap
 
     found = parse.parse_bytes(memory, "worker_memory")
     check_cap(found)
@@ -334,7 +334,8 @@ def file_options(
         if value is None:
             continue
         if not has_suffix(outputs, *suffixes):
-            remedy = f"is for {' and '.join(suffixes)} files; name one with -o, or leave this out"
+            kinds = " and ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+            remedy = f"is for {kinds} files; name one with -o, or leave this out"
             raise DomainError(option, True if value is False else value, remedy)
         for suffix in {path.suffix.lower() for path in outputs} & set(suffixes):
             found.setdefault(suffix, {})[name] = value

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skyscatter import memory
 from skyscatter.cli import common, stopping
 from skyscatter.errors import DomainError
 from skyscatter.image import strips
 from skyscatter.progress import remark, say
-from skyscatter.solvers import memory
 
 if TYPE_CHECKING:
     from skyscatter.image.skyframe import SkyFrame

@@ -218,7 +218,7 @@ def produce(
     """
     from skyscatter.progress import Progress
     from skyscatter.tasks.cluster import executor_of
-    from skyscatter.tasks.engine import opened
+    from skyscatter.tasks.door import opened
 
     started = clock.monotonic()
     with (

@@ -326,7 +326,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
 
 def run(request: Request, arguments: list[str]) -> int:
     """Render, write, report; returns the exit status."""
-    from skyscatter.solvers.memory import check_picture
+    from skyscatter.memory import check_picture
 
     started = clock.monotonic()
     model, scene = build_scene(request)

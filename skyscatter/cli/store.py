@@ -46,7 +46,7 @@ def list_(folder: Folder, as_json: common.AsJson = False) -> None:
 
 def describe(summary: dict[str, Any]) -> str:
     """A summary for people."""
-    from skyscatter.solvers.memory import format_bytes
+    from skyscatter.memory import format_bytes
 
     camera, amount = summary["camera"], summary["amount"]
     more = f", {amount[0]} to {amount[1]} walks or passes in each batch" if amount and amount[1] > 1 else ""
@@ -116,7 +116,7 @@ def export(
 
 def _fits(folder: Path) -> bool:
     """Whether memory holds the picture of a store."""
-    from skyscatter.solvers.memory import available_bytes, picture_bytes
+    from skyscatter.memory import available_bytes, picture_bytes
     from skyscatter.tasks.store import read_attributes
 
     recipe = read_attributes(folder)["recipe"]

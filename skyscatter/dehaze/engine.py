@@ -12,7 +12,7 @@ from skyscatter.dehaze.options import DehazeOptions, SourceOptions, entrance, sp
 from skyscatter.dehaze.rasters.base import RasterSource
 from skyscatter.dehaze.result import DehazeResult, Summary
 from skyscatter.errors import DomainError
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 
 Progress = Callable[[float], object]
 

@@ -19,7 +19,7 @@ from skyscatter.dehaze.forward import Atmosphere, BandAverage, SolvedAir, reflec
 from skyscatter.dehaze.geometry import MAX_SUN_ZENITH, fold_azimuth
 from skyscatter.dehaze.passband import Band
 from skyscatter.errors import DomainError
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 from skyscatter.tasks.task import Shared, Task
 
 Array = NDArray[np.float64]

@@ -176,7 +176,7 @@ def check_room(path: Path, needed: int) -> None:
     ------
     SkyscatterError
     """
-    from skyscatter.solvers.memory import format_bytes
+    from skyscatter.memory import format_bytes
 
     folder = path.parent if path.parent.is_dir() else Path()
     free = shutil.disk_usage(folder).free

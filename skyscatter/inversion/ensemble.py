@@ -8,7 +8,7 @@ from typing import Any
 from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.inversion.fitresult import FitResult
 from skyscatter.inversion.fitting import fit
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 from skyscatter.tasks.task import Shared, Task
 
 

@@ -20,9 +20,9 @@ from skyscatter.inversion.forward import Forward
 from skyscatter.inversion.observations import Observation, Run, common_sun
 from skyscatter.inversion.parameters import Parameter, Subject, parse_free, resolve
 from skyscatter.inversion.readers import read_observation
+from skyscatter.memory import check_fits
 from skyscatter.models.files import load_model
-from skyscatter.solvers.memory import check_fits
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 
 Array = NDArray[np.float64]
 

@@ -44,7 +44,7 @@ def sky_at(
     >>> import skyscatter
     >>> scene = skyscatter.sky_at((46.55, 7.98), "2026-08-12T21:30Z", altitude="3571 m")
     >>> round(scene.sun.elevation_deg), "stars" in scene.lights.shine
-    (-25, True)
+    (-23, True)
     """
     found = load_model(model) if isinstance(model, str) else model
     if not isinstance(found, Model):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from skyscatter.errors import DomainError
+from skyscatter.memory import check_fits, field_bytes
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import outward_profile
-from skyscatter.solvers.memory import check_fits, field_bytes
 from skyscatter.solvers.series import ORDERS_SHARE
 from skyscatter.solvers.sweeps import Problem
 

@@ -24,7 +24,7 @@ from skyscatter.solvers.run import Solving, check_wavelengths, is_space, load_so
 from skyscatter.solvers.state import RenderState
 from skyscatter.solvers.stored import StoredTiles, fill, open_store, opened_again, solve_tiles_stored
 from skyscatter.solvers.tiles import spread, tiles_of
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 from skyscatter.tasks.store import Store
 from skyscatter.workers import steady_algebra
 

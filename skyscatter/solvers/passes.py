@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from skyscatter.memory import tile_bytes
 from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.task import Shared, Task

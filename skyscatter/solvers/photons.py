@@ -29,10 +29,10 @@ from skyscatter.kernels.surfaces.photons import PhotonScratch, make_photon_scrat
 from skyscatter.kernels.surfaces.points import Points, make_points
 from skyscatter.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
 from skyscatter.kernels.surfaces.tables import MaterialTable, MediaTable, PeakTable, SurfaceTable
+from skyscatter.memory import check_fits, photon_bytes
 from skyscatter.solvers.base import Answer, Array, Options, Rays
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.far_lamps import warn_of_far_lamps
-from skyscatter.solvers.memory import check_fits, photon_bytes
 from skyscatter.solvers.surface_path import guided
 
 if TYPE_CHECKING:

@@ -16,15 +16,16 @@ from numpy.typing import ArrayLike
 from skyscatter.errorkind import kind_of
 from skyscatter.errors import DomainError
 from skyscatter.kernels.forms import expect
+from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
-from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
 from skyscatter.solvers.tiles import spread, tiles_of
-from skyscatter.tasks.engine import Engine, opened
+from skyscatter.tasks.door import opened
+from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.store import Store
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.units import WAVELENGTHS

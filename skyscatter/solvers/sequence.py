@@ -20,7 +20,7 @@ from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_ran
 from skyscatter.solvers.render import render
 from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.state import Checkpoint
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 from skyscatter.tasks.task import Shared, Task
 
 if TYPE_CHECKING:

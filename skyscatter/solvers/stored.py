@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skyscatter.errors import DomainError
+from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
-from skyscatter.solvers.memory import tile_bytes
 from skyscatter.solvers.passes import sum_up
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.tiles import tiles_of

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from skyscatter.tasks.engine import Engine, engine_for
+from skyscatter.tasks.door import engine_for
+from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.task import Shared, Task
 
 __all__ = ["Engine", "Shared", "Task", "engine_for"]

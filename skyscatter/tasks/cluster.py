@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from skyscatter.errors import DomainError, SkyscatterError
-from skyscatter.tasks.engine import engine_for
+from skyscatter.tasks.door import engine_for
 
 #: Seconds in which a scheduler has to answer.
 PATIENCE = 20

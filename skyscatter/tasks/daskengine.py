@@ -12,7 +12,8 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from skyscatter.tasks import worker
-from skyscatter.tasks.engine import MOST_TRIES, SLICE, Elsewhere, explained, packed_call
+from skyscatter.tasks.elsewhere import MOST_TRIES, Elsewhere, explained, packed_call
+from skyscatter.tasks.engine import SLICE
 from skyscatter.tasks.task import Shared, Task
 
 #: Seconds that a group should take, and tasks in it at most.

@@ -114,7 +114,7 @@ def test_mpi(plain: dict[str, Any], tmp_path: Path) -> None:
 def test_a_worker_process_is_killed(plain: dict[str, Any]) -> None:
     import threading
 
-    from skyscatter.tasks.engine import Processes
+    from skyscatter.tasks.processes import Processes
 
     with Processes(2) as engine:
         made("orders", executor=engine)  # they run

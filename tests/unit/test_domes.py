@@ -214,7 +214,7 @@ def test_a_lamp_is_not_replaced_either(
         (["--scale", "2", "-o", "a.fits"], "is for .exr and .hdr files"),
         (["--half", "-o", "a.hdr"], "is for .exr files"),
         (["--no-spectra", "-o", "a.png"], "is for .exr files"),
-        (["--float32", "-o", "a.exr"], "is for .fits and .nc files"),
+        (["--float32", "-o", "a.exr"], "is for .fits, .nc and .zarr files"),
         (["--compress", "-o", "a.nc"], "is for .fits files"),
         (["--scale", "0", "-o", "a.exr"], "give a number above 0"),
         (["--north", "--view", "fisheye", "-o", "a.exr"], "fisheyes have north on top"),

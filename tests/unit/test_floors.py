@@ -16,7 +16,7 @@ ROOT = Path(skyscatter.__file__).parent
 FLOORS = (
     {"kernels"},
     {"errors", "errorkind", "problems", "constants", "units", "record", "registry", "atomic", "datafiles", "tablefile",
-     "netcdf", "progress", "workers", "tasks", "optics", "spectra", "geometry"},
+     "netcdf", "progress", "workers", "memory", "tasks", "optics", "spectra", "geometry"},
     {"media", "fields", "ground", "lights", "starfield", "surfaces", "celestial"},
     {"scene", "space", "models"},
     {"solvers", "columns", "image"},

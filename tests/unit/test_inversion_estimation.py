@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,9 @@ class Toy:
         self.calls += 1
         x = MATRIX @ z
         return Prediction(x + self.curve * x**2, np.zeros(30))
+
+    def predictions(self, states: Any) -> Iterator[Prediction]:
+        yield from map(self.predict, states)
 
     def noise_variance(self, value: Any) -> Any:
         return np.asarray(self.sigma) ** 2

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import skyscatter
+from skyscatter import memory
 from skyscatter.cli.main import main
 from skyscatter.errors import DomainError
 from skyscatter.image import strips
-from skyscatter.solvers import memory
 from skyscatter.solvers.large import StoredPicture, render_stored
 
 #: Of one process of this file each, so that kernels are compiled once.

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skyscatter import memory
 from skyscatter.cli.main import main
 from skyscatter.errors import DomainError
-from skyscatter.solvers import memory
 
 
 @pytest.mark.parametrize(

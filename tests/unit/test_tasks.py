@@ -17,7 +17,9 @@ import pytest
 
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.tasks import Engine, Shared, Task, engine_for
-from skyscatter.tasks.engine import Elsewhere, Processes, opened
+from skyscatter.tasks.door import opened
+from skyscatter.tasks.elsewhere import Elsewhere
+from skyscatter.tasks.processes import Processes
 from skyscatter.tasks.task import key_of
 
 # Workers do not find the modules of tests.

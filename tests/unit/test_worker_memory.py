@@ -12,9 +12,9 @@ import pytest
 from skyscatter.cli.main import main
 from skyscatter.cli.parse import parse_bytes
 from skyscatter.errors import DomainError
-from skyscatter.solvers.memory import IDLE_WORKER
+from skyscatter.memory import IDLE_WORKER
 from skyscatter.tasks import Shared, Task, engine_for
-from skyscatter.tasks.engine import state_memory
+from skyscatter.tasks.processes import state_memory
 
 # Workers do not find the modules of tests.
 cloudpickle.register_pickle_by_value(sys.modules[__name__])

@@ -15,7 +15,7 @@ from skyscatter.dehaze.rasters.handles import environment
 from skyscatter.dehaze.rasters.sinks import RasterSink
 from skyscatter.errors import DomainError
 from skyscatter.kernels.processors import processors
-from skyscatter.tasks.engine import opened
+from skyscatter.tasks.door import opened
 from skyscatter.tasks.task import Shared, Task
 
 #: Values [byte] of one window, where no size is asked for.
