@@ -49,8 +49,8 @@ def test_threads_and_processes_agree() -> None:
         assert engine.sent == len(shared.packed), "what tasks share is written once, for all workers"  # type: ignore[attr-defined]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool, engine_for(pool) as engine:
         assert results(engine, tasks(shared)) == wanted
-        # A worker that has it keeps it; those that begin together may each ask once for every task they began with.
-        assert engine.sent <= len(shared.packed) * engine.room  # type: ignore[attr-defined]
+        # A worker that has it keeps it.  What one asks for may reach the other, which has it: how often is chance.
+        assert engine.sent < len(shared.packed) * len(wanted)  # type: ignore[attr-defined]
 
 
 def test_another_executor_is_asked_once_by_each_worker() -> None:
