@@ -53,6 +53,25 @@ def test_threads_and_processes_agree() -> None:
         assert engine.sent < len(shared.packed) * len(wanted)  # type: ignore[attr-defined]
 
 
+def test_what_is_done_is_handed_out_before_an_error() -> None:
+    """Of many that end together, one with an error."""
+
+    class AtOnce(Engine):
+        def submit(self, task: Task) -> Future[Any]:
+            answer: Future[Any] = Future()
+            if task.number == 2:
+                answer.set_exception(ValueError("task 2"))
+            else:
+                answer.set_result(task.number)
+            return answer
+
+    with AtOnce(8) as engine:
+        results = engine.results(Task(pow, (1, 1), None, k) for k in range(5))
+        assert sorted(next(results)[1] for _ in range(4)) == [0, 1, 3, 4]
+        with pytest.raises(ValueError, match="task 2"):
+            next(results)
+
+
 def test_another_executor_is_asked_once_by_each_worker() -> None:
     """One worker, one task at a time: it lacks what is shared once, and once more for what is shared next."""
 
