@@ -187,7 +187,7 @@ def run(request: Any, sequence: FrameList) -> int:
     camera.directions(scenes[0].observer)
     frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
     one_air = not sequence.models and request.solver == "orders" and request.max_order is None
-    look = {"tone": request.tone, "space": request.space, "bits": request.bits}
+    look = {"tone": request.tone, "space": request.space, "bits": request.bits, **request.marks}
     return produce(request, sequence, name, frames, look, request.exposure, one_air)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -50,6 +51,7 @@ class Request(common.RunRequest):
     shown_wavelength: float | None
     shown_filter: str | None
     lights: LightChoice
+    marks: dict[str, bool]
 
 
 def sky(
@@ -154,6 +156,10 @@ def sky(
             "efficiency, or of one [nm]: degree:550.",
         ),
     ] = None,
+    label: Annotated[
+        bool, typer.Option("--label", help="For PNG: names of the Moon, planets and bright stars, with --place.")
+    ] = False,
+    lines: Annotated[bool, typer.Option("--lines", help="For PNG: lines of the constellations, with --place.")] = False,
     scale: common.Scale = None,
     half: common.Half = False,
     no_spectra: common.NoSpectra = False,
@@ -189,7 +195,9 @@ def sky(
     parse.check_new(lamp_files(outputs) if no_clobber and no_sun else ())
     shown, shown_wavelength, shown_filter = parse.parse_show(show)
     development = {"exposure": exposure, "tone": tone, "space": space}
-    common.check_png_options(outputs, {**development, "bits": bits, "show": show})
+    marks = {"label": label or None, "lines": lines or None}
+    common.check_png_options(outputs, {**development, **marks, "bits": bits, "show": show})
+    _check_marks(marks, place, shown)
     _check_development(shown, development)
     view = _view(view, north, no_sun)
     request = Request(
@@ -211,6 +219,7 @@ def sky(
         shown_wavelength=shown_wavelength,
         shown_filter=shown_filter,
         lights=light_choice(place, lights, without, solar_flux, stars),
+        marks={"labels": label, "lines": lines},
         outputs=outputs,
         file_options=common.file_options(
             outputs,
@@ -298,6 +307,15 @@ def _check_development(show: str, options: dict[str, Any]) -> None:
             raise DomainError(name, value, f"means nothing to --show {show}; leave it out")
 
 
+def _check_marks(marks: Mapping[str, bool | None], place: str | None, show: str) -> None:
+    """Names and lines are for pictures of the sky of a place."""
+    for name, value in marks.items():
+        if value is not None and place is None:
+            raise DomainError(name, value, "needs --place and --time: the sky of a place at a moment")
+        if value is not None and show in ("degree", "angle"):
+            raise DomainError(name, value, f"means nothing to --show {show}; leave it out")
+
+
 def _check_picture(request: Request) -> None:
     common.check_development(request.space, request.tone, request.bits)
     common.check_brightness(request.file_options, request.wavelengths)
@@ -366,9 +384,10 @@ def lamp_files(outputs: list[Path]) -> list[Path]:
 
 def _png_options(request: Request, exposure: float) -> dict[str, Any]:
     if request.show == "colour":
-        return {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
+        look = {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
+        return {**look, **request.marks}
     if request.show == "magnitudes":
-        return {"show": request.show, "filters": request.shown_filter, "bits": request.bits}
+        return {"show": request.show, "filters": request.shown_filter, "bits": request.bits, **request.marks}
     return {"show": request.show, "wavelength": request.shown_wavelength, "bits": request.bits}
 
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import skybrightness as brightness
+from skyscatter.image.chart import marked
 from skyscatter.image.colour import ColourSpace, display_space
 from skyscatter.image.palettes import Levels, plane_picture
 from skyscatter.image.polarisation import SCALES, check_shown, painted
@@ -124,6 +125,8 @@ def write(
     stretch: float | None = None,
     softening: float | None = None,
     levels: Levels | Literal["auto"] | None = None,
+    labels: bool = False,
+    lines: bool = False,
 ) -> None:
     """Write the picture of an image; transparent where it lies outside the camera's field.
 
@@ -131,7 +134,8 @@ def write(
     by luminous efficiency or of one `wavelength` [nm], and transparent where it is undefined.  With a `palette` or
     three `filters` it shows these as red, green and blue; see `skyscatter.image.palettes`.  With `show`
     ``"magnitudes"`` it is a map of the brightness in the filter V, or in one that `filters` names; see
-    `skyscatter.image.skybrightness`.
+    `skyscatter.image.skybrightness`.  With `labels` and `lines` names and constellations are drawn over it; see
+    `skyscatter.image.chart`.
     """
     check_shown(show)
     developed = {"space": space, "exposure": exposure, "tone": tone}
@@ -160,6 +164,9 @@ def write(
         space, scale = "srgb", SCALES[show]
         picture, opaque = painted(image, show, wavelength)
         made = {"show": show, "wavelength_nm": wavelength, "colours": scale.colours, "range": [scale.low, scale.high]}
+    if labels or lines:
+        picture = marked(image, picture, labels, lines)
+        made |= {"labels": labels, "lines": lines}
     if not opaque.all():
         picture = np.concatenate([picture, np.where(opaque, 1.0, 0.0)[..., None]], axis=-1)
     texts = {"skyscatter-recipe": json.dumps(image.recipe), "skyscatter-picture": json.dumps(made)}

@@ -37,7 +37,7 @@ _PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral", "scale", "half")),
     ".hdr": ("hdr", ("scale",)),
-    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", *_PLANE_OPTIONS)),
+    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", "labels", "lines", *_PLANE_OPTIONS)),
     ".fits": ("fits", ("filters", "dtype", "compress", "unit")),
     ".nc": ("netcdf", ("dtype", "unit")),
     ".zarr": ("zarrfolder", ("dtype",)),
@@ -374,7 +374,9 @@ class SpectralImage:
             `skyscatter.image.photometry`), ``.nc`` (netCDF-4; options ``dtype``, ``unit``) or ``.zarr`` (a folder
             with the same labels, for xarray and dask; option ``dtype``).  A ``.png`` may also show three filters as
             red, green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
-            ``softening``, ``levels``; see `skyscatter.image.palettes`.  A ``.png`` of a polarised image may also show
+            ``softening``, ``levels``; see `skyscatter.image.palettes`.  Of the sky of a place and a time it may have
+            ``labels=True`` (names of the Moon, planets and bright stars) and ``lines=True`` (of the constellations).
+            A ``.png`` of a polarised image may also show
             ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis) or ``show="angle"`` (0 to 180
             degrees on the cyclic map twilight), of all wavelengths weighted by luminous efficiency or of one
             ``wavelength`` [nm]; transparent where undefined.
