@@ -24,6 +24,8 @@ import skyscatter
 
 Array = Any
 FILE = Path(__file__).parent / "regression" / "digests.json"
+#: Under this name stands what they were computed on.
+PROCESSOR = "processor"
 WAVELENGTHS = [450.0, 550.0, 656.0]
 SKIES = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan")
 ROOMS = ("city-skyglow", "fog-room", "light-guide", "milk-and-water", "searchlight")
@@ -142,9 +144,25 @@ def computed(name: str) -> dict[str, list[float]]:
     return {part: np.asarray(values, float).ravel().tolist() for part, values in sorted(DIGESTS[name]().items())}
 
 
+def processor() -> str:
+    """The kind of this machine's processor: exponentials and cosines have last digits of its own."""
+    from llvmlite.binding import get_host_cpu_name
+
+    return str(get_host_cpu_name())
+
+
 def kept() -> dict[str, dict[str, list[float]]]:
     """The numbers that are held."""
-    content: dict[str, dict[str, list[float]]] = json.loads(FILE.read_text()) if FILE.is_file() else {}
+    return {name: value for name, value in _content().items() if name != PROCESSOR}
+
+
+def made_on() -> str:
+    """The kind of processor that they were computed on."""
+    return str(_content()[PROCESSOR])
+
+
+def _content() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(FILE.read_text()) if FILE.is_file() else {}
     return content
 
 
@@ -155,8 +173,9 @@ def written(value: float) -> str:
 
 def main() -> None:
     """Compute and keep."""
-    found = kept()
-    names = sys.argv[1:] or list(DIGESTS)
+    found, names = kept(), sys.argv[1:] or list(DIGESTS)
+    if sys.argv[1:] and made_on() != processor():
+        sys.exit(f"the others are of a {made_on()}, and this is a {processor()}; write all of them anew")
     for name in names:
         found[name] = computed(name)
         keep(found)
@@ -172,7 +191,7 @@ def keep(found: dict[str, dict[str, list[float]]]) -> None:
         ) + "\n }"
         for name, digest in ordered.items()
     ]  # fmt: skip
-    FILE.write_text("{\n" + ",\n".join(parts) + "\n}\n")
+    FILE.write_text(f"{{\n {json.dumps(PROCESSOR)}: {json.dumps(processor())},\n" + ",\n".join(parts) + "\n}\n")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -15,11 +16,13 @@ from skyscatter.kernels.byaddress import lay_out
 from skyscatter.kernels.forms import Form
 from skyscatter.kernels.jit import Entry
 
-#: Sums of rounded numbers, and fields that are kept in single precision (`orders`), as other processors round them.
-DOUBLE, SINGLE = 1e-9, 3e-6
+#: Sums of rounded numbers, and fields that are kept in single precision (`orders`): a hundred of its last digits.
+DOUBLE, SINGLE = 1e-9, 6e-6
 #: What is known to `SINGLE` only.  Profiles by Abel's transform come from ill-conditioned products of linear algebra:
 #: four sorts of processors that OpenBLAS knows differ by 6e-8 of the largest density, a millionth of its error bar.
 COARSE = ("orders", "field", "dusk", "abel")
+#: Names of what is drawn by chance.
+DRAWN = re.compile("path|photons|flights|quadrature|ratio")
 
 
 @contextmanager
@@ -54,6 +57,15 @@ def test_numbers_are_as_they_were(name: str) -> None:
     assert called <= set(forms.every()), "run tools/record_forms.py"
     assert found.keys() == expected.keys()
     rtol = SINGLE if any(part in name for part in COARSE) else DOUBLE
-    for part, values in expected.items():
-        scale = np.nanmax(np.abs(values), initial=0.0)
-        np.testing.assert_allclose(found[part], values, rtol=rtol, atol=rtol * scale, err_msg=part)
+    try:
+        for part, values in expected.items():
+            # An estimated error is the difference of two radiances, and rounded as they are.
+            scale = np.nanmax(np.abs(expected["radiance"] if part == "error" else values), initial=0.0)
+            np.testing.assert_allclose(found[part], values, rtol=rtol, atol=rtol * scale, err_msg=part)
+    except AssertionError:
+        if digests.processor() == digests.made_on() or not DRAWN.search(name):
+            raise
+        # On another processor a walk that decides on the edge goes another way; error bars cover that, of 16 walks
+        # with the tails of a t distribution: beyond 6 of them lies one value in 10 000.
+        error = np.hypot(found["error"], expected["error"])
+        assert np.all(np.abs(np.subtract(found["radiance"], expected["radiance"])) <= 6 * error)

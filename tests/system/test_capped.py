@@ -85,12 +85,13 @@ def test_a_cube_larger_than_what_may_be_taken(tmp_path: Path) -> None:
         light = skyscatter.radiance(scene, scene.view.position, directions, wavelengths, solver="single").radiance
         written = np.stack([cube[0].data[:, SIZE - 1 - row].T for row in rows]).astype(float)
         assert light.max() > 0
-        np.testing.assert_array_equal(written, light)
+        # Directions are made unit once more, which may move their last digit, and the length of a chord by the edge.
+        np.testing.assert_allclose(written, light, rtol=1e-10)
     import xarray
 
     with xarray.open_zarr(tmp_path / "cube.zarr", chunks={}) as found:
         assert found["radiance"].shape == (SIZE, SIZE, WAVELENGTHS.size)
-        np.testing.assert_array_equal(found["radiance"].isel(y=rows).values, light)
+        np.testing.assert_array_equal(found["radiance"].isel(y=rows).values, written)
 
 
 def test_a_raster_by_capped_workers(tmp_path: Path) -> None:
