@@ -30,7 +30,7 @@ def constellation_lines(sight: Sight) -> Array:
     >>> from skyscatter.celestial.frames import Sight
     >>> ends = constellation_lines(Sight(48.86, 2.35, "2026-01-12T22:00Z"))
     >>> ends.shape, int((ends[..., 2] > 0).all(axis=1).sum())
-    ((741, 2, 3), 348)
+    ((742, 2, 3), 333)
     """
     stars, table = stars_at(sight), read_table("constellation_lines.csv")
     order = np.argsort(stars.numbers)

@@ -219,7 +219,7 @@ def sky(
         shown_wavelength=shown_wavelength,
         shown_filter=shown_filter,
         lights=light_choice(place, lights, without, solar_flux, stars),
-        marks={"labels": label, "lines": lines},
+        marks={name: True for name, wanted in (("labels", label), ("lines", lines)) if wanted},
         outputs=outputs,
         file_options=common.file_options(
             outputs,
