@@ -64,8 +64,8 @@ def optical_depth(
     array([35., 35.])
     """
     from skyscatter.kernels.columns import exact_columns
+    from skyscatter.solvers.checks import check_wavelengths
     from skyscatter.solvers.compile import field_tables, medium_optics
-    from skyscatter.solvers.run import check_wavelengths
 
     if not hasattr(scene, "medium"):
         raise DomainError("scene", type(scene).__name__, "give a Scene or a SpaceScene, which have one medium")

@@ -136,8 +136,8 @@ def spread_function(
     from skyscatter.kernels.polar import make_polar
     from skyscatter.kernels.raster.spread import BATCHES, make_spread_scratch, spread_walks
     from skyscatter.scene import Scene
+    from skyscatter.solvers.checks import check_wavelengths
     from skyscatter.solvers.compile import compile_scene, matrix_tables
-    from skyscatter.solvers.run import check_wavelengths
 
     wl = check_wavelengths(wavelengths)
     _check(view_zenith_deg, altitude, walks, BATCHES)

@@ -97,8 +97,8 @@ def simulate(
     from skyscatter.kernels.optics import GroundTable
     from skyscatter.kernels.polar import make_polar
     from skyscatter.kernels.raster.simulate import make_simulate_scratch, simulate_batch
+    from skyscatter.solvers.checks import check_wavelengths
     from skyscatter.solvers.compile import compile_scene, matrix_tables
-    from skyscatter.solvers.run import check_wavelengths
     from skyscatter.solvers.single import single_parts
 
     wl = check_wavelengths(wavelengths)

@@ -28,9 +28,9 @@ from skyscatter.inversion.parameters import Subject
 from skyscatter.inversion.radiances import CALIBRATION
 from skyscatter.inversion.stack import differences_forbid, stack
 from skyscatter.record import nearest
+from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.field import LOOSEST, solve_once, zenith_range
 from skyscatter.solvers.fluxes import fluxes as fluxes_of
-from skyscatter.solvers.run import worker_count
 from skyscatter.solvers.sweeps import Solution
 
 Array = NDArray[np.float64]

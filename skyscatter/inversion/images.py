@@ -19,7 +19,7 @@ from skyscatter.image.spectral import SpectralImage
 from skyscatter.inversion.looks import Integers, Look, SpaceLook
 from skyscatter.inversion.observations import Array, checked_data, noise_of
 from skyscatter.inversion.radiances import Radiances
-from skyscatter.solvers.run import check_wavelengths
+from skyscatter.solvers.checks import check_wavelengths
 from skyscatter.spectra.solar import solar_irradiance
 
 #: Pixels that are used when nothing is said: neighbours tell next to the same, and each costs a ray.

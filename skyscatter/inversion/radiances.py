@@ -25,7 +25,8 @@ from skyscatter.inversion.observations import (
     noise_of,
 )
 from skyscatter.inversion.parameters import Subject
-from skyscatter.solvers.run import check_wavelengths, radiance
+from skyscatter.solvers.checks import check_wavelengths
+from skyscatter.solvers.run import radiance
 
 #: A radiometer's scale is seldom known better than to some per cent.
 CALIBRATION: Mapping[str, tuple[float, Distribution]] = {"calibration": (1.0, Normal(1.0, 0.05, low=0.0))}

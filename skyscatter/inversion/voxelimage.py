@@ -163,8 +163,8 @@ class VoxelModel:
         **options
             `step`, `near`, `fine`, `interpolation`, `threads`.
         """
+        from skyscatter.solvers.checks import check_wavelengths
         from skyscatter.solvers.compile import medium_optics
-        from skyscatter.solvers.run import check_wavelengths
 
         wl = check_wavelengths(wavelengths)
         sigma_s, sigma_t, emission, phase, _ = medium_optics(scene.medium, tuple(float(w) for w in wl))
@@ -390,7 +390,7 @@ class VoxelModel:
 
     def _in_parts(self, count: int, work: Callable[[slice, int], Any], memory: int = 0) -> list[Any]:
         """Do work(part, number) for equal parts of `count` things in a pool of threads; what it returned, in order."""
-        from skyscatter.solvers.run import worker_count
+        from skyscatter.solvers.checks import worker_count
 
         blocks = BLOCKS if memory == 0 else int(np.clip(SUMS_MEMORY // max(memory, 1), 1, BLOCKS))
         ends = np.linspace(0, count, blocks + 1).astype(int)

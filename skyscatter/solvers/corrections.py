@@ -13,7 +13,8 @@ import numpy as np
 from skyscatter.geometry.telescope import Telescope
 from skyscatter.image.skyframe import SkyFrame
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.run import is_space, load_solver
+from skyscatter.solvers.checks import is_space
+from skyscatter.solvers.run import load_solver
 
 if TYPE_CHECKING:
     from skyscatter.solvers.starlight import StarLight

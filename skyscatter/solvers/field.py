@@ -20,13 +20,13 @@ from skyscatter.kernels.optics import SceneTable
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
+from skyscatter.solvers.checks import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
-from skyscatter.solvers.run import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed

@@ -19,8 +19,9 @@ from skyscatter.geometry.pinhole import CameraBase
 from skyscatter.image import strips
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.checks import check_wavelengths, is_space, worker_count
 from skyscatter.solvers.corrections import Corrections, seen_rows
-from skyscatter.solvers.run import Solving, check_wavelengths, is_space, load_solver, worker_count
+from skyscatter.solvers.run import Solving, load_solver
 from skyscatter.solvers.state import RenderState
 from skyscatter.solvers.stored import StoredTiles, fill, open_store, opened_again, solve_tiles_stored
 from skyscatter.solvers.tiles import spread, tiles_of

@@ -15,8 +15,9 @@ from skyscatter.memory import check_picture, format_bytes
 from skyscatter.progress import remark
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array, Options, Rays
+from skyscatter.solvers.checks import check_wavelengths, is_space
 from skyscatter.solvers.corrections import Corrections, seen
-from skyscatter.solvers.run import Interrupted, check_wavelengths, is_space, load_solver, solve_rays
+from skyscatter.solvers.run import Interrupted, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.workers import steady_algebra
 
@@ -220,11 +221,7 @@ def _begun(scene: AnyScene, recipe: dict[str, Any], rays: int, wl: Array) -> Ren
     state = RenderState.empty(recipe, rays, wl.size)
     if isinstance(scene, Scene) and scene.lights is not None and not _skylights().sun_shines(scene):
         options = recipe["options"]
-        names = ["Q", "U", "V", "Q_error", "U_error", "V_error"] if options.get("stokes") else []
-        names += ["direct", "scattered", "ground", "multiple"] if options.get("parts") else []
-        names += [f"order{k + 1}" for k in range(options.get("orders", 0))]
-        state.layers = {name: np.zeros_like(state.radiance) for name in names}
-        state.done[:] = True
+        _skylights().dark(state, options.get("stokes"), options.get("parts"), options.get("orders", 0))
     return state
 
 

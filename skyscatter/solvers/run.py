@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.checks import check_rays, check_wavelengths, is_space, worker_count
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
@@ -28,8 +29,7 @@ from skyscatter.tasks.door import opened
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.store import Store
 from skyscatter.tasks.task import Shared, Task
-from skyscatter.units import WAVELENGTHS
-from skyscatter.workers import GRACE, processors, steady_algebra
+from skyscatter.workers import GRACE, steady_algebra
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -63,20 +63,6 @@ class Interrupted(KeyboardInterrupt):
         super().__init__("render interrupted")
 
 
-def worker_count(threads: int | None) -> int:
-    """Threads to use: those that were asked for, or all."""
-    if threads is None:
-        return processors()
-    if threads < 1:
-        raise DomainError("threads", threads, "at least 1")
-    return threads
-
-
-def is_space(scene: AnyScene) -> TypeGuard[SpaceScene]:
-    """Whether a scene is one of space, without loading what such scenes are made of."""
-    return hasattr(scene, "star_field")
-
-
 def load_solver(name: str, scene: AnyScene) -> Any:
     """The module of a solver for a scene."""
     modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
@@ -84,34 +70,6 @@ def load_solver(name: str, scene: AnyScene) -> Any:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
     expect(modules[name])
     return import_module(f"skyscatter.solvers.{modules[name]}")
-
-
-def check_wavelengths(wavelengths: ArrayLike) -> Array:
-    """Vacuum wavelengths [nm] as a rising one-dimensional array; Quantities are converted."""
-    if hasattr(wavelengths, "to_value"):
-        wavelengths = wavelengths.to_value("nm")
-    wl = np.atleast_1d(np.asarray(wavelengths, float))
-    if wl.ndim != 1 or wl.size == 0 or not (WAVELENGTHS[0] <= wl.min() and wl.max() <= WAVELENGTHS[1]):
-        low, high = WAVELENGTHS
-        raise DomainError("wavelengths", wavelengths, f"one or more positive numbers, {low:g} to {high:g} [nm]")
-    if np.any(np.diff(wl) <= 0):
-        raise DomainError("wavelengths", wavelengths, "must increase, none twice")
-    return np.ascontiguousarray(wl)
-
-
-def check_rays(scene: AnyScene, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-    """Origins [m] and unit directions of one shape (..., 3), broadcast against each other."""
-    if hasattr(origins, "to_value"):
-        origins = origins.to_value("m")
-    o, d = np.asarray(origins, float), np.asarray(directions, float)
-    if o.shape[-1:] != (3,) or d.shape[-1:] != (3,):
-        raise DomainError("directions", d.shape, "origins and directions are arrays of shape (..., 3)")
-    o, d = np.broadcast_arrays(o, d)
-    length = np.linalg.norm(d, axis=-1, keepdims=True)
-    if d.size and not (np.all(np.isfinite(o)) and np.all(np.abs(length - 1) < 1e-6)):
-        raise DomainError("directions", float(length.min()), "must be finite unit vectors; divide by their length")
-    scene.check_origins(o)
-    return o, d / length
 
 
 def solve_rays(
@@ -384,7 +342,8 @@ def radiance(
     -------
     Answer
         ``radiance`` and ``error`` [W m-2 sr-1 nm-1] of shape (..., wavelength), ``error_kind``, ``layers`` and
-        ``samples``.
+        ``samples``.  Where a scene has lights beside its Sun (`skyscatter.sky_at`), they are in it but for stars and
+        planets themselves, which have no radiance: what the air scatters of them is.
 
     Raises
     ------
@@ -416,8 +375,18 @@ def radiance(
         radius, estimator, direct,
     )  # fmt: skip
     state = RenderState.empty({}, len(rays.origins), wl.size)
-    if not solve_rays(scene, rays, wl, solver, options, state, threads, progress, executor=executor):
+    lights: Any = None
+    if isinstance(scene, Scene) and scene.lights is not None:
+        from skyscatter.solvers import skylights
+
+        options.check()
+        lights = skylights
+    if lights is not None and not lights.sun_shines(scene):
+        lights.dark(state, stokes, parts, orders)
+    elif not solve_rays(scene, rays, wl, solver, options, state, threads, progress, executor=executor):
         raise KeyboardInterrupt
+    if lights is not None:
+        lights.add_along(scene, rays.origins, rays.directions, wl, state, options, threads, progress)
     return Answer(
         state.radiance.reshape(*shape, wl.size),
         state.standard_error.reshape(*shape, wl.size),

@@ -15,10 +15,10 @@ from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers import orders, skylights, sundisk
 from skyscatter.solvers.base import Array
+from skyscatter.solvers.checks import check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
 from skyscatter.solvers.render import render
-from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.tasks.door import opened
 from skyscatter.tasks.task import Shared, Task

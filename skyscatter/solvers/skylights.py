@@ -17,15 +17,17 @@ from numpy.typing import NDArray
 
 from skyscatter.celestial.frames import Sight
 from skyscatter.celestial.heavens import POINTS, SPREAD, Heavens
+from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
-from skyscatter.solvers.base import Array
+from skyscatter.solvers.base import Array, Options
+from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.field import RadianceField, solve_range
 from skyscatter.solvers.orders import window_of
 from skyscatter.solvers.overhead import Overhead
 from skyscatter.solvers.response import Response, lowest_light
-from skyscatter.solvers.run import worker_count
+from skyscatter.solvers.state import RenderState
 
 #: Accuracy that is aimed at in the field of the faint lights, whose own brightness is known to some 10 %.
 TOLERANCE = 0.01
@@ -36,6 +38,8 @@ BLOCK = 1 << 16
 SUN_LOWEST = -20.0
 #: Moonlight that the air scatters counts while the Sun stands below this [degree]: above, it is less than 1e-4 of it.
 MOON_SCATTERS = -2.0
+#: Rays begin at the observer if they do so to this share of its distance from the planet's centre.
+SAME_PLACE = 1e-9
 #: Points on the radius of the Moon's disk, at least and for each pixel.
 FACE_POINTS, FACE_FINER = 48, 4
 
@@ -79,15 +83,16 @@ class LitAir:
 
 @dataclass
 class Picture:
-    """Arrays of a picture to which lights are added.
+    """Arrays of a picture, or of rays, to which lights are added.
 
     Attributes
     ----------
-    radiance, error : ndarray, shape (y, x, wavelength)
+    radiance, error : ndarray, shape (..., wavelength)
     layers : dict
-    directions : ndarray, shape (y, x, 3)
+    directions : ndarray, shape (..., 3)
         Through the middles of the pixels; NaN outside of the field.
-    camera : Camera
+    camera : Camera or None
+        None for rays, which have no width: they meet the Moon's face, but no points of light.
     parts : bool
         Keep each light as a layer.
     """
@@ -197,6 +202,43 @@ def add_to(
     add_lights(picture, scene, heavens, air, threads)
 
 
+def add_along(
+    scene: Scene,
+    origins: Array,
+    directions: Array,
+    wavelengths: Array,
+    answer: RenderState,
+    options: Options,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Add the lights beside the Sun to the radiance along rays from the observer, in place.
+
+    Raises
+    ------
+    DomainError
+        For rays that begin elsewhere: lights stand where the scene's observer sees them.
+    """
+    here = scene.observer.position
+    away = np.linalg.norm(origins - here, axis=-1)
+    if np.any(away > SAME_PLACE * here[2]):
+        rule = "lights of the sky are those that the scene's observer sees; begin at scene.observer.position"
+        raise DomainError("origins", f"{away.max():.6g} m away", rule)
+    arrays = answer.radiance, answer.standard_error, answer.layers
+    asked = {"stokes": options.stokes, "parts": options.parts}
+    add_to(scene, None, directions, wavelengths, arrays, asked, threads, progress)
+
+
+def dark(state: RenderState, stokes: bool, parts: bool, orders: int) -> RenderState:
+    """The state as it is where the Sun is left out: all done, with layers of zeros."""
+    names = ["Q", "U", "V", "Q_error", "U_error", "V_error"] if stokes else []
+    names += ["direct", "scattered", "ground", "multiple"] if parts else []
+    names += [f"order{k + 1}" for k in range(orders)]
+    state.layers = {name: np.zeros_like(state.radiance) for name in names}
+    state.done[:] = True
+    return state
+
+
 def add_lights(
     picture: Picture, scene: Scene, heavens: Heavens, air: LitAir | None, threads: int | None = None
 ) -> None:
@@ -251,6 +293,11 @@ def _add_moon_face(picture: Picture, scene: Scene, heavens: Heavens, above: Over
 
     moon, camera, observer = heavens.moon, picture.camera, scene.observer
     if _elevation(moon.direction) < np.degrees(above.horizon - 2 * moon.angular_radius):
+        return
+    if camera is None:
+        for rays, directions in picture.blocks():
+            light = moon_radiance(moon, directions, heavens.wavelengths) * above.transmittance(directions)
+            picture.add("moon", rays, light)
         return
     solid_angle = camera.pixel_solid_angle(observer).ravel()
     smallest = float(np.sqrt(solid_angle[solid_angle > 0].min(initial=1.0)))
@@ -322,12 +369,12 @@ def _add_night(
         picture.add(label, pixels, light, error)
 
 
-def _draw(
-    picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array, above: Overhead
-) -> None:
+def _draw(picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array, above: Overhead) -> None:
     """Draw points of light that stand above the horizon, dimmed by the air, all of their light kept."""
     from skyscatter.celestial.points import draw_points
 
+    if picture.camera is None:
+        return
     seen = directions[:, 2] > np.sin(above.horizon)
     arriving = irradiance[seen] * above.transmittance(directions[seen])
     drawn = draw_points(picture.camera, scene.observer, directions[seen], arriving)

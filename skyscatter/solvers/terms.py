@@ -20,11 +20,11 @@ from skyscatter.errors import DomainError
 from skyscatter.ground import Ground
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Array
+from skyscatter.solvers.checks import check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, LOOSEST, check_coverage, solve_once, zenith_range
 from skyscatter.solvers.fluxes import fluxes
-from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.sweeps import Solution, view
 
 #: Share of the tolerance for the solution in which the ground shines.

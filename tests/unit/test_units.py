@@ -135,7 +135,7 @@ def test_wavelengths_beyond_all_light_are_refused_wherever_they_are_asked_for(te
     from skyscatter.cli.main import main
     from skyscatter.errors import SkyscatterError
     from skyscatter.optics.mie import LogNormalMode, MieAerosol
-    from skyscatter.solvers.run import check_wavelengths
+    from skyscatter.solvers.checks import check_wavelengths
 
     mode = LogNormalMode(median_radius=1e-7, geometric_standard_deviation=2.0)
     given = {"modes": [mode], "material": "water", "optical_depth": 0.1}
