@@ -33,12 +33,12 @@ def model_names() -> list[str]:
     --------
     >>> import skyscatter
     >>> [name for name in skyscatter.model_names() if name.startswith("earth")]
-    ['earth', 'earth-hazy', 'earth-maritime', 'earth-simple']
+    ['earth', 'earth-hazy', 'earth-maritime', 'earth-observatory', 'earth-simple']
     """
     return sorted(path.stem for path in models_dir().glob("*.toml"))
 
 
-SkyName = Literal["earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan"]
+SkyName = Literal["earth", "earth-hazy", "earth-maritime", "earth-observatory", "earth-simple", "mars", "titan"]
 NebulaName = Literal[
     "dark-globule",
     "dusty-disk",

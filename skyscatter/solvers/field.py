@@ -378,26 +378,32 @@ class RadianceField:
         0.25
         """
         o, d = check_rays(self.scene, origins, directions)
-        shape = o.shape[:-1]
         sun = self.sun(sun_elevation_deg, sun_azimuth_deg)
-        table = self.at(sun)
         flat_o, flat_d = (np.ascontiguousarray(a.reshape(-1, 3)) for a in (o, d))
         self.check_coverage(flat_o, flat_d, sun)
-        workers = worker_count(threads)
-        size = min(max(len(flat_o) // CHUNKS, CHUNK[0]), CHUNK[1])
-        chunks = [slice(k, k + size) for k in range(0, len(flat_o), size)]
-        sky = self.sky_table(table, flat_o, flat_d, workers)
-        with Workers(workers) as pool:
-            answers = list(pool.map(lambda s: self.look(table, flat_o[s], flat_d[s], parts, sky), chunks))
-        empty = np.zeros((0, self.wavelengths.size))
-        joined = (
-            {name: np.concatenate([a.layers[name] for a in answers]) for name in answers[0].layers} if answers else {}
-        )
+        found, shape = self.along(flat_o, flat_d, sun, parts, threads), (*o.shape[:-1], self.wavelengths.size)
         return Answer(
-            np.concatenate([a.radiance for a in answers] or [empty]).reshape(*shape, self.wavelengths.size),
-            np.concatenate([a.standard_error for a in answers] or [empty]).reshape(*shape, self.wavelengths.size),
-            {name: values.reshape(*shape, self.wavelengths.size) for name, values in joined.items()},
-            np.zeros(shape, np.int64),
+            found.radiance.reshape(shape),
+            found.standard_error.reshape(shape),
+            {name: values.reshape(shape) for name, values in found.layers.items()},
+            np.zeros(shape[:-1], np.int64),
+            "estimated",
+        )
+
+    def along(self, origins: Array, directions: Array, sun: Sun, parts: bool, threads: int | None = None) -> Answer:
+        """`radiance` of rays (ray, 3) whose Suns the field was solved for, which is not asked again."""
+        table, workers = self.at(sun), worker_count(threads)
+        size = min(max(len(origins) // CHUNKS, CHUNK[0]), CHUNK[1])
+        chunks = [slice(k, k + size) for k in range(0, len(origins), size)]
+        sky = self.sky_table(table, origins, directions, workers)
+        with Workers(workers) as pool:
+            answers = list(pool.map(lambda s: self.look(table, origins[s], directions[s], parts, sky), chunks))
+        empty, layers = np.zeros((0, self.wavelengths.size)), answers[0].layers if answers else {}
+        return Answer(
+            np.concatenate([a.radiance for a in answers] or [empty]),
+            np.concatenate([a.standard_error for a in answers] or [empty]),
+            {name: np.concatenate([a.layers[name] for a in answers]) for name in layers},
+            np.zeros(len(origins), np.int64),
             "estimated",
         )
 

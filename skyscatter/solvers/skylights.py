@@ -112,7 +112,7 @@ class Picture:
         if error is not None and self.error is not None:
             self.error.reshape(-1, self.error.shape[-1])[where] += error
         if self.parts:
-            layer = self.layers.setdefault(name, np.zeros_like(self.radiance))
+            layer = self.layers.setdefault(name, np.where(np.isnan(self.radiance), np.nan, 0.0))
             layer.reshape(-1, layer.shape[-1])[where] += light
 
     def blocks(self) -> Iterator[tuple[NDArray[np.intp], Array]]:
@@ -267,15 +267,16 @@ def _add_moonlight(picture: Picture, scene: Scene, heavens: Heavens, air: LitAir
     """What air and ground scatter of the Moon, from the field of the Sun: both shine as disks of half a degree."""
     from skyscatter.celestial.moon import moon_irradiance
 
-    sun = _sun_of(heavens.moon.direction)
+    place = _sun_of(heavens.moon.direction)
     # The field's own Sun, at its distance: by its irradiance the field's light is scaled.
-    whole = air.field.at(air.field.sun(sun.elevation_deg, sun.azimuth_deg)).optics.sun_irradiance.sum(axis=0)
+    moon = air.field.sun(place.elevation_deg, place.azimuth_deg)
+    whole = air.field.at(moon).optics.sun_irradiance.sum(axis=0)
     share = np.divide(
         moon_irradiance(heavens.moon, heavens.wavelengths), whole, out=np.zeros_like(whole), where=whole > 0
     )
-    where = {"sun_elevation_deg": sun.elevation_deg, "sun_azimuth_deg": sun.azimuth_deg}
     for pixels, directions in picture.blocks():
-        found = air.field.radiance(scene.observer.position, directions, **where, parts=True, threads=threads)
+        origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
+        found = air.field.along(origins, directions, moon, parts=True, threads=threads)
         light = (found.radiance - found.layers["direct"]) * share
         picture.add("moon", pixels, light, None if found.error is None else found.error * share)
         for name in "QUV":

@@ -9,7 +9,7 @@ import skyscatter
 from skyscatter.optics.mie import MieAerosol
 from skyscatter.plotting import vertical_optical_depth
 
-NAMES = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan")
+NAMES = ("earth", "earth-hazy", "earth-maritime", "earth-observatory", "earth-simple", "mars", "titan")
 NEBULAE = ("dark-globule", "dusty-disk", "hii-region", "reflection-nebula", "ring-nebula", "turbulent-pillar")
 
 
@@ -39,6 +39,7 @@ def test_a_model_cites_sources_and_survives_being_written(name: str, tmp_path) -
         ("earth-hazy", "haze", 0.45),
         ("earth-maritime", "sea salt", 0.08),
         ("earth-maritime", "water-soluble", 0.02),
+        ("earth-observatory", "stratosphere", 0.005),
         ("earth-simple", "air", 13.558e-6 * 8000),
         ("earth-simple", "aerosol", 0.04 * 0.55**-0.8),
         ("mars", "gas", 2.28e-7 * 10860),

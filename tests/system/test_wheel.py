@@ -81,4 +81,4 @@ def test_installed_wheel_renders_from_an_empty_folder(installed, tmp_path):
 
 def test_installed_wheel_lists_its_models(installed, tmp_path):
     names = {line.split()[0] for line in command(installed, ["models"], tmp_path).stdout.splitlines()}
-    assert {"earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan"} <= names
+    assert {"earth", "earth-hazy", "earth-maritime", "earth-observatory", "earth-simple", "mars", "titan"} <= names

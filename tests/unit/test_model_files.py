@@ -13,7 +13,7 @@ from skyscatter.cli.main import main
 from skyscatter.errors import ModelFileError
 from skyscatter.models.files import parse_model
 
-SHIPPED = ("earth", "earth-hazy", "earth-maritime", "earth-simple", "mars", "titan")
+SHIPPED = ("earth", "earth-hazy", "earth-maritime", "earth-observatory", "earth-simple", "mars", "titan")
 
 GOOD = """
 name = "toy"
@@ -72,7 +72,7 @@ def test_shipped_model_round_trips(name: str, tmp_path: Path) -> None:
 #: spread of the sources (Titan's haze: Tomasko et al. 2008, 8.1, and some 1.1 of Rayleigh scattering).
 DEPTHS = {
     "earth": (0.18, 0.02), "earth-hazy": (0.58, 0.03), "earth-maritime": (0.23, 0.03), "earth-simple": (0.17, 0.02),
-    "mars": (0.5, 0.05), "titan": (9.2, 0.5),
+    "earth-observatory": (0.17, 0.02), "mars": (0.5, 0.05), "titan": (9.2, 0.5),
 }  # fmt: skip
 
 
