@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from skyscatter.celestial.frames import Sight, SkyFrame
 from skyscatter.celestial.lights import SkyLights
+from skyscatter.celestial.marssight import MarsSight
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.ground import Ground
@@ -95,19 +97,27 @@ class Star(Record):
 
 
 class Site(Record):
-    """The place on Earth and the time that a Sun position was computed for; files say it, solvers do not use it.
+    """The place on a planet and the time that a Sun position was computed for.
 
     Parameters
     ----------
     latitude_deg, longitude_deg : float
-        Geodetic, north and east positive [degree].
+        Geodetic on Earth, planetocentric on Mars; north and east positive [degree].
     time : str
         UTC, ISO 8601.
+    body : {"Earth", "Mars"}
+        The planet.
     """
 
     latitude_deg: float
     longitude_deg: float
     time: str
+    body: Literal["Earth", "Mars"] = "Earth"
+
+    def sight(self, altitude: float) -> SkyFrame:
+        """Frames of the sky for an observer at a height [m]."""
+        kind = Sight if self.body == "Earth" else MarsSight
+        return kind(self.latitude_deg, self.longitude_deg, self.time, altitude)
 
 
 class Sun(Record):
@@ -193,7 +203,7 @@ class Scene(Record):
     background : float or SpectralTable
         Uniform radiance from outside the atmosphere [W m-2 sr-1 nm-1].
     lights : SkyLights, optional
-        Moon, planets, stars and the rest of the sky's light, for pictures of a place on Earth and a time (`site` of the
+        Moon, planets, stars and the rest of the sky's light, for pictures of a place and a time (`site` of the
         Sun); the Sun alone when not given.
 
     Examples
@@ -234,6 +244,11 @@ class Scene(Record):
         low = np.linalg.norm(origins, axis=-1).min(initial=np.inf) - radius
         if low < -1e-6 * radius:
             raise DomainError("origins", f"altitude {low:.6g} m", "inside the planet; start on the ground or above")
+
+    @property
+    def sight(self) -> SkyFrame | None:
+        """Frames of the sky for the observer; None where the Sun stands at no known place and time."""
+        return None if self.sun.site is None else self.sun.site.sight(self.altitude)
 
     @property
     def star_distance(self) -> float:

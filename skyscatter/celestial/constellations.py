@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyscatter.celestial.frames import Array, Sight
+from skyscatter.celestial.frames import Array, SkyFrame
 from skyscatter.celestial.stars import stars_at
 from skyscatter.datafiles import read_table
 
 
-def constellation_lines(sight: Sight) -> Array:
+def constellation_lines(sight: SkyFrame) -> Array:
     """Ends of the lines of all constellations, for a place and a moment.
 
     Parameters
     ----------
-    sight : Sight
+    sight : SkyFrame
 
     Returns
     -------

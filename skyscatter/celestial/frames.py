@@ -13,7 +13,7 @@ import warnings
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,94 +39,29 @@ class SunSeen(NamedTuple):
     distance: float  #: [m]
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """The observer among the stars at a moment; vectors in the axes of ICRS."""
 
     tt: tuple[float, float]  #: terrestrial time as a Julian date in two parts; it stands for TDB too (2 ms)
     velocity: Array  #: of the observer relative to the Solar System's centre, in units of the speed of light
-    earth: Array  #: from the Sun to the Earth's centre [m]
-    earth_velocity: Array  #: of the Earth's centre relative to the Solar System's [m s-1]
-    place: Array  #: from the Earth's centre to the observer [m]
+    centre: Array  #: from the Sun to the planet's centre [m]
+    centre_velocity: Array  #: of the planet's centre relative to the Solar System's [m s-1]
+    place: Array  #: from the planet's centre to the observer [m]
     towards_sun: Array  #: unit vector from the observer
     sun_distance: float  #: [m]
     turn: Array  #: rows east, north and up in the axes of ICRS, shape (3, 3)
 
 
-@dataclass(frozen=True)
-class Sight:
-    """A place on the Earth and a moment: where things of the sky are seen from there, without refraction.
+class SkyFrame:
+    """Turns directions of catalogues into those of an observer; what stands where gives the `state`."""
 
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : float
-        Geodetic latitude (north positive) and longitude (east positive) [degree] on the WGS84 ellipsoid.
-    time : str, datetime or astropy Time
-        As `skyscatter.geometry.sun_position` takes it: ISO 8601 text, no offset means UTC.
-    altitude_m : float
-        Height above the ellipsoid [m].
+    #: The planet on which the observer stands.
+    body: ClassVar[str]
 
-    Raises
-    ------
-    DomainError
-        For places that are not on Earth, unreadable times, and years outside 1900 to 2100.
-
-    Notes
-    -----
-    IAU 2006/2000A precession-nutation, the Earth's motion from ERFA's ``epv00``.  UT1 is taken as UTC and the pole as
-    unmoved: at most 0.9 s, or 13 arcsec of rotation about the Earth's axis, as long as UTC follows UT1 that closely.
-
-    Examples
-    --------
-    The northern celestial pole stands as high as the latitude, within the precession since 2000.
-
-    >>> import numpy as np
-    >>> from skyscatter.celestial.frames import Sight
-    >>> sight = Sight(48.86, 2.35, "2026-08-12T21:00Z")
-    >>> pole = sight.horizontal([0.0, 0.0, 1.0])
-    >>> round(float(np.degrees(np.arcsin(pole[2]))))
-    49
-    >>> bool(np.allclose(sight.icrs(pole), [0, 0, 1], atol=1e-9))
-    True
-    """
-
-    latitude_deg: float
-    longitude_deg: float
-    time: Any
-    altitude_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_place(self.latitude_deg, self.longitude_deg, self.altitude_m)
-        utc_julian_date(self.time)
-
-    def later(self, seconds: float) -> Sight:
-        """The same place, some seconds later (before, where negative); to the microsecond."""
-        moment = as_utc(iso_utc(self.time)) + timedelta(seconds=seconds)
-        return Sight(self.latitude_deg, self.longitude_deg, moment, self.altitude_m)
-
-    @cached_property
-    def state(self) -> _State:
-        """Where the Earth and the observer are and how they move."""
-        import erfa
-
-        day, fraction = utc_julian_date(self.time)
-        phi, longitude = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
-        with warnings.catch_warnings():
-            # "dubious year": no leap seconds are announced yet, or there was no UTC; see sun_position.
-            warnings.simplefilter("ignore", erfa.ErfaWarning)
-            # UTC, UT1-UTC, place, polar motion (2), pressure (none: no refraction), temperature, humidity, wavelength
-            astrom, _ = erfa.apco13(day, fraction, 0.0, longitude, phi, self.altitude_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.55)
-            tt = erfa.taitt(*erfa.utctai(day, fraction))
-            heliocentric, barycentric = erfa.epv00(*tt)
-        return _State(
-            tt=(float(tt[0]), float(tt[1])),
-            velocity=np.array(astrom["v"]),
-            earth=heliocentric["p"] * AU,
-            earth_velocity=barycentric["v"] * AU / DAY,
-            place=(astrom["eb"] - barycentric["p"]) * AU,
-            towards_sun=-np.array(astrom["eh"]),
-            sun_distance=float(astrom["em"]) * AU,
-            turn=_local_axes(float(astrom["eral"]), phi) @ np.array(astrom["bpn"]),
-        )
+    @property
+    def state(self) -> State:
+        """Where the planet and the observer are and how they move."""
+        raise NotImplementedError
 
     @cached_property
     def sun(self) -> SunSeen:
@@ -203,10 +138,90 @@ class Sight:
         return _unit(directions + _BENDING * AU / self.state.sun_distance * across / nearness)
 
 
-def _local_axes(rotation: float, latitude: float) -> Array:
-    """East, north and up in the frame of the celestial intermediate pole and origin; shape (3, 3).
+@dataclass(frozen=True)
+class Sight(SkyFrame):
+    """A place on the Earth and a moment: where things of the sky are seen from there, without refraction.
 
-    `rotation` is the Earth's rotation angle plus the longitude [rad].
+    Parameters
+    ----------
+    latitude_deg, longitude_deg : float
+        Geodetic latitude (north positive) and longitude (east positive) [degree] on the WGS84 ellipsoid.
+    time : str, datetime or astropy Time
+        As `skyscatter.geometry.sun_position` takes it: ISO 8601 text, no offset means UTC.
+    altitude_m : float
+        Height above the ellipsoid [m].
+
+    Raises
+    ------
+    DomainError
+        For places that are not on Earth, unreadable times, and years outside 1900 to 2100.
+
+    Notes
+    -----
+    IAU 2006/2000A precession-nutation, the Earth's motion from ERFA's ``epv00``.  UT1 is taken as UTC and the pole as
+    unmoved: at most 0.9 s, or 13 arcsec of rotation about the Earth's axis, as long as UTC follows UT1 that closely.
+
+    Examples
+    --------
+    The northern celestial pole stands as high as the latitude, within the precession since 2000.
+
+    >>> import numpy as np
+    >>> from skyscatter.celestial.frames import Sight
+    >>> sight = Sight(48.86, 2.35, "2026-08-12T21:00Z")
+    >>> pole = sight.horizontal([0.0, 0.0, 1.0])
+    >>> round(float(np.degrees(np.arcsin(pole[2]))))
+    49
+    >>> bool(np.allclose(sight.icrs(pole), [0, 0, 1], atol=1e-9))
+    True
+    """
+
+    body: ClassVar[str] = "Earth"
+
+    latitude_deg: float
+    longitude_deg: float
+    time: Any
+    altitude_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_place(self.latitude_deg, self.longitude_deg, self.altitude_m)
+        utc_julian_date(self.time)
+
+    def later(self, seconds: float) -> Sight:
+        """The same place, some seconds later (before, where negative); to the microsecond."""
+        moment = as_utc(iso_utc(self.time)) + timedelta(seconds=seconds)
+        return Sight(self.latitude_deg, self.longitude_deg, moment, self.altitude_m)
+
+    @cached_property
+    def state(self) -> State:
+        """Where the Earth and the observer are and how they move."""
+        import erfa
+
+        day, fraction = utc_julian_date(self.time)
+        phi, longitude = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
+        with warnings.catch_warnings():
+            # "dubious year": no leap seconds are announced yet, or there was no UTC; see sun_position.
+            warnings.simplefilter("ignore", erfa.ErfaWarning)
+            # UTC, UT1-UTC, place, polar motion (2), pressure (none: no refraction), temperature, humidity, wavelength
+            astrom, _ = erfa.apco13(day, fraction, 0.0, longitude, phi, self.altitude_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.55)
+            tt = erfa.taitt(*erfa.utctai(day, fraction))
+            heliocentric, barycentric = erfa.epv00(*tt)
+        return State(
+            tt=(float(tt[0]), float(tt[1])),
+            velocity=np.array(astrom["v"]),
+            centre=heliocentric["p"] * AU,
+            centre_velocity=barycentric["v"] * AU / DAY,
+            place=(astrom["eb"] - barycentric["p"]) * AU,
+            towards_sun=-np.array(astrom["eh"]),
+            sun_distance=float(astrom["em"]) * AU,
+            turn=local_axes(float(astrom["eral"]), phi) @ np.array(astrom["bpn"]),
+        )
+
+
+def local_axes(rotation: float, latitude: float) -> Array:
+    """East, north and up in a frame whose third axis is the planet's pole; shape (3, 3).
+
+    `rotation` is the angle from the first axis to the meridian of the place: on Earth, in the frame of the celestial
+    intermediate pole and origin, the Earth's rotation angle plus the longitude [rad].
     """
     meridian = np.array([math.cos(rotation), math.sin(rotation), 0.0])
     east = np.array([-math.sin(rotation), math.cos(rotation), 0.0])

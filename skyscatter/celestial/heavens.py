@@ -4,18 +4,39 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.celestial.frames import Sight
+from skyscatter.celestial.frames import AU, Sight, SkyFrame
 from skyscatter.celestial.lights import SkyLights
+from skyscatter.celestial.marssight import MarsSight
 from skyscatter.celestial.moon import Moon, moon_at
+
+if TYPE_CHECKING:
+    from skyscatter.celestial.marsmoons import MarsMoon
 
 Array = NDArray[np.float64]
 
 #: Lights that are spread over the sky, and those that are points.
 SPREAD, POINTS = ("starlight", "zodiacal", "airglow"), ("planets", "stars")
+#: Zodiacal light falls by this power of the distance from the Sun (Leinert et al. 1981, A&A 103, 177).
+ZODIACAL_FALL = 2.3
+
+
+def moons_of(sight: SkyFrame) -> list[tuple[str, Array]]:
+    """Names and directions (east, north, up) of the moons of the planet on which an observer stands."""
+    if isinstance(sight, Sight):
+        return [("Moon", moon_at(sight).direction)]
+    return [(moon.name, moon.direction) for moon in _moons_of_mars(sight)]
+
+
+def _moons_of_mars(sight: SkyFrame) -> tuple[MarsMoon, ...]:
+    from skyscatter.celestial.marsmoons import mars_moons_at
+
+    assert isinstance(sight, MarsSight)
+    return mars_moons_at(sight)
 
 
 @dataclass(frozen=True)
@@ -25,14 +46,14 @@ class Heavens:
     Attributes
     ----------
     lights : SkyLights
-    sight : Sight
+    sight : SkyFrame
         Place and moment.
     wavelengths : ndarray, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
     """
 
     lights: SkyLights
-    sight: Sight
+    sight: SkyFrame
     wavelengths: Array
 
     def shines(self, name: str) -> bool:
@@ -40,9 +61,20 @@ class Heavens:
         return name in self.lights.shine
 
     @cached_property
-    def moon(self) -> Moon:
-        """The Moon."""
-        return moon_at(self.sight)
+    def moon(self) -> Moon | None:
+        """The Moon, where it shines: a disk.  The moons of Mars are points."""
+        return moon_at(self.sight) if isinstance(self.sight, Sight) and self.shines("moon") else None
+
+    @property
+    def points_names(self) -> tuple[str, ...]:
+        """The lights that are points, in the order in which they are added up."""
+        names = POINTS if isinstance(self.sight, Sight) else ("moon", *POINTS)
+        return tuple(name for name in names if self.shines(name))
+
+    @property
+    def spread_names(self) -> tuple[str, ...]:
+        """The lights that are spread over the sky."""
+        return tuple(name for name in SPREAD if self.shines(name))
 
     def radiance(self, name: str, directions: Array) -> Array:
         """Radiance of a light that is spread over the sky, outside the air.
@@ -62,6 +94,7 @@ class Heavens:
         if name == "airglow":
             from skyscatter.celestial.airglow import airglow_radiance
 
+            assert isinstance(self.sight, Sight)
             return airglow_radiance(
                 directions[..., 2],
                 self.wavelengths,
@@ -73,13 +106,18 @@ class Heavens:
 
             sun = self.sight.ecliptic(self.sight.sun.direction)
             longitude = float(np.degrees(np.arctan2(sun[1], sun[0])))
-            return zodiacal_radiance(self.sight.ecliptic(directions), longitude, self.wavelengths)
+            fall = (self.sight.sun.distance / AU) ** -ZODIACAL_FALL if isinstance(self.sight, MarsSight) else 1.0
+            return fall * zodiacal_radiance(self.sight.ecliptic(directions), longitude, self.wavelengths)
         from skyscatter.celestial.starlight import starlight_radiance
 
         return starlight_radiance(self.sight.galactic(directions), self.wavelengths)
 
     def points(self, name: str) -> tuple[Array, Array]:
-        """Directions (point, 3) of planets or stars and their irradiances (point, wavelength) [W m-2 nm-1]."""
+        """Directions (point, 3) of planets, stars or small moons; irradiances (point, wavelength) [W m-2 nm-1]."""
+        if name == "moon":
+            moons = _moons_of_mars(self.sight)
+            light = [moon.irradiance(self.wavelengths) for moon in moons]
+            return np.array([moon.direction for moon in moons]), np.array(light)
         if name == "planets":
             from skyscatter.celestial.planets import planets_at
 

@@ -49,8 +49,10 @@ class SkyLights(Record):
         return tuple(name for name in LIGHTS if name in shine)
 
 
-def shining(sun_elevation_deg: float) -> tuple[Light, ...]:
-    """The lights that matter while the Sun stands there [degree].
+def shining(sun_elevation_deg: float, body: str = "Earth") -> tuple[Light, ...]:
+    """The lights that matter in a planet's sky while the Sun stands there [degree].
+
+    The airglow of planets other than the Earth is left out.
 
     Examples
     --------
@@ -59,7 +61,7 @@ def shining(sun_elevation_deg: float) -> tuple[Light, ...]:
     (('sun', 'moon'), ('sun', 'moon', 'planets', 'stars'), 7)
     """
     last = 2 if sun_elevation_deg > POINTS_BELOW else 4 if sun_elevation_deg > NIGHT_BELOW else len(LIGHTS)
-    return LIGHTS[:last]
+    return tuple(name for name in LIGHTS[:last] if body == "Earth" or name != "airglow")
 
 
 def chosen(names: Iterable[str], field: str) -> tuple[Light, ...]:

@@ -97,9 +97,9 @@ def moon_at(sight: Sight) -> Moon:
         late = light_time(float(np.linalg.norm(seen)))
         geocentric = moon_place(day, fraction - late)
         # The Earth has moved on while the light was under way.
-        seen = geocentric - state.earth_velocity * late * DAY - state.place
+        seen = geocentric - state.centre_velocity * late * DAY - state.place
     distance = float(np.linalg.norm(seen))
-    to_sun = -(state.earth - state.earth_velocity * late * DAY + geocentric)
+    to_sun = -(state.centre - state.centre_velocity * late * DAY + geocentric)
     towards_sun = to_sun / np.linalg.norm(to_sun)
     cosine = float(np.clip(-seen @ towards_sun / distance, -1.0, 1.0))
     axes = lunar_axes(day, fraction - late)

@@ -26,6 +26,11 @@ def venus(phase: float) -> float:
     return _polynomial(phase, 236.05828, -2.81914, 8.39034e-3)
 
 
+def earth(phase: float) -> float:
+    """At 1 au from both (5)."""
+    return _polynomial(phase, -3.99, -1.060e-3, 2.054e-4)
+
+
 def mars(phase: float) -> float:
     """At 1 au from both (6, 7), the mean over its rotation and seasons, which change it by 0.06 and 0.03."""
     if phase <= 50.0:
@@ -64,4 +69,6 @@ def neptune(phase: float, year: float) -> float:
 
 
 #: Those that need nothing but the phase angle.
-PLAIN: dict[str, Callable[[float], float]] = {"Mercury": mercury, "Venus": venus, "Mars": mars, "Jupiter": jupiter}
+PLAIN: dict[str, Callable[[float], float]] = {
+    "Mercury": mercury, "Venus": venus, "Earth": earth, "Mars": mars, "Jupiter": jupiter,
+}  # fmt: skip

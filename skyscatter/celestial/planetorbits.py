@@ -11,6 +11,8 @@ import numpy as np
 from skyscatter.celestial.frames import AU, J2000, Array
 from skyscatter.datafiles import read_table
 
+#: The number of the Earth, whose place ERFA has from another series, good to 0.01 arcsec.
+EARTH = 3
 _ARCSEC = math.pi / 648000.0  # [rad]
 
 
@@ -20,7 +22,7 @@ def planet_place(number: int, day: float, fraction: float) -> Array:
     Parameters
     ----------
     number : int
-        1 Mercury, 2 Venus, 4 Mars, 5 Jupiter, 6 Saturn, 7 Uranus, 8 Neptune.
+        1 Mercury, 2 Venus, 3 the Earth, 4 Mars, 5 Jupiter, 6 Saturn, 7 Uranus, 8 Neptune.
     day, fraction : float
         Julian date (TDB; TT does as well) in two parts.
 
@@ -45,6 +47,8 @@ def planet_place(number: int, day: float, fraction: float) -> Array:
     """
     import erfa
 
+    if number == EARTH:
+        return np.asarray(erfa.epv00(day, fraction)[0]["p"]) * AU
     to_ecliptic = np.asarray(erfa.ecm06(J2000, 0.0))
     with warnings.catch_warnings():
         # Years outside 1000 to 3000 cannot be.

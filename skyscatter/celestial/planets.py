@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyscatter.celestial import magnitudes
-from skyscatter.celestial.frames import AU, J2000, Array, Sight, light_time
+from skyscatter.celestial.frames import AU, J2000, Array, SkyFrame, light_time
 from skyscatter.celestial.planetorbits import planet_place
 from skyscatter.spectra.solar import solar_irradiance
 from skyscatter.spectra.vega import BAND_NODES, band_weights, magnitude
@@ -33,6 +33,7 @@ _BANDS = {0: "U", 1: "B", 2: "V", 3: "R", 5: "I"}
 _BODIES = {
     "Mercury": _Body(1, 2.4405e6, (0.087, 0.105, 0.142, 0.158, 0.172, 0.180, 0.208)),
     "Venus": _Body(2, 6.0518e6, (0.348, 0.658, 0.689, 0.658, 0.708, 0.640, 0.584)),
+    "Earth": _Body(3, 6.3781e6, (0.688, 0.512, 0.434, 0.392, 0.386, 0.396, 0.431)),
     "Mars": _Body(4, 3.39619e6, (0.060, 0.088, 0.170, 0.250, 0.288, 0.285, 0.330)),
     "Jupiter": _Body(5, 7.1492e7, (0.358, 0.443, 0.538, 0.513, 0.495, 0.389, 0.321)),
     "Saturn": _Body(6, 6.0268e7, (0.203, 0.339, 0.499, 0.646, 0.568, 0.543, 0.423), (40.589, 83.537)),
@@ -90,17 +91,18 @@ class Planet:
         return np.asarray(solar_irradiance(wl) * colour * 10 ** (-0.4 * (self.magnitude - _unit_magnitude(self.name))))
 
 
-def planets_at(sight: Sight) -> tuple[Planet, ...]:
-    """Mercury to Neptune for a place and a moment.
+def planets_at(sight: SkyFrame) -> tuple[Planet, ...]:
+    """Mercury to Neptune for a place and a moment, without the observer's own planet.
 
     Parameters
     ----------
-    sight : Sight
+    sight : SkyFrame
+        A `skyscatter.celestial.frames.Sight`, or one from Mars.
 
     Returns
     -------
     tuple of Planet
-        In the order of their distances from the Sun, the Earth left out; above and below the horizon.
+        In the order of their distances from the Sun; above and below the horizon.
 
     Notes
     -----
@@ -121,15 +123,15 @@ def planets_at(sight: Sight) -> tuple[Planet, ...]:
     >>> round(planets["Venus"].magnitude, 1), round(planets["Venus"].illuminated, 2)
     (-4.2, 0.63)
     """
-    return tuple(_planet(sight, name, body) for name, body in _BODIES.items())
+    return tuple(_planet(sight, name, body) for name, body in _BODIES.items() if name != sight.body)
 
 
-def _planet(sight: Sight, name: str, body: _Body) -> Planet:
+def _planet(sight: SkyFrame, name: str, body: _Body) -> Planet:
     state = sight.state
     day, fraction = state.tt
     from_sun = planet_place(body.number, day, fraction)
     for _ in range(3):
-        seen = from_sun - state.earth - state.place
+        seen = from_sun - state.centre - state.place
         late = light_time(float(np.linalg.norm(seen)))
         from_sun = planet_place(body.number, day, fraction - late)
     distance, sun_distance = float(np.linalg.norm(seen)), float(np.linalg.norm(from_sun))

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyscatter.celestial.frames import J2000, Array, Sight
+from skyscatter.celestial.frames import J2000, Array, SkyFrame
 from skyscatter.celestial.starnames import NAMES
 from skyscatter.celestial.starspectra import star_spectra
 from skyscatter.datafiles import data_path
@@ -83,12 +83,13 @@ class Stars:
         return 10 ** (-0.4 * self.magnitudes)[:, None] * star_spectra(self.colours, wavelengths)
 
 
-def stars_at(sight: Sight, limit: float = SHIPPED_LIMIT, catalogue: str | os.PathLike[str] | None = None) -> Stars:
+def stars_at(sight: SkyFrame, limit: float = SHIPPED_LIMIT, catalogue: str | os.PathLike[str] | None = None) -> Stars:
     """Stars for a place and a moment.
 
     Parameters
     ----------
-    sight : Sight
+    sight : SkyFrame
+        A `skyscatter.celestial.frames.Sight`, or one from Mars.
     limit : float
         Stars of lower V than this.
     catalogue : path, optional

@@ -284,15 +284,6 @@ def check_place(place: str | None, time: str | None, sun: Mapping[str, str | Non
         raise DomainError("place", place, f"settles where the Sun is; leave out {options}")
 
 
-def scene_at(
-    model: Any, name: str, place: tuple[float, float], time: str, altitude: float = 0.0, lights: Any = None
-) -> Any:
-    """Scene of a model, named `name` on the command line, at a place on Earth and a time, with some lights."""
-    if model.planet.name.lower() != "earth":
-        raise DomainError("model", name, "place and time mean Earth; give --sun-elevation here")
-    return model.scene_at(*place, time, altitude, lights)
-
-
 def has_suffix(outputs: list[Path], *suffixes: str) -> bool:
     """Whether one of the files is of one of these kinds."""
     return any(path.suffix.lower() in suffixes for path in outputs)

@@ -149,7 +149,7 @@ def run(request: Request, arguments: list[str]) -> int:
 def _scene(request: Request, model: Any) -> tuple[Any, NDArray[np.float64]]:
     """Scene, and elevations of its Sun [degree]."""
     if request.place is not None and request.time is not None:
-        scene = common.scene_at(model, request.model, request.place, request.time)
+        scene = model.scene_at(*request.place, request.time)
         return scene, np.array([scene.sun.elevation_deg])
     assert request.elevations is not None
     return model.scene(), request.elevations

@@ -48,11 +48,11 @@ class LightChoice:
     solar_flux: float | None
     stars: Path | None
 
-    def __call__(self, sun_elevation_deg: float) -> SkyLights:
-        """The lights while the Sun stands there."""
+    def __call__(self, sun_elevation_deg: float, body: str = "Earth") -> SkyLights:
+        """The lights of a planet's sky while the Sun stands there."""
         from skyscatter.celestial.lights import SkyLights, chosen, shining
 
-        names = chosen(shining(sun_elevation_deg) if self.lights is None else self.lights, "lights")
+        names = chosen(shining(sun_elevation_deg, body) if self.lights is None else self.lights, "lights")
         names = tuple(name for name in names if name not in chosen(self.without, "without"))
         given: dict[str, Any] = {} if self.solar_flux is None else {"solar_flux": self.solar_flux}
         if self.stars is not None:
@@ -88,17 +88,15 @@ def centre_of(scene: Scene) -> float:
     At night it is that of the Moon where it is up and shines, else of the middle of the Galaxy where that is up, else
     north.
     """
-    if scene.lights is None or scene.sun.site is None or scene.sun.elevation_deg > NIGHT_CENTRE:
+    sight = None if scene.lights is None or scene.sun.elevation_deg > NIGHT_CENTRE else scene.sight
+    if scene.lights is None or sight is None:
         return scene.sun.azimuth_deg
-    from skyscatter.celestial.frames import Sight
-    from skyscatter.celestial.moon import moon_at
+    from skyscatter.celestial.heavens import moons_of
 
-    site = scene.sun.site
-    sight = Sight(site.latitude_deg, site.longitude_deg, site.time, scene.altitude)
     # The middle of the Galaxy: Sagittarius A*.
     ra, dec = np.radians([266.417, -29.008])
     galaxy = sight.horizontal(np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]))
-    shining = [moon_at(sight).direction] if "moon" in scene.lights.shine else []
+    shining = [direction for _, direction in moons_of(sight)] if "moon" in scene.lights.shine else []
     for direction in [*shining, galaxy]:
         if direction[2] > 0:
             return float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)

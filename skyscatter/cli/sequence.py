@@ -152,24 +152,22 @@ def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
         loaded: list[Any] = [skyscatter.load_model(name) for name in sequence.models]
         for name, model in zip(sequence.models, loaded, strict=True):
             common.check_command(model, name, "sky")
-        scenes = [_scene(request, model, name) for name, model in zip(sequence.models, loaded, strict=True)]
+        scenes = [_scene(request, model) for model in loaded]
         return f"{len(scenes)} models", tuple(scenes)
     air: Any = skyscatter.load_model(request.model)
     common.check_command(air, request.model, "sky")
     if sequence.times:
         where = (request.altitude, request.lights)
-        return air.name, tuple(
-            common.scene_at(air, request.model, request.place, t, *where) for t in sequence.times
-        )
+        return air.name, tuple(air.scene_at(*request.place, t, *where) for t in sequence.times)
     return air.name, tuple(
         air.scene(sun_elevation_deg=e, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude)
         for e in sequence.elevations
     )
 
 
-def _scene(request: Any, model: Any, name: str) -> Any:
+def _scene(request: Any, model: Any) -> Any:
     if request.place is not None and request.time is not None:
-        return common.scene_at(model, name, request.place, request.time, request.altitude, request.lights)
+        return model.scene_at(*request.place, request.time, request.altitude, request.lights)
     return model.scene(
         sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
     )

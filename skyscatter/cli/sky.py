@@ -339,7 +339,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
-    return model, common.scene_at(model, request.model, request.place, request.time, request.altitude, request.lights)
+    return model, model.scene_at(*request.place, request.time, request.altitude, request.lights)
 
 
 def run(request: Request, arguments: list[str]) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from skyscatter.errors import DomainError
 
 if TYPE_CHECKING:
-    from skyscatter.celestial.frames import Sight
+    from skyscatter.celestial.frames import SkyFrame
     from skyscatter.image.horizon import SkyView
     from skyscatter.image.spectral import SpectralImage
 
@@ -69,22 +69,16 @@ def marked(image: SpectralImage, picture: Array, names: bool, lines: bool) -> Ar
     from skyscatter.image.horizon import sky_view
 
     view = sky_view(image)
-    if view is None or view.scene.sun.site is None:
+    sight = None if view is None else view.scene.sight
+    if view is None or sight is None:
         what = "labels" if names else "lines"
         raise DomainError(what, True, "are for skies of a place and a time; give --place and --time, or leave it out")
-    over = _drawn(view, _sight(view), names, lines) / 255.0
+    over = _drawn(view, sight, names, lines) / 255.0
     opacity = over[..., 3:]
     return np.asarray(picture * (1.0 - opacity) + over[..., :3] * opacity)
 
 
-def _sight(view: SkyView) -> Sight:
-    from skyscatter.celestial.frames import Sight
-
-    site: Any = view.scene.sun.site
-    return Sight(site.latitude_deg, site.longitude_deg, site.time, view.scene.altitude)
-
-
-def _drawn(view: SkyView, sight: Sight, names: bool, lines: bool) -> NDArray[np.uint8]:
+def _drawn(view: SkyView, sight: SkyFrame, names: bool, lines: bool) -> NDArray[np.uint8]:
     """A transparent picture of the marks alone, shape (y, x, 4)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import LineCollection
@@ -116,22 +110,22 @@ def _drawn(view: SkyView, sight: Sight, names: bool, lines: bool) -> NDArray[np.
     return np.asarray(canvas.buffer_rgba(), np.uint8)
 
 
-def named(view: SkyView, sight: Sight) -> list[tuple[str, float, float]]:
-    """What has a name and is in the picture, and its pixel: the Moon, planets, then stars, brightest first."""
-    from skyscatter.celestial.moon import moon_at
+def named(view: SkyView, sight: SkyFrame) -> list[tuple[str, float, float]]:
+    """What has a name and is in the picture, and its pixel: moons, planets, then stars, brightest first."""
+    from skyscatter.celestial.heavens import moons_of
     from skyscatter.celestial.planets import planets_at
     from skyscatter.celestial.stars import stars_at
 
     stars = stars_at(sight, limit=FAINTEST)
     planets = [planet for planet in planets_at(sight) if planet.magnitude < VISIBLE]
-    found = [("Moon", moon_at(sight).direction)] + [(planet.name, planet.direction) for planet in planets]
+    found = [*moons_of(sight), *((planet.name, planet.direction) for planet in planets)]
     found += [(name, towards) for name, towards in zip(stars.names, stars.directions, strict=True) if name]
     x, y = pixels(view, np.array([towards for _, towards in found]))
     seen = np.flatnonzero(np.isfinite(x))
     return [(found[k][0], float(x[k]), float(y[k])) for k in seen]
 
 
-def courses(view: SkyView, sight: Sight) -> list[Array]:
+def courses(view: SkyView, sight: SkyFrame) -> list[Array]:
     """Lines of the constellations in pixels, each of shape (point, 2), in pieces that lie within the picture."""
     from skyscatter.celestial.constellations import constellation_lines
 

@@ -176,8 +176,18 @@ def _place(scene: Scene) -> list[Card]:
     import erfa
     from astropy.time import Time
 
-    longitude, latitude = np.radians([site.longitude_deg, site.latitude_deg])
-    place = erfa.gd2gc(1, longitude, latitude, scene.altitude)  # WGS84
+    moment: list[Card] = [
+        ("TIMESYS", "UTC", ""),
+        ("DATE-OBS", site.time, "moment of the sky"),
+        ("MJD-OBS", float(Time(site.time, scale="utc").mjd), "the same as a modified Julian date"),
+    ]
+    if site.body != "Earth":  # the standard has no keywords for places elsewhere
+        planet = ("PLANET", site.body, "on which the observer stands")
+        latitude = ("LAT-OBS", float(site.latitude_deg), "[deg] planetocentric, north positive")
+        longitude = ("LON-OBS", float(site.longitude_deg), "[deg] east positive")
+        return [*cards, planet, latitude, longitude, *moment]
+    angles = np.radians([site.longitude_deg, site.latitude_deg])
+    place = erfa.gd2gc(1, *angles, scene.altitude)  # WGS84
     # The standard's own ellipsoid for these keywords is an older one (IAU 1976), on which heights are 3 m less.
     geodetic = erfa.gc2gde(6378140.0, 1 / 298.2577, place)
     return [
@@ -186,7 +196,5 @@ def _place(scene: Scene) -> list[Card]:
         ("OBSGEO-L", float(np.degrees(geodetic[0])), "[deg] longitude of the observer, east positive"),
         ("OBSGEO-H", float(geodetic[2]), "[m] height of the observer, ellipsoid IAU 1976"),
         *((f"OBSGEO-{axis}", float(x), "[m] the same place, geocentric") for axis, x in zip("XYZ", place, strict=True)),
-        ("TIMESYS", "UTC", ""),
-        ("DATE-OBS", site.time, "moment of the sky"),
-        ("MJD-OBS", float(Time(site.time, scale="utc").mjd), "the same as a modified Julian date"),
+        *moment,
     ]

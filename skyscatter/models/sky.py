@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import model_validator
 
 from skyscatter.celestial.lights import SkyLights, chosen, shining
+from skyscatter.errors import DomainError
 from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
-from skyscatter.scene import Scene, Site, Star, Sun
+from skyscatter.scene import AU, Scene, Site, Star, Sun
 from skyscatter.units import PositiveMetres
 
 
@@ -138,19 +140,19 @@ class Model(ModelFile):
     def scene_at(
         self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0, lights: Any = None
     ) -> Scene:
-        """A scene for a place on Earth and a time.
+        """A scene for a place and a time on Earth, or on Mars if that is the model's planet.
 
         Parameters
         ----------
         latitude_deg, longitude_deg : float
-            Geodetic, north and east positive [degree].
+            Geodetic on Earth, planetocentric on Mars; north and east positive [degree].
         time : str or datetime
             ISO 8601 text, UTC; or a datetime.
         altitude : float or str or Quantity
             Of the observer above the ground [m].
         lights : "auto", SkyLights, sequence of str or callable, optional
             What shines, see `skyscatter.SkyLights`; ``"auto"`` takes what matters at that time, a function is given the
-            elevation of the Sun [degree] and returns `SkyLights`.  The Sun alone when not given.
+            elevation of the Sun [degree] and the planet and returns `SkyLights`.  The Sun alone when not given.
 
         Returns
         -------
@@ -160,7 +162,7 @@ class Model(ModelFile):
         Raises
         ------
         DomainError
-            For a place that is not on Earth, or a time that cannot be read.
+            For a place that is not on the planet, another planet, or a time that cannot be read.
 
         Examples
         --------
@@ -171,21 +173,42 @@ class Model(ModelFile):
         >>> round(scene.sun.elevation_deg), round(scene.sun.azimuth_deg)
         (5, 300)
         """
-        from skyscatter.geometry.sun import iso_utc, sun_position
+        from skyscatter.geometry.sun import iso_utc
 
-        scene = self.scene(altitude=altitude)
-        sun = sun_position(latitude_deg, longitude_deg, time, scene.altitude)
-        site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time))
-        lit = _lights(lights, sun.elevation_deg)
-        return scene.model_copy(update={"sun": Sun(**sun._asdict(), site=site), "lights": lit})
+        scene, body = self.scene(altitude=altitude), self.planet.name.capitalize()
+        if body not in ("Earth", "Mars"):
+            rule = "a place and a time mean Earth or Mars; give the elevation of the Sun"
+            raise DomainError("planet", self.planet.name, rule)
+        site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time), body=body)
+        sun = _sun_at(site, time, scene.altitude)
+        lit = _lights(lights, sun.elevation_deg, body)
+        if lit is not None and body != "Earth" and "airglow" in lit.shine:
+            raise DomainError("lights", "airglow", f"that of {body} is not known; leave it out")
+        return scene.model_copy(update={"sun": sun, "lights": lit})
 
 
-def _lights(lights: Any, sun_elevation_deg: float) -> SkyLights | None:
+def _sun_at(site: Site, time: Any, altitude: float) -> Sun:
+    """The Sun over a place at a time."""
+    if site.body == "Earth":
+        from skyscatter.geometry.sun import sun_position
+
+        return Sun(**sun_position(site.latitude_deg, site.longitude_deg, time, altitude)._asdict(), site=site)
+    east, north, up = site.sight(altitude).sun.direction
+    return Sun(
+        elevation_deg=float(np.degrees(np.arcsin(up))),
+        azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0),
+        distance_au=site.sight(altitude).sun.distance / AU,
+        site=site,
+    )
+
+
+def _lights(lights: Any, sun_elevation_deg: float, body: str) -> SkyLights | None:
     """The lights that are meant."""
     if lights is None or isinstance(lights, SkyLights):
         return lights
     if callable(lights):
-        found: SkyLights = lights(sun_elevation_deg)
+        found: SkyLights = lights(sun_elevation_deg, body)
         return found
-    names = shining(sun_elevation_deg) if isinstance(lights, str) and lights == "auto" else chosen(lights, "lights")
-    return SkyLights(shine=names)
+    if isinstance(lights, str) and lights == "auto":
+        return SkyLights(shine=shining(sun_elevation_deg, body))
+    return SkyLights(shine=chosen(lights, "lights"))

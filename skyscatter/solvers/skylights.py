@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.celestial.frames import Sight
-from skyscatter.celestial.heavens import POINTS, SPREAD, Heavens
+from skyscatter.celestial.heavens import SPREAD, Heavens
+from skyscatter.celestial.moon import Moon
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
@@ -54,10 +54,10 @@ def sun_shines(scene: Scene) -> bool:
 
 def heavens_of(scene: Scene, wavelengths: Array) -> Heavens | None:
     """What shines on a scene; None where that is its Sun alone."""
-    if scene.lights is None or scene.sun.site is None or not set(scene.lights.shine) - {"sun"}:
+    sight = scene.sight
+    if scene.lights is None or sight is None or not set(scene.lights.shine) - {"sun"}:
         return None
-    site = scene.sun.site
-    return Heavens(scene.lights, Sight(site.latitude_deg, site.longitude_deg, site.time, scene.altitude), wavelengths)
+    return Heavens(scene.lights, sight, wavelengths)
 
 
 @dataclass(frozen=True)
@@ -148,9 +148,9 @@ def solve_air(
 def light_window(scene: Scene, heavens: Heavens, directions: Array) -> tuple[float, float] | None:
     """Zenith angles [rad] of the lights beside the Sun whose scattered light counts; None where there are none."""
     lowest = lowest_light(scene.medium.radius, scene.altitude)
-    if _night(scene) and any(heavens.shines(name) for name in (*SPREAD, *POINTS)):
+    if _night(scene) and (heavens.spread_names or heavens.points_names):
         return 0.0, float(np.radians(90.0 - lowest))
-    if not _moon_scatters(scene, heavens):
+    if heavens.moon is None or not _moon_scatters(scene, heavens.moon):
         return None
     moon = scene.model_copy(update={"sun": _sun_of(heavens.moon.direction)})
     origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
@@ -164,11 +164,11 @@ def _night(scene: Scene) -> bool:
     return not sun_shines(scene) or scene.sun.elevation_deg <= NIGHT_BELOW
 
 
-def _moon_scatters(scene: Scene, heavens: Heavens) -> bool:
+def _moon_scatters(scene: Scene, moon: Moon) -> bool:
     """Whether moonlight in the air counts."""
-    if not heavens.shines("moon") or (sun_shines(scene) and scene.sun.elevation_deg > MOON_SCATTERS):
+    if sun_shines(scene) and scene.sun.elevation_deg > MOON_SCATTERS:
         return False
-    return _elevation(heavens.moon.direction) > lowest_light(scene.medium.radius, scene.altitude)
+    return _elevation(moon.direction) > lowest_light(scene.medium.radius, scene.altitude)
 
 
 def add_to(
@@ -254,29 +254,29 @@ def add_lights(
     threads : int, optional
     """
     above = Overhead(scene, heavens.wavelengths)
-    if heavens.shines("moon"):
-        _add_moon_face(picture, scene, heavens, above)
-        if air is not None and _moon_scatters(scene, heavens):
-            _add_moonlight(picture, scene, heavens, air, threads)
-    others = [name for name in (*POINTS, *SPREAD) if heavens.shines(name)]
+    if heavens.moon is not None:
+        _add_moon_face(picture, scene, heavens.moon, above)
+        if air is not None and _moon_scatters(scene, heavens.moon):
+            _add_moonlight(picture, scene, heavens.moon, air, threads)
+    others = [*heavens.points_names, *heavens.spread_names]
     for names in [[name] for name in others] if picture.parts else [others]:
         _add_night(picture, scene, heavens, names, above, air if _night(scene) else None)
 
 
-def _add_moonlight(picture: Picture, scene: Scene, heavens: Heavens, air: LitAir, threads: int | None) -> None:
+def _add_moonlight(picture: Picture, scene: Scene, moon: Moon, air: LitAir, threads: int | None) -> None:
     """What air and ground scatter of the Moon, from the field of the Sun: both shine as disks of half a degree."""
     from skyscatter.celestial.moon import moon_irradiance
 
-    place = _sun_of(heavens.moon.direction)
+    place = _sun_of(moon.direction)
     # The field's own Sun, at its distance: by its irradiance the field's light is scaled.
-    moon = air.field.sun(place.elevation_deg, place.azimuth_deg)
-    whole = air.field.at(moon).optics.sun_irradiance.sum(axis=0)
+    sun = air.field.sun(place.elevation_deg, place.azimuth_deg)
+    whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
     share = np.divide(
-        moon_irradiance(heavens.moon, heavens.wavelengths), whole, out=np.zeros_like(whole), where=whole > 0
+        moon_irradiance(moon, air.field.wavelengths), whole, out=np.zeros_like(whole), where=whole > 0
     )
     for pixels, directions in picture.blocks():
         origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
-        found = air.field.along(origins, directions, moon, parts=True, threads=threads)
+        found = air.field.along(origins, directions, sun, parts=True, threads=threads)
         light = (found.radiance - found.layers["direct"]) * share
         picture.add("moon", pixels, light, None if found.error is None else found.error * share)
         for name in "QUV":
@@ -285,19 +285,19 @@ def _add_moonlight(picture: Picture, scene: Scene, heavens: Heavens, air: LitAir
                 layer.reshape(-1, layer.shape[-1])[pixels] += found.layers[name] * share
 
 
-def _add_moon_face(picture: Picture, scene: Scene, heavens: Heavens, above: Overhead) -> None:
+def _add_moon_face(picture: Picture, scene: Scene, moon: Moon, above: Overhead) -> None:
     """The Moon's disk, averaged over pixels: points of it that fall into each, each with its solid angle.
 
     So the light of the disk is kept whatever the size of the pixels.
     """
     from skyscatter.celestial.moon import moon_radiance
 
-    moon, camera, observer = heavens.moon, picture.camera, scene.observer
+    camera, observer = picture.camera, scene.observer
     if _elevation(moon.direction) < np.degrees(above.horizon - 2 * moon.angular_radius):
         return
     if camera is None:
         for rays, directions in picture.blocks():
-            light = moon_radiance(moon, directions, heavens.wavelengths) * above.transmittance(directions)
+            light = moon_radiance(moon, directions, above.wavelengths) * above.transmittance(directions)
             picture.add("moon", rays, light)
         return
     solid_angle = camera.pixel_solid_angle(observer).ravel()
@@ -314,7 +314,7 @@ def _add_moon_face(picture: Picture, scene: Scene, heavens: Heavens, above: Over
         pixels, member = np.unique(row * camera.width + column, return_inverse=True)
         if not pixels.size:
             continue
-        light = moon_radiance(moon, some, heavens.wavelengths) * above.transmittance(some) * area
+        light = moon_radiance(moon, some, above.wavelengths) * above.transmittance(some) * area
         total = np.zeros((pixels.size, light.shape[1]))
         np.add.at(total, member, light)
         kept = solid_angle[pixels] > 0
@@ -347,7 +347,7 @@ def _add_night(
 ) -> None:
     """Lights that are points or spread over the sky: straight, and what air and ground scatter of them."""
     spread = [name for name in names if name in SPREAD]
-    points = [heavens.points(name) for name in names if name in POINTS]
+    points = [heavens.points(name) for name in names if name not in SPREAD]
     label = names[0] if names else ""
 
     def sky(directions: Array) -> Array:

@@ -206,7 +206,6 @@ def refused(capsys, arguments):
         (["--place", "Paris", "--time", "2026-06-21"], ["place", "'Paris'", "48.86,2.35"]),
         (["--place", "95,2", "--time", "2026-06-21"], ["latitude", "95"]),
         (["--place", "48,2", "--time", "noon"], ["time", "'noon'", "ISO 8601"]),
-        (["mars", "--place", "48,2", "--time", "2026-06-21"], ["place", "mars", "Earth"]),
         (["--exposure", "bright"], ["exposure", "'bright'", "auto"]),
         (["--tone", "neon"], ["tone", "'neon'", "filmic"]),
         (["--space", "cmyk"], ["cmyk", "srgb"]),

@@ -145,7 +145,7 @@ def closed_transmittance(scene, elevation_deg, wavelength):
 
 def vertical_depths(scene, wavelength):
     here = scene.observer.position
-    return skyscatter.optical_depth(scene, here, [*here, 0, 0, 1000000.0], [wavelength], by_component=True)[:, 0]
+    return skyscatter.optical_depth(scene, here, here + np.array([0, 0, 1e6]), [wavelength], by_component=True)[:, 0]
 
 
 @pytest.mark.parametrize(("time", "expected_deg"), [("2026-01-12T19:07Z", 5.0), ("2026-03-12T02:12Z", 60.0)])
@@ -198,7 +198,7 @@ def test_the_moonlit_sky_against_krisciunas_and_schaefer(time: str) -> None:
     model = model.model_copy(update={"components": tuple(thicker)})
     scene = model.scene_at(*SUMMIT, time, "2800 m", ["moon"])
     here = scene.observer.position
-    clear = skyscatter.transmittance(scene, here, [*here, 0, 0, 200000.0], [545.0])
+    clear = skyscatter.transmittance(scene, here, here + np.array([0, 0, 2e5]), [545.0])
     assert -2.5 * np.log10(clear[0]) == pytest.approx(0.172, abs=0.003)
     moon = moon_at(Sight(*SUMMIT, time, 2800.0))
     moon_zenith = float(np.degrees(np.arccos(moon.direction[2])))
