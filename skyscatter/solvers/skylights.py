@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.celestial.heavens import SPREAD, Heavens
-from skyscatter.celestial.moon import Moon
+from skyscatter.celestial.moon import Moon, moon_irradiance
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
@@ -38,6 +38,9 @@ BLOCK = 1 << 16
 SUN_LOWEST = -20.0
 #: Moonlight that the air scatters counts while the Sun stands below this [degree]: above, it is less than 1e-4 of it.
 MOON_SCATTERS = -2.0
+#: Share of the light of all points from which on one of them is solved by itself, and the most of those.  The others
+#: share Fourier orders over the azimuth, which blur the brightness around each by 5 degrees.
+BRIGHT, MOST_BRIGHT = 0.05, 4
 #: Rays begin at the observer if they do so to this share of its distance from the planet's centre.
 SAME_PLACE = 1e-9
 #: Points on the radius of the Moon's disk, at least and for each pixel.
@@ -257,28 +260,29 @@ def add_lights(
     if heavens.moon is not None:
         _add_moon_face(picture, scene, heavens.moon, above)
         if air is not None and _moon_scatters(scene, heavens.moon):
-            _add_moonlight(picture, scene, heavens.moon, air, threads)
+            light = moon_irradiance(heavens.moon, heavens.wavelengths)
+            _add_as_sun(picture, scene, "moon", heavens.moon.direction, light, air, threads)
     others = [*heavens.points_names, *heavens.spread_names]
     for names in [[name] for name in others] if picture.parts else [others]:
-        _add_night(picture, scene, heavens, names, above, air if _night(scene) else None)
+        _add_night(picture, scene, heavens, names, above, air if _night(scene) else None, threads)
 
 
-def _add_moonlight(picture: Picture, scene: Scene, moon: Moon, air: LitAir, threads: int | None) -> None:
-    """What air and ground scatter of the Moon, from the field of the Sun: both shine as disks of half a degree."""
-    from skyscatter.celestial.moon import moon_irradiance
-
-    place = _sun_of(moon.direction)
+def _add_as_sun(
+    picture: Picture, scene: Scene, label: str, towards: Array, irradiance: Array, air: LitAir, threads: int | None
+) -> None:
+    """What air and ground scatter of one light, from the field of the Sun in its place: exact for the Moon, whose disk
+    is as wide, and for points but for a blur of half a degree.
+    """
+    place = _sun_of(towards)
     # The field's own Sun, at its distance: by its irradiance the field's light is scaled.
     sun = air.field.sun(place.elevation_deg, place.azimuth_deg)
     whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
-    share = np.divide(
-        moon_irradiance(moon, air.field.wavelengths), whole, out=np.zeros_like(whole), where=whole > 0
-    )
+    share = np.divide(irradiance, whole, out=np.zeros_like(whole), where=whole > 0)
     for pixels, directions in picture.blocks():
         origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
         found = air.field.along(origins, directions, sun, parts=True, threads=threads)
         light = (found.radiance - found.layers["direct"]) * share
-        picture.add("moon", pixels, light, None if found.error is None else found.error * share)
+        picture.add(label, pixels, light, found.standard_error * share)
         for name in "QUV":
             if name in picture.layers and name in found.layers:
                 layer = picture.layers[name]
@@ -343,8 +347,9 @@ def disk_grid(axis: Array, radius: float, count: int) -> tuple[Array, float]:
 
 
 def _add_night(
-    picture: Picture, scene: Scene, heavens: Heavens, names: list[str], above: Overhead, air: LitAir | None
-) -> None:
+    picture: Picture, scene: Scene, heavens: Heavens, names: list[str], above: Overhead, air: LitAir | None,
+    threads: int | None,
+) -> None:  # fmt: skip
     """Lights that are points or spread over the sky: straight, and what air and ground scatter of them."""
     spread = [name for name in names if name in SPREAD]
     points = [heavens.points(name) for name in names if name not in SPREAD]
@@ -358,7 +363,10 @@ def _add_night(
         directions, irradiance = (np.concatenate(arrays) for arrays in zip(*points, strict=True))
         _draw(picture, scene, label, directions, irradiance, above)
         if air is not None:
-            glow = air.response.glow(sky if spread else None, (directions, irradiance))
+            bright = _brightest(directions, irradiance, air.response.lowest)
+            for k in np.flatnonzero(bright):
+                _add_as_sun(picture, scene, label, directions[k], irradiance[k], air, threads)
+            glow = air.response.glow(sky if spread else None, (directions[~bright], irradiance[~bright]))
     elif spread and air is not None:
         glow = air.response.glow(sky)
     for pixels, rays in picture.blocks() if spread or glow is not None else ():
@@ -368,6 +376,16 @@ def _add_night(
         if spread and open_sky.size:
             light[open_sky] += sky(rays[open_sky]) * above.transmittance(rays[open_sky])
         picture.add(label, pixels, light, error)
+
+
+def _brightest(directions: Array, irradiance: Array, lowest: float) -> NDArray[np.bool_]:
+    """Points that light the air so much that what surrounds them is seen: each is solved by itself."""
+    total = irradiance.sum(axis=1)
+    total[directions[:, 2] < np.sin(np.radians(lowest))] = 0.0
+    order = np.argsort(-total)[:MOST_BRIGHT]
+    bright = np.zeros(len(total), bool)
+    bright[order] = total[order] > BRIGHT * total.sum()
+    return bright
 
 
 def _draw(picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array, above: Overhead) -> None:
