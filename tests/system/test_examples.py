@@ -16,7 +16,9 @@ WRITES = {
     "air_mass.py": (),
     "clear_ground.py": (),
     "first_sky.py": ("first_sky.png",),
+    "moonlit_snow.py": ("moonlit_snow.png",),
     "neutral_points.py": ("neutral_points.png",),
+    "night_strip.py": ("night_strip.png",),
     "own_nebula.py": ("own_nebula.png", "own_nebula.fits"),
     "own_planet.py": ("my-planet.toml", "my-planet.png"),
     "reflection_nebula.py": ("reflection_nebula.png", "reflection_nebula.fits"),
@@ -36,8 +38,8 @@ def test_every_example_is_tested_and_listed() -> None:
 
 #: Several seconds to a quarter of a minute and more each; what they show is tested elsewhere.
 LONG = {
-    "air_mass.py", "clear_ground.py", "neutral_points.py", "twilight_ozone.py", "twilight_sequence.py",
-    "zenith_and_horizon.py",
+    "air_mass.py", "clear_ground.py", "moonlit_snow.py", "neutral_points.py", "night_strip.py", "twilight_ozone.py",
+    "twilight_sequence.py", "zenith_and_horizon.py",
 }  # fmt: skip
 
 
