@@ -275,11 +275,15 @@ def _sun_correction(
     from skyscatter.solvers import sundisk
     from skyscatter.solvers.compile import compile_scene
 
-    if scene.lights is not None and not _skylights().sun_shines(scene):
+    shines = scene.lights is None or _skylights().sun_shines(scene)
+    with_disk = recipe.get("sun_disk", True)
+    if with_disk and not shines:
         return None, recipe
     table = compile_scene(scene, wl)
-    if recipe.get("sun_disk", True):
+    if with_disk:
         return sundisk.disk_correction(scene, table, camera, grid), recipe
+    if not shines:
+        return None, {**recipe, "sun_lamp": {**sundisk.sun_lamp(scene, table), "irradiance": [0.0] * wl.size}}
     seen = sundisk.disk_along(scene, table, grid, wl)
     return seen and (seen[0], -seen[1]), {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table)}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -150,3 +152,11 @@ def test_wrong_wishes_are_refused_in_a_line(words, said, capsys) -> None:
 def test_lights_without_a_place_are_refused(capsys) -> None:
     assert main(["sky", "--lights", "moon", "-o", "never.png"]) == 2
     assert "needs --place and --time" in capsys.readouterr().err
+
+
+def test_a_dome_by_night_has_a_dark_sun(tmp_path) -> None:
+    words = ["sky", "earth-simple", "--place", "46.5,7.9", "--time", "2026-01-03T22:00Z", "--size", "16x8", "--no-sun"]
+    assert main([*words, "--wavelengths", "450,550,650", "-o", str(tmp_path / "dome.exr"), "-q"]) == 0
+    lamp = json.loads((tmp_path / "dome.sun.json").read_text())
+    assert lamp["sun"]["illuminance_lx"] == 0.0
+    assert lamp["sun"]["elevation_deg"] < -18
