@@ -390,14 +390,25 @@ class RadianceField:
             "estimated",
         )
 
-    def along(self, origins: Array, directions: Array, sun: Sun, parts: bool, threads: int | None = None) -> Answer:
-        """`radiance` of rays (ray, 3) whose Suns the field was solved for, which is not asked again."""
+    def along(
+        self,
+        origins: Array,
+        directions: Array,
+        sun: Sun,
+        parts: bool,
+        threads: int | None = None,
+        sky: SkyTable | None = None,
+    ) -> Answer:
+        """`radiance` of rays (ray, 3) whose Suns the field was solved for, which is not asked again.
+
+        With a `sky_table` of more rays, these are some of them.
+        """
         table, workers = self.at(sun), worker_count(threads)
         size = min(max(len(origins) // CHUNKS, CHUNK[0]), CHUNK[1])
         chunks = [slice(k, k + size) for k in range(0, len(origins), size)]
-        sky = self.sky_table(table, origins, directions, workers)
+        found = sky or self.sky_table(table, origins, directions, workers)
         with Workers(workers) as pool:
-            answers = list(pool.map(lambda s: self.look(table, origins[s], directions[s], parts, sky), chunks))
+            answers = list(pool.map(lambda s: self.look(table, origins[s], directions[s], parts, found), chunks))
         empty, layers = np.zeros((0, self.wavelengths.size)), answers[0].layers if answers else {}
         return Answer(
             np.concatenate([a.radiance for a in answers] or [empty]),

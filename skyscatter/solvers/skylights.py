@@ -278,9 +278,13 @@ def _add_as_sun(
     sun = air.field.sun(place.elevation_deg, place.azimuth_deg)
     whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
     share = np.divide(irradiance, whole, out=np.zeros_like(whole), where=whole > 0)
+    here = scene.observer.position
+    flat = picture.directions.reshape(-1, 3)
+    flat = np.ascontiguousarray(flat[np.isfinite(flat[:, 0])])
+    sky = air.field.sky_table(air.field.at(sun), np.broadcast_to(here, flat.shape), flat, worker_count(threads))
     for pixels, directions in picture.blocks():
-        origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
-        found = air.field.along(origins, directions, sun, parts=True, threads=threads)
+        origins = np.ascontiguousarray(np.broadcast_to(here, directions.shape))
+        found = air.field.along(origins, directions, sun, True, threads, sky)
         light = (found.radiance - found.layers["direct"]) * share
         picture.add(label, pixels, light, found.standard_error * share)
         for name in "QUV":

@@ -246,6 +246,8 @@ def make_table(
     seen, _ = frame.of(directions)
     edges = _Edges.of(table, origin)
     elevation, below = _elevations(edges, math.asin(float(sun @ frame.up)), float(seen.min()), float(seen.max()))
+    if elevation.size == 0:  # all rays look past the air
+        return None
     if len(directions) < FEWEST * TURNS * elevation.size or min(below or 4, (elevation.size - below) or 4) < 4:
         return None
     kept = np.flatnonzero(fine.problem.diffuse.scatters)

@@ -111,3 +111,12 @@ def test_tiles_and_threads_change_no_bit() -> None:
         skyscatter.render(scene, FISHEYE, WAVELENGTHS, tolerance=0.02, threads=threads).radiance for threads in (1, 3)
     ]
     np.testing.assert_array_equal(*pictures)
+
+
+def test_rays_past_the_air_need_no_table() -> None:
+    scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=20.0, altitude="400 km")
+    field = skyscatter.solve(scene, [550.0], sun_elevations_deg=(15.0, 25.0), tolerance=0.02)
+    grid = skyscatter.Fisheye(width=80, height=80).directions(scene.observer).reshape(-1, 3)
+    up = np.ascontiguousarray(grid[np.isfinite(grid[:, 0])])
+    origins = np.broadcast_to(scene.observer.position, up.shape)
+    assert field.sky_table(field.at(scene.sun), origins, up, 1) is None
