@@ -57,7 +57,7 @@ class Job:
     @property
     def checkpoint(self) -> str:
         """Where it keeps what is finished."""
-        return f"{self.outputs[0]}.partial.npz"
+        return f"{self.outputs[0]}.partial.zarr"
 
     @property
     def partials(self) -> set[str]:

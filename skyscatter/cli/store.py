@@ -38,6 +38,7 @@ def list_(folder: Folder, as_json: common.AsJson = False) -> None:
             "wavelengths": len(recipe["wavelengths_nm"]),
             "tasks": store.tasks(),
             "finished": len(amounts),
+            "interrupted": "block" in store.attributes,
             "amount": [min(amounts), max(amounts)] if amounts else None,
             "bytes": sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()),
         }
@@ -49,10 +50,13 @@ def describe(summary: dict[str, Any]) -> str:
     from skyscatter.memory import format_bytes
 
     camera, amount = summary["camera"], summary["amount"]
-    more = f", {amount[0]} to {amount[1]} walks or passes in each batch" if amount and amount[1] > 1 else ""
+    blocks = summary["interrupted"] and summary["solver"] != "photons"
+    what = "pixels in each task" if blocks else "walks or passes in each batch"
+    more = f", {amount[0]} to {amount[1]} {what}" if amount and amount[1] > 1 else ""
     total = summary["tasks"] or "an unknown number of"
     return (
-        f"{summary['store']}: {camera['width']}x{camera['height']} pixels, {summary['wavelengths']} wavelengths, "
+        f"{summary['store']}: {'an interrupted run, ' * summary['interrupted']}"
+        f"{camera['width']}x{camera['height']} pixels, {summary['wavelengths']} wavelengths, "
         f"solver {summary['solver']}; {summary['finished']} of {total} tasks finished{more}; "
         f"{format_bytes(summary['bytes'])}, by skyscatter {summary['skyscatter']}"
     )
@@ -68,12 +72,12 @@ def verify(
     from skyscatter.tasks.store import damaged
 
     with opened_again(folder) as store:
-        count, broken = len(store.numbers()), list(damaged(store))
-        for number, reason in broken:
-            typer.echo(f"task {number}: {reason}")
+        count, broken = len(store.numbers()) + len(store.parts()), list(damaged(store))
+        for task, reason in broken:
+            typer.echo(f"{'part' if isinstance(task, str) else 'task'} {task}: {reason}")
             if repair:
-                store.remove(number)
-    typer.echo(f"{folder}: {count - len(broken)} of {count} finished tasks are whole")
+                store.remove(task)
+    typer.echo(f"{folder}: {count - len(broken)} of {count} finished tasks and parts are whole")
     if broken and not repair:
         rule = "is damaged; repair it with: skyscatter store verify --repair, and repeat the run"
         raise DomainError("store", str(folder), rule)

@@ -89,10 +89,10 @@ def render(
         Called with the finished share, 0 to 1.
     resume : path, optional
         Checkpoint of an interrupted render with the same arguments; also kept there from then on, unless `checkpoint`
-        names another file.
+        names another folder.
     checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
-        File in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
-        Ctrl-C.
+        Folder in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
+        Ctrl-C.  It is a store as well: `picture_of` reads it.
     store : path, optional
         Folder in zarr's format in which every finished part is kept at once, in place of a checkpoint.  What it holds
         is not done again, by whatever program and however the last one ended; several may work on one at a time.
@@ -146,11 +146,11 @@ def render(
     directions = grid.reshape(-1, 3)[numbers]
     origins = np.broadcast_to(scene.observer.position, directions.shape)
     rays = Rays(origins, directions, numbers.astype(np.int64))
-    state = _begun(scene, recipe, numbers.size, wl) if resume is None else RenderState.load(resume, recipe)
+    state = _begun(scene, recipe, numbers.size, wl)
     kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
-        kept.begin(state)
-    with _opened(store, recipe, scene, resume or checkpoint) as folder:
+        kept.begin(state, resume)
+    with _opened(store, state, resume or checkpoint) as folder:
         complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept, executor, folder)
     if folder is not None and "samples" in recipe["options"] and state.samples.size:
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])  # it may hold more
@@ -163,7 +163,7 @@ def render(
 
 
 @contextmanager
-def _opened(store: Any, recipe: dict[str, Any], scene: AnyScene, other: Any) -> Iterator[Store | None]:
+def _opened(store: Any, state: RenderState, other: Any) -> Iterator[Store | None]:
     """The store of a render, where there is to be one."""
     if store is None:
         yield None
@@ -172,8 +172,7 @@ def _opened(store: Any, recipe: dict[str, Any], scene: AnyScene, other: Any) -> 
 
     if other is not None:
         raise DomainError("store", str(store), "keeps what is finished by itself; leave out the checkpoint")
-    sort = "shells" if isinstance(scene, Scene) else "space" if is_space(scene) else "surfaces"
-    folder = open_store(store, recipe, sort)
+    folder = open_store(store, state.recipe, state.sort)
     try:
         yield folder
     finally:
@@ -218,6 +217,7 @@ def recipe_of(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Opt
 def _begun(scene: AnyScene, recipe: dict[str, Any], rays: int, wl: Array) -> RenderState:
     """The state of a render in which nothing is done; all, where nothing but other lights than the Sun shines."""
     state = RenderState.empty(recipe, rays, wl.size)
+    state.sort = "shells" if isinstance(scene, Scene) else "space" if is_space(scene) else "surfaces"
     if isinstance(scene, Scene) and scene.lights is not None and not _skylights().sun_shines(scene):
         options = recipe["options"]
         names = ["Q", "U", "V", "Q_error", "U_error", "V_error"] if options.get("stokes") else []

@@ -22,7 +22,7 @@ from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
 from skyscatter.solvers.passes import sum_up
-from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState, answer_of, blocks, is_checkpoint
 from skyscatter.solvers.tiles import tiles_of
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.store import Store, read_attributes
@@ -40,8 +40,6 @@ SUMLESS = ("free-flight", "delta")
 LOOK = 0.5
 #: Share of the time of passes that may be spent on keeping them.
 KEEPING = 0.1
-#: What all rays share, where that takes long to solve.
-SOLUTION = "solution.npz"
 
 
 def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
@@ -50,8 +48,10 @@ def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
     Raises
     ------
     DomainError
-        For a folder of another render.
+        For a folder of another render, and for one of an interrupted run.
     """
+    if is_checkpoint(path):
+        raise DomainError("store", str(path), "holds an interrupted run; go on with --resume, or choose another folder")
     options = recipe["options"]
     plain = "noise" in options or options.get("sampling") in SUMLESS or options.get("samples", FEWEST) < FEWEST
     walks = recipe["solver"] == "path" and "subpixels" not in recipe and not plain
@@ -73,8 +73,7 @@ def stored_context(
     """What all rays share; where that is kept too, one program solves it and the others wait and read it."""
     if not keeps:
         return prepare()
-    path, recipe = store.beside / SOLUTION, store.attributes["recipe"]
-    ready = path.with_suffix(".ready")
+    ready = store.beside / "solution.ready"
     waits = False
     while not ready.is_file() and not store.claims.take("solution"):
         if not waits and progress is not None:
@@ -82,8 +81,7 @@ def stored_context(
         waits = True
         time.sleep(LOOK)
     try:
-        checkpoint = Checkpoint(path)
-        checkpoint.begin(RenderState.load(path, recipe) if path.is_file() else RenderState.empty(recipe, 0, 0))
+        checkpoint = Checkpoint.of(store)
         try:
             context = prepare(checkpoint=checkpoint)
         finally:
@@ -253,12 +251,8 @@ class StoredPasses:
 
     def take_over(self) -> None:
         """Go on from the sums that are kept."""
-        rays = len(self.state.done)
-        for slot in (0, 1):
-            found = self.store.get(slot, rays)
-            if found is not None and found[0] > self.state.passes:
-                self.state.sums = {name: np.ascontiguousarray(values) for name, values in found[1].items()}
-                self.state.passes = self._kept = found[0]
+        self.state.take_passes(self.store)
+        self._kept = self.state.passes
 
     def tick(self) -> None:
         """Keep the sums, as often as costs little."""
@@ -270,7 +264,7 @@ class StoredPasses:
         began = time.monotonic()
         with self.lock:
             if self.state.passes > self._kept:
-                self.store.put(self.state.passes % 2, self.state.passes, self.state.sums, 2, len(self.state.done))
+                self.state.put_passes(self.store)
                 self._kept = self.state.passes
         self._last = time.monotonic()
         self._spent = self._last - began
@@ -303,25 +297,19 @@ def fill(
 ) -> None:
     """Put what a store has into the state of a picture, or of some of its `rays`; `tiles` where they are known."""
     if getattr(module, "PASSES", False):
-        passes = StoredPasses(state, store)
-        passes.take_over()
+        state.take_passes(store)
         sum_up(state)
         return
+    rays = slice(0, len(state.done)) if rays is None else rays
+    state.take(store, tiles_in(store, module, rays.stop, subpixels) if tiles is None else tiles, rays)
+
+
+def tiles_in(store: Store, module: Any, rays: int, subpixels: int = 1) -> list[slice]:
+    """Which of so many rays each task of a store has: tiles, or blocks of an interrupted run."""
+    if "block" in store.attributes:
+        return blocks(rays)
     if subpixels > 1:
         from skyscatter.solvers.subpixels import Subpixels
 
         module = Subpixels(module, np.zeros((0, subpixels**2, 3)), subpixels**2)
-    rays = slice(0, len(state.done)) if rays is None else rays
-    for number, tile in enumerate(tiles_of(module, rays.stop) if tiles is None else tiles):
-        first, last = max(tile.start, rays.start), min(tile.stop, rays.stop)
-        found = store.get(number, tile.stop - tile.start) if first < last else None
-        if found is not None:
-            part = slice(first - tile.start, last - tile.start)
-            values = {name: array[part] for name, array in found[1].items()}
-            state.put(slice(first - rays.start, last - rays.start), answer_of(values))
-
-
-def answer_of(values: dict[str, Array]) -> Answer:
-    """The answer of a tile as it is kept."""
-    layers = {name[6:]: array for name, array in values.items() if name.startswith("layer_")}
-    return Answer(values["radiance"], values["standard_error"], layers, values["samples"][:, 0].astype(np.int64))
+    return tiles_of(module, rays)
