@@ -145,7 +145,7 @@ def nebula(
     turn = sequence.turned(azimuths, exposure_step, frame_rate)
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if turn else ())
     if turn is not None:
-        _check_turn(outputs, azimuth, resume, store, psf or aperture)
+        _check_turn(outputs, azimuth, resume, psf or aperture)
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
@@ -210,11 +210,11 @@ def nebula(
 
 
 def _check_turn(
-    outputs: list[Path], azimuth: str | None, resume: Path | None, store: Path | None, observed: str | None
+    outputs: list[Path], azimuth: str | None, resume: Path | None, observed: str | None
 ) -> None:
     """Refuse what a turn has no use for."""
     sequence.check_output(outputs)
-    for name, value in {"azimuth": azimuth, "resume": resume, "store": store, "psf": observed}.items():
+    for name, value in {"azimuth": azimuth, "resume": resume, "psf": observed}.items():
         if value is not None:
             raise DomainError(name, str(value), "means nothing to --azimuths; leave it out")
 

@@ -260,7 +260,12 @@ def _picture(
         added.add(grid, cube, layers, state.recipe)
         return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers, sky=added.sky)
     error = spread(state.standard_error)
-    correction, recipe = _sun_correction(scene, camera, grid, wl, state.recipe)
+    correction: Any = None
+    recipe = state.recipe
+    if scene.lights is None or _skylights().sun_shines(scene):
+        from skyscatter.solvers.compile import compile_scene
+
+        correction, recipe = sun_correction(scene, camera, grid, compile_scene(scene, wl), wl, recipe)
     for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
         values.reshape(-1, wl.size)[correction[0]] += correction[1]
     if scene.lights is not None and state.done.all():
@@ -268,19 +273,15 @@ def _picture(
     return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
 
 
-def _sun_correction(
-    scene: Scene, camera: Any, grid: Array, wl: Array, recipe: dict[str, Any]
+def sun_correction(
+    scene: Scene, camera: Any, grid: Array, table: Any, wl: Array, recipe: dict[str, Any]
 ) -> tuple[Any, dict[str, Any]]:
     """Pixels with the Sun, and what averaging its disk over them, or leaving it out, adds to the radiance there.
 
     Without the disk the recipe gains the lamp in its place.
     """
     from skyscatter.solvers import sundisk
-    from skyscatter.solvers.compile import compile_scene
 
-    if scene.lights is not None and not _skylights().sun_shines(scene):
-        return None, recipe
-    table = compile_scene(scene, wl)
     if recipe.get("sun_disk", True):
         return sundisk.disk_correction(scene, table, camera, grid), recipe
     seen = sundisk.disk_along(scene, table, grid, wl)

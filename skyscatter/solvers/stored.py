@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +24,7 @@ from skyscatter.solvers.passes import sum_up
 from skyscatter.solvers.state import Checkpoint, RenderState, answer_of, blocks, is_checkpoint
 from skyscatter.solvers.tiles import tiles_of
 from skyscatter.tasks.engine import Engine
+from skyscatter.tasks.sharing import LOOK, Sharing
 from skyscatter.tasks.store import Store, read_attributes
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.workers import GRACE
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 FEWEST = 16
 #: Ways to find vertices that have no sums to go on with.
 SUMLESS = ("free-flight", "delta")
-#: Seconds between two looks at what others work on.
-LOOK = 0.5
+#: Sorts of stores that hold a picture: those of scenes.
+PICTURES = ("shells", "space", "surfaces")
 #: Share of the time of passes that may be spent on keeping them.
 KEEPING = 0.1
 
@@ -102,73 +102,56 @@ def solve_more(solving: Solving, rays: Rays, before: Walks | None) -> tuple[Answ
     return module.solve(context, rays, options, walks), walks
 
 
-class StoredTiles:
-    """Tiles of a picture between a store and an engine.
-
-    Attributes
-    ----------
-    failed : Exception or None
-        What keeping a tile has met.
-    """
+class StoredTiles(Sharing):
+    """Tiles of a picture between a store and an engine."""
 
     def __init__(self, solving: Solving, rays: Any, tiles: list[slice], state: Any, store: Store) -> None:
-        self.solving, self.rays, self.tiles, self.state, self.store = solving, rays, tiles, state, store
+        super().__init__(store)
+        self.solving, self.rays, self.tiles, self.state = solving, rays, tiles, state
         self.most = max((tile.stop - tile.start for tile in tiles), default=0)
         self.goal = amount_of(solving.module, solving.options)
         self.wavelengths = len(store.attributes["recipe"]["wavelengths_nm"])
-        self.failed: Exception | None = None
-        self.tick: Callable[[], object] = lambda: None
+        self._shared = Shared(solving)
 
-    def tasks(self, order: Any) -> Iterator[Task]:
-        """The tiles that nobody has finished and nobody works on; at last those that somebody has left."""
-        shared = Shared(self.solving)
-        others: deque[int] = deque()
-        for number in order:
-            task = self._claimed(int(number), shared)
-            if task is not None:
-                yield task
-            elif not self.state.has(self.tiles[number]):
-                others.append(int(number))
-        while others:
-            for _ in range(len(others)):
-                number = others.popleft()
-                task = self._claimed(number, shared)
-                if task is not None:
-                    yield task
-                elif not self.state.has(self.tiles[number]):
-                    others.append(number)
-            self.tick()
-            if others:
-                time.sleep(LOOK)
-
-    def _claimed(self, number: int, shared: Shared) -> Task | None:
-        """A task to be done; None where it is finished, or somebody else's."""
-        found = self._found(number)
-        if found is not None and found[0] >= self.goal:
-            return None
-        if not self.store.claims.take(f"{number}"):
-            return None
-        found = self._found(number)  # it may have been finished just before it was claimed
-        if found is not None and found[0] >= self.goal:
-            self.store.claims.give_back(f"{number}")
-            return None
+    def found(self, number: int) -> bool:
+        """Whether a tile has as many walks as it should; it is put into the picture then."""
         tile = self.tiles[number]
+        if self.state.has(tile):
+            return True
+        found = self._of(number)
+        if found is None or found[0] < self.goal:
+            return False
+        self.state.put(tile, answer_of(found[1]))
+        return True
+
+    def begin(self, number: int) -> Task:
+        """A tile, with the walks that were made before."""
+        tile, found = self.tiles[number], self._of(number)
         before = None if found is None else self._walks(found[0], found[1])
-        return Task(solve_more, (self.rays.part(tile), before), shared, number, self._bytes(tile))
+        return Task(solve_more, (self.rays.part(tile), before), self._shared, number, self._bytes(tile))
+
+    def keep(self, task: Task, result: tuple[Answer, Walks | None]) -> None:
+        """Keep what a worker has solved."""
+        answer, walks = result
+        values = {"radiance": answer.radiance, "standard_error": answer.standard_error}
+        used = np.broadcast_to(np.asarray(answer.samples, float), len(answer.radiance))
+        values["samples"] = used[:, None]
+        values |= {f"layer_{name}": layer for name, layer in answer.layers.items()}
+        if walks is not None:
+            values |= {"sums": walks.sums.reshape(len(walks.sums), -1)}
+            values |= {"marked": walks.marked.reshape(len(walks.marked), -1)}
+        self.store.put(task.number, self.goal, values, len(self.tiles), self.most)
+        self.state.put(self.tiles[task.number], answer)
+
+    def _of(self, number: int) -> tuple[int, dict[str, Array]] | None:
+        tile = self.tiles[number]
+        return self.store.get(number, tile.stop - tile.start)
 
     def _bytes(self, tile: slice) -> int:
         """Memory of a task, about."""
         options = self.solving.options
         batches = FEWEST * (4 if options.stokes else 1) if keeps_sums(self.solving.module, options) else 0
         return tile_bytes(tile.stop - tile.start, self.wavelengths, options.layers, batches)
-
-    def _found(self, number: int) -> tuple[int, dict[str, Array]] | None:
-        """What the store has of a tile; put into the picture where it is enough."""
-        tile = self.tiles[number]
-        found = self.store.get(number, tile.stop - tile.start)
-        if found is not None and found[0] >= self.goal:
-            self.state.put(tile, answer_of(found[1]))
-        return found
 
     def _walks(self, done: int, values: dict[str, Array]) -> Walks | None:
         module, context, options = self.solving
@@ -182,26 +165,6 @@ class StoredTiles:
             np.ascontiguousarray(values["marked"]).reshape(shape.marked.shape),
         )  # fmt: skip
 
-    def kept(self, task: Task, done: Future[Any]) -> None:
-        """Keep what a worker has solved; called where Ctrl-C does not strike."""
-        try:
-            if done.cancelled() or done.exception() is not None or self.failed is not None:
-                return
-            answer, walks = done.result()
-            values = {"radiance": answer.radiance, "standard_error": answer.standard_error}
-            used = np.broadcast_to(np.asarray(answer.samples, float), len(answer.radiance))
-            values["samples"] = used[:, None]
-            values |= {f"layer_{name}": layer for name, layer in answer.layers.items()}
-            if walks is not None:
-                values |= {"sums": walks.sums.reshape(len(walks.sums), -1)}
-                values |= {"marked": walks.marked.reshape(len(walks.marked), -1)}
-            self.store.put(task.number, self.goal, values, len(self.tiles), self.most)
-            self.state.put(self.tiles[task.number], answer)
-        except Exception as error:
-            self.failed = error
-        finally:
-            self.store.claims.give_back(f"{task.number}")
-
 
 def amount_of(module: Any, options: Options) -> int:
     """How much work a finished tile has in it: walks of each batch, or 1."""
@@ -213,21 +176,17 @@ def amount_of(module: Any, options: Options) -> int:
 
 
 def solve_tiles_stored(
-    tiles: StoredTiles, order: Any, engine: Engine, progress: Callable[[float], None] | None
+    tiles: StoredTiles, order: Iterable[int], engine: Engine, progress: Callable[[float], None] | None
 ) -> bool:
     """Hand the tiles out; False if interrupted."""
 
     def tick() -> None:
-        if tiles.failed is not None:
-            raise tiles.failed
         if progress is not None:
             progress(tiles.state.share)
 
-    tiles.tick = tick
     try:
-        for _ in engine.results(tiles.tasks(order), tick, tiles.kept):
-            tick()
-        tick()
+        for _ in tiles.results(order, engine, tick):
+            pass
         return True
     except KeyboardInterrupt:
         wait(engine.running, GRACE)
@@ -275,10 +234,10 @@ class StoredPasses:
 
 
 @contextmanager
-def opened_again(path: Any) -> Iterator[Store]:
-    """A store as it is, to be read."""
+def opened_again(path: Any, sorts: tuple[str, ...] | None = PICTURES) -> Iterator[Store]:
+    """A store as it is, to be read; one that holds something else than is asked for is refused."""
     attributes = read_attributes(path)
-    if attributes.get("sort") not in ("shells", "space", "surfaces"):
+    if sorts is not None and attributes.get("sort") not in sorts:
         raise DomainError("store", str(path), "holds no picture")
     store = Store(path, attributes["recipe"], tuple(attributes["grows"]))
     try:
