@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import partial
@@ -33,7 +33,7 @@ class FrameList:
     times: tuple[str, ...] = ()
     elevations: tuple[float, ...] = ()
     models: tuple[str, ...] = ()
-    azimuths: tuple[float, ...] = ()
+    sides: tuple[dict[str, float], ...] = ()  #: of a nebula: angles of its model by their names
     step: float = 0.1
     rate: float = RATE
 
@@ -115,14 +115,35 @@ def paced(frames: FrameList, step: str | None, rate: str | None) -> FrameList:
     return replace(frames, step=most or frames.step, rate=often or frames.rate)
 
 
-def turned(azimuths: str | None, step: str | None, rate: str | None) -> FrameList | None:
-    """The turn around a nebula that a command asks for; None for a single picture."""
-    if azimuths is not None:
-        return paced(FrameList(azimuths=parse_angles(azimuths, "azimuths", 360.0)), step, rate)
-    for name, value in {"exposure_step": step, "frame_rate": rate}.items():
-        if value is not None:
-            raise DomainError(name, value, "is for --azimuths; leave it out")
-    return None
+def turned(paths: Mapping[str, str | None], step: str | None, rate: str | None) -> FrameList | None:
+    """The path around a nebula that a command asks for; None for a single picture.
+
+    Parameters
+    ----------
+    paths : mapping
+        Name of an angle, such as ``azimuths``, -> what was typed for all frames; two of them go frame by frame.
+    step, rate : str or None
+        As they were typed.
+    """
+    angles = {name: parse_angles(text, name, 360.0) for name, text in paths.items() if text is not None}
+    if not angles:
+        for name, value in {"exposure_step": step, "frame_rate": rate}.items():
+            if value is not None:
+                raise DomainError(name, value, f"is for {' and '.join(map(option, paths))}; leave it out")
+        return None
+    first, *others = angles
+    for name in others:
+        if len(angles[name]) != len(angles[first]):
+            rule = f"has {len(angles[name])} frames and {option(first)} {len(angles[first])}; give as many"
+            raise DomainError(name, paths[name], rule)
+    names = [f"{name[:-1]}_deg" for name in angles]
+    sides = tuple(dict(zip(names, values, strict=True)) for values in zip(*angles.values(), strict=True))
+    return paced(FrameList(sides=sides), step, rate)
+
+
+def option(name: str) -> str:
+    """A name as it is typed."""
+    return f"--{name.replace('_', '-')}"
 
 
 def check_output(outputs: Sequence[Path]) -> None:
@@ -148,9 +169,7 @@ def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
     common.check_command(air, request.model, "sky")
     if sequence.times:
         where = (request.altitude, request.lights)
-        return air.name, tuple(
-            common.scene_at(air, request.model, request.place, t, *where) for t in sequence.times
-        )
+        return air.name, tuple(common.scene_at(air, request.model, request.place, t, *where) for t in sequence.times)
     return air.name, tuple(
         air.scene(sun_elevation_deg=e, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude)
         for e in sequence.elevations

@@ -236,8 +236,21 @@ def test_what_contradicts_itself_is_refused(
     assert not list(tmp_path.iterdir())
 
 
+GLOBE = """
+name = "globe"
+view = { distance = "400 pc" }
+stars = [{ name = "A", position = ["0.04 pc", "0 pc", "0.08 pc"], temperature = 15000, luminosity = 800 }]
+[[components]]
+name = "dust"
+density = { kind = "sphere", radius = "0.1 pc" }
+optics = { kind = "dust", hydrogen_density = 2e9 }
+"""
+
+
 def test_a_turn_around_a_nebula(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["nebula", "reflection-nebula", "--solver", "single", "--size", "12x8", "--wavelengths", "450,550,650"]
+    (tmp_path / "globe.toml").write_text(GLOBE)
+    words = ["nebula", str(tmp_path / "globe.toml"), "--solver", "single", "--size", "12x8"]
+    words += ["--wavelengths", "450,550,650"]
     turn = ["--azimuths", "0:90:45", "-o", str(tmp_path / "turn.png")]
     assert main([*words, *turn, "--json", "--progress", "none"]) == 0
     summary = json.loads(capsys.readouterr().out)
@@ -245,6 +258,24 @@ def test_a_turn_around_a_nebula(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert summary["frames"] == len(frames) == 3
     assert len(set(frames)) > 1, "it is seen from several sides"
     alone = ["--azimuths", "0:90:45"]
-    for bad in (["--azimuth", "3", *turn], alone, ["--frame-rate", "3"], [*turn, "--psf", "1arcsec"]):
+    capsys.readouterr()
+    uneven = [*turn, "--inclinations", "0,40"]
+    for bad in (["--azimuth", "3", *turn], alone, uneven, ["--frame-rate", "3"], [*turn, "--psf", "1arcsec"]):
         assert main([*words, *bad]) == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_path_around_a_nebula(tmp_path: Path) -> None:
+    """Both angles go frame by frame; each frame is what the command makes with its angles."""
+    model, run = tmp_path / "globe.toml", tmp_path / "run.zarr"
+    model.write_text(GLOBE)
+    words = ["nebula", str(model), "--solver", "single", "--size", "12x8", "--wavelengths", "450,650", "-q"]
+    words += ["--pixel-scale", "20arcsec"]
+    path = ["--azimuths", "0,30,90", "--inclinations", "0:90:45", "--store", str(run)]
+    for name in ("a", "b"):
+        assert main([*words, *path, "-o", str(tmp_path / f"{name}.fits")]) == 0
+    assert main([*words, "--azimuth", "30", "--inclination", "45", "-o", str(tmp_path / "one.fits")]) == 0
+    one = skyscatter.SpectralImage.load(tmp_path / "one.fits").radiance
+    frames = [skyscatter.SpectralImage.load(tmp_path / f"b-000{k}.fits").radiance for k in (1, 2, 3)]
+    np.testing.assert_array_equal(frames[1], one)
+    assert not np.array_equal(frames[0], frames[2])
