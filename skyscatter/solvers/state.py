@@ -144,7 +144,7 @@ def _left(path: str | os.PathLike[str], recipe: Mapping[str, Any]) -> Store:
         raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
     if not is_checkpoint(path):
         raise DomainError("resume", str(path), "not a checkpoint of an interrupted run; start anew without it")
-    return Store(path, recipe, option="resume", patience=0.0)
+    return Store(path, recipe, option="resume", patience=0.0, hurried=True)
 
 
 class Checkpoint:
@@ -267,7 +267,8 @@ class Checkpoint:
         """The folder, made anew where it is that of an earlier run."""
         if self._store is None or not self.path.is_dir():
             discard(self.path)
-            self._store = Store(self.path, state.recipe, (), {"sort": state.sort, "block": BLOCK}, patience=0.0)
+            about = {"sort": state.sort, "block": BLOCK}
+            self._store = Store(self.path, state.recipe, (), about, patience=0.0, hurried=True)
             self._news, self._passes = set(self._parts), 0
             self._kept[:] = 0
         return self._store

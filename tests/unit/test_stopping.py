@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -126,6 +127,8 @@ def test_a_checkpoint_of_blocks_goes_on_elsewhere(tmp_path, monkeypatch):
     solve(7, 8)
     assert checkpoint.save()
     assert written == [2]
+    codecs = json.loads((tmp_path / "a.zarr" / "values" / "zarr.json").read_text())["codecs"]
+    assert [codec["name"] for codec in codecs] == ["bytes", "crc32c"], "Ctrl-C waits for no compression"
     for name in ("a.zarr", "b.zarr"):
         again, other = RenderState.empty({}, 8, 2), Checkpoint(tmp_path / name)
         other.begin(again, tmp_path / "a.zarr")
