@@ -80,6 +80,7 @@ def test_an_array_of_jobs_goes_on(tmp_path: Path) -> None:
 
 
 @bash
+@pytest.mark.slow
 def test_the_script_that_slurm_would_get(tmp_path: Path) -> None:
     """By dask-jobqueue, where that is installed."""
     pytest.importorskip("dask_jobqueue")
