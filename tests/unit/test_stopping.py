@@ -75,6 +75,33 @@ def test_what_a_callback_swallows_is_raised_again():
     assert (done.returncode, done.stdout, done.stderr) == (143, "kept\n", "")
 
 
+#: A main thread that hangs, and holds what keeping waits for.
+HELD = """
+import threading, time
+from skyscatter.cli import stopping
+stopping.PATIENCE = stopping.LONGEST = 0.2
+lock = threading.Lock()
+with stopping.answered(), stopping.keeping(lambda: lock.acquire()), lock:
+    print("now", flush=True)
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_what_cannot_be_kept_does_not_hold_the_end_up():
+    with subprocess.Popen([sys.executable, "-c", HELD], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "now\n"
+        process.send_signal(signal.SIGTERM)
+        try:
+            assert process.wait(20) == 143
+        finally:
+            process.kill()
+
+
 def state(done):
     made = RenderState.empty({}, 4, 2)
     made.put(slice(0, done), Answer(np.ones((done, 2)), np.zeros((done, 2)), samples=np.zeros(done, np.int64)))
