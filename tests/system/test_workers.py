@@ -256,3 +256,25 @@ def test_a_sequence_through_the_night_by_workers(tmp_path: Path) -> None:
         assert one.max() > 0, "there is light at night"
         for other in others:
             np.testing.assert_array_equal(other, one)
+
+
+def test_a_sequence_is_killed_and_two_programs_go_on(tmp_path: Path) -> None:
+    """Frames that are there stay as they are, the others are made once, and all are those of a run without a break."""
+    words = [sys.executable, "-m", "skyscatter", "sky", "earth-simple", "--sun-elevations", "20:1:-1", "-q"]
+    words += ["--size", "192x96", "--wavelengths", "450,550,650", "--tolerance", "2%"]
+    store = ["--store", str(tmp_path / "run.zarr"), "--threads", "1"]
+    subprocess.run([*words, "-o", str(tmp_path / "plain.png")], check=True)
+    first = subprocess.Popen([*words, *store, "-o", str(tmp_path / "a.png")])
+    until = time.monotonic() + 120
+    while time.monotonic() < until and len(kept := sorted(tmp_path.rglob("frame-*.npz"))) < 3:
+        time.sleep(0.02)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    before = {path: path.stat().st_mtime_ns for path in kept}
+    both = [subprocess.Popen([*words, *store, "-o", str(tmp_path / f"{name}.png")]) for name in "bc"]
+    assert [one.wait(200) for one in both] == [0, 0]
+    assert 3 <= len(before) < 20
+    assert {path: path.stat().st_mtime_ns for path in before} == before, "what was there was not made again"
+    for k in range(1, 21):
+        wanted = (tmp_path / f"plain-{k:04d}.png").read_bytes()
+        assert all((tmp_path / f"{name}-{k:04d}.png").read_bytes() == wanted for name in "bc")
