@@ -16,10 +16,12 @@ from common import machine, parser, report, table, versions
 
 import skyscatter
 from skyscatter.solvers.base import Rays
-from skyscatter.tasks import Engine, Task, engine_for
+from skyscatter.tasks import Engine, Task, daskengine, engine_for
 from skyscatter.tasks.store import Store
 
 TASKS = 2000
+#: Tasks that are longer than a group should take go one by one.
+ALONE = f"dask, each by itself (as tasks longer than {daskengine.GROUP:g} s go)"
 WAVELENGTHS = list(range(400, 701, 20))
 
 
@@ -42,6 +44,9 @@ def engines(many: bool) -> dict[str, float]:
 
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as c:
             found["dask"] = per_task(engine_for(c))
+            most, daskengine.MOST = daskengine.MOST, 1
+            found[ALONE] = per_task(engine_for(c), TASKS // 4)
+            daskengine.MOST = most
     return found
 
 
@@ -131,7 +136,7 @@ def main() -> None:
     times = scaling(given.samples)
     plain, kept, size = stored(given.samples)
     writing, task = store_writes(), task_seconds(given.samples)
-    handing = costs.get("dask", costs["processes"])
+    handing = costs.get(ALONE if task > daskengine.GROUP else "dask", costs["processes"])
     tables = [
         table(["what runs tasks", "ms a task"], [[name, f"{ms:.2f}"] for name, ms in costs.items()]),
         table(

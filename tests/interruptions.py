@@ -57,7 +57,7 @@ class Job:
     @property
     def checkpoint(self) -> str:
         """Where it keeps what is finished."""
-        return f"{self.outputs[0]}.partial.npz"
+        return f"{self.outputs[0]}.partial.zarr"
 
     @property
     def partials(self) -> set[str]:
@@ -195,7 +195,7 @@ class Judge:
     seconds: float = LATEST
     seen: Counter[str] = field(default_factory=Counter)
     slowest: float = 0.0
-    environment: dict[str, str] = field(default_factory=lambda: dict(os.environ))
+    environment: dict[str, str] = field(default_factory=lambda: {**os.environ, "PYTHONFAULTHANDLER": "1"})
 
     def measure(self, warm: bool) -> None:
         """Run it to its end, before once more where it may compile."""
@@ -266,6 +266,11 @@ class Judge:
                     time.sleep(0.1)
                 try:
                     process.wait(3 * ANSWER)
+                except subprocess.TimeoutExpired:
+                    process.send_signal(signal.SIGABRT)  # it says where its threads are
+                    process.wait(ANSWER)
+                    error.seek(0)
+                    raise AssertionError(f"{way} after {after:.2f} s: no end\n{error.read().decode()}") from None
                 finally:
                     process.kill()
                     process.wait()

@@ -126,7 +126,7 @@ Unit = Annotated[
 Compress = Annotated[bool, typer.Option("--compress", help="For .fits: tiles compressed without loss.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as one JSON object on stdout.")]
 Resume = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Go on from the .partial.npz that an interrupted run left.")
+    Path | None, typer.Option(metavar="DIR", help="Go on from the .partial.zarr that an interrupted run left.")
 ]
 Every = Annotated[
     str | None,
@@ -188,7 +188,7 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "quiet": texts["quiet"],
         "progress": talk(texts["quiet"], texts["verbose"], texts["progress"]),
         "every": None if texts["every"] is None else parse.parse_time(texts["every"], "checkpoint"),
-        "resume": None if texts["resume"] is None else parse.check_input(texts["resume"], "checkpoint"),
+        "resume": None if texts["resume"] is None else parse.check_checkpoint(texts["resume"]),
     }
 
 
@@ -377,19 +377,19 @@ def partial_path(path: Path) -> Path:
 
 
 def checkpoint_path(outputs: list[Path], otherwise: str = "skyscatter") -> Path:
-    """Where a run is kept: ``sky.png.partial.npz`` beside its first output."""
+    """Where a run is kept: ``sky.png.partial.zarr`` beside its first output."""
     first = outputs[0] if outputs else Path(otherwise)
-    return first.with_name(f"{first.name}.partial.npz")
+    return first.with_name(f"{first.name}.partial.zarr")
 
 
 def checkpoint_for(
     resume: Path | None, outputs: list[Path], every: float | None, otherwise: str = "skyscatter"
 ) -> Checkpoint:
-    """Where a run is kept: one that is resumed in the same file from then on."""
+    """Where a run is kept: one that is resumed in the same folder from then on."""
     from skyscatter.solvers.state import EVERY, Checkpoint
 
     checkpoint = Checkpoint(resume or checkpoint_path(outputs, otherwise), every or EVERY)
-    if resume is None and checkpoint.path.is_file():
+    if resume is None and checkpoint.path.is_dir():
         logging.getLogger("skyscatter").warning(
             "%s of an interrupted run will be replaced; --resume it to go on with that run", checkpoint.path
         )
@@ -521,7 +521,7 @@ def say_how_to_go_on(state: Path, arguments: list[str]) -> None:
 
 
 def without_resume(arguments: list[str]) -> list[str]:
-    """The arguments without an earlier ``--resume FILE``."""
+    """The arguments without an earlier ``--resume DIR``."""
     kept: list[str] = []
     skip = False
     for word in arguments:

@@ -103,7 +103,7 @@ def flux(
         json=as_json,
         quiet=quiet,
         progress=common.talk(quiet, verbose, progress),
-        resume=None if resume is None else parse.check_input(resume, "checkpoint"),
+        resume=None if resume is None else parse.check_checkpoint(resume),
         every=None if checkpoint is None else parse.parse_time(checkpoint, "checkpoint"),
     )
     parse.check_new(request.outputs if no_clobber else ())

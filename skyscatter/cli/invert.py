@@ -6,7 +6,6 @@ import json
 import math
 import sys
 import time as clock
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -173,7 +172,7 @@ def invert(
         residual=_file(residual, parse.PLOT_SUFFIXES),
         save_model=_file(save_model, (".toml",)),
         json=as_json,
-        resume=None if resume is None else parse.check_input(resume, "checkpoint"),
+        resume=None if resume is None else parse.check_checkpoint(resume),
         quiet=quiet,
         progress=common.talk(quiet, verbose, progress),
         place=_place(
@@ -290,6 +289,7 @@ def run(request: Request, arguments: list[str]) -> int:
     from skyscatter.inversion.readers import read_observation
     from skyscatter.progress import Progress
     from skyscatter.tasks.cluster import executor_of
+    from skyscatter.tasks.store import discard
 
     started = clock.monotonic()
     model = skyscatter.load_model(request.model)
@@ -298,8 +298,7 @@ def run(request: Request, arguments: list[str]) -> int:
     observations = [read_observation(path, noise=noise, **request.place) for path in request.data]
     state = request.resume or common.checkpoint_path(request.files, "skyscatter-invert")
     if request.resume is None:
-        with suppress(FileNotFoundError):
-            state.unlink()
+        discard(state)
     try:
         with (
             stopping.keeping(lambda: _say_how_to_go_on(state, arguments)),
@@ -311,18 +310,17 @@ def run(request: Request, arguments: list[str]) -> int:
             )  # fmt: skip
         _write(request, result)
     except BaseException as error:
-        if isinstance(error, KeyboardInterrupt) or state.is_file():
+        if isinstance(error, KeyboardInterrupt) or state.is_dir():
             _say_how_to_go_on(state, arguments)
         if isinstance(error, KeyboardInterrupt):
             return stopping.status()
         raise
-    with suppress(FileNotFoundError):
-        state.unlink()
+    discard(state)
     return _report(request, result, clock.monotonic() - started)
 
 
 def _say_how_to_go_on(state: Path, arguments: list[str]) -> None:
-    if not state.is_file():
+    if not state.is_dir():
         print("skyscatter: interrupted before anything was finished", file=sys.stderr)
         return
     common.say_how_to_go_on(state, arguments)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -43,6 +44,10 @@ def nebula(
     ] = None,
     azimuths: Annotated[
         str | None, typer.Option(metavar="START:END:STEP", help="A frame for each azimuth [degree], or a list of them.")
+    ] = None,
+    inclinations: Annotated[
+        str | None,
+        typer.Option(metavar="START:END:STEP", help="The same for the tilt; with --azimuths a path, frame by frame."),
     ] = None,
     exposure_step: Annotated[
         str | None, typer.Option(metavar="EV", help="Most that the exposure changes from frame to frame, else 0.1.")
@@ -139,13 +144,16 @@ def nebula(
     Position and distance are the model's.  Ctrl-C keeps what is finished, a picture as NAME.partial.EXT,
     and says how to go on.
 
-    --azimuths turns around it: a frame for each, to numbered files, or to a film where the output is .mp4, .webm or
-    .gif.  Repeat the command to go on with one.
+    --azimuths and --inclinations go around it: a frame for each, to numbered files, or to a film where the output is
+    .mp4, .webm or .gif.  Repeat the command to go on with one; --store shares the frames with other programs.
     """
-    turn = sequence.turned(azimuths, exposure_step, frame_rate)
+    paths = {"azimuths": azimuths, "inclinations": inclinations}
+    turn = sequence.turned(paths, exposure_step, frame_rate)
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if turn else ())
     if turn is not None:
-        _check_turn(outputs, azimuth, resume, store, psf or aperture)
+        angles = {"azimuth": azimuth, "inclination": inclination}
+        settled = {name: angle for name, angle in angles.items() if paths[f"{name}s"] is not None}
+        _check_turn(outputs, {**settled, "resume": resume, "psf": psf or aperture})
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
@@ -209,14 +217,12 @@ def nebula(
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 
-def _check_turn(
-    outputs: list[Path], azimuth: str | None, resume: Path | None, store: Path | None, observed: str | None
-) -> None:
+def _check_turn(outputs: list[Path], meaningless: Mapping[str, Any]) -> None:
     """Refuse what a turn has no use for."""
     sequence.check_output(outputs)
-    for name, value in {"azimuth": azimuth, "resume": resume, "store": store, "psf": observed}.items():
+    for name, value in meaningless.items():
         if value is not None:
-            raise DomainError(name, str(value), "means nothing to --azimuths; leave it out")
+            raise DomainError(name, str(value), "means nothing to frames from several sides; leave it out")
 
 
 def run_turn(request: Request, turn: sequence.FrameList) -> int:
@@ -226,7 +232,7 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
 
     model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "nebula")
-    scenes = tuple(model.scene(**{**request.turned, "azimuth_deg": azimuth}) for azimuth in turn.azimuths)
+    scenes = tuple(model.scene(**{**request.turned, **side}) for side in turn.sides)
     camera = max((build_camera(request, scene) for scene in scenes), key=lambda camera: camera.pixel_scale_deg)
     names = ("samples", "noise", "tolerance", "max_order", "orders", "sampling", "photons", "radius", "estimator")
     given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}

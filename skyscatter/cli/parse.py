@@ -318,6 +318,13 @@ def _is_picture(path: Path) -> bool:
     return is_picture(path)
 
 
+def check_checkpoint(path: Path) -> Path:
+    """The path, if an interrupted run is kept there."""
+    if not os.path.isdir(path):
+        raise MissingDataError(path, "there is no such checkpoint, which is a folder; check the path")
+    return path
+
+
 def check_input(path: Path, what: str) -> Path:
     """The path, if a file is there."""
     if not os.path.isfile(path):  # unlike Path.is_file, also of names that no file can have

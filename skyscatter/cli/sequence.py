@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import re
-import shutil
 import time as clock
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from skyscatter.cli import common, parse
+from skyscatter.cli.framefiles import FrameFolder, film_writer
 from skyscatter.cli.parse import FILMS
-from skyscatter.errors import DomainError, SkyscatterError
+from skyscatter.errors import DomainError
 
 #: A date, and a time and an offset where they are given.
 _ISO = r"\d{4}-\d\d-\d\d(?:[T ]\d\d(?::\d\d(?::\d\d(?:\.\d+)?)?)?)?(?:Z|[+-]\d\d:\d\d)?"
@@ -34,7 +33,7 @@ class FrameList:
     times: tuple[str, ...] = ()
     elevations: tuple[float, ...] = ()
     models: tuple[str, ...] = ()
-    azimuths: tuple[float, ...] = ()
+    sides: tuple[dict[str, float], ...] = ()  #: of a nebula: angles of its model by their names
     step: float = 0.1
     rate: float = RATE
 
@@ -116,14 +115,35 @@ def paced(frames: FrameList, step: str | None, rate: str | None) -> FrameList:
     return replace(frames, step=most or frames.step, rate=often or frames.rate)
 
 
-def turned(azimuths: str | None, step: str | None, rate: str | None) -> FrameList | None:
-    """The turn around a nebula that a command asks for; None for a single picture."""
-    if azimuths is not None:
-        return paced(FrameList(azimuths=parse_angles(azimuths, "azimuths", 360.0)), step, rate)
-    for name, value in {"exposure_step": step, "frame_rate": rate}.items():
-        if value is not None:
-            raise DomainError(name, value, "is for --azimuths; leave it out")
-    return None
+def turned(paths: Mapping[str, str | None], step: str | None, rate: str | None) -> FrameList | None:
+    """The path around a nebula that a command asks for; None for a single picture.
+
+    Parameters
+    ----------
+    paths : mapping
+        Name of an angle, such as ``azimuths``, -> what was typed for all frames; two of them go frame by frame.
+    step, rate : str or None
+        As they were typed.
+    """
+    angles = {name: parse_angles(text, name, 360.0) for name, text in paths.items() if text is not None}
+    if not angles:
+        for name, value in {"exposure_step": step, "frame_rate": rate}.items():
+            if value is not None:
+                raise DomainError(name, value, f"is for {' and '.join(map(option, paths))}; leave it out")
+        return None
+    first, *others = angles
+    for name in others:
+        if len(angles[name]) != len(angles[first]):
+            rule = f"has {len(angles[name])} frames and {option(first)} {len(angles[first])}; give as many"
+            raise DomainError(name, paths[name], rule)
+    names = [f"{name[:-1]}_deg" for name in angles]
+    sides = tuple(dict(zip(names, values, strict=True)) for values in zip(*angles.values(), strict=True))
+    return paced(FrameList(sides=sides), step, rate)
+
+
+def option(name: str) -> str:
+    """A name as it is typed."""
+    return f"--{name.replace('_', '-')}"
 
 
 def check_output(outputs: Sequence[Path]) -> None:
@@ -132,16 +152,7 @@ def check_output(outputs: Sequence[Path]) -> None:
         rule = "a sequence has one output: frame.png for numbered files, or a film such as day.mp4"
         raise DomainError("output", ", ".join(map(str, outputs)), rule)
     if outputs[0].suffix.lower() in FILMS:
-        _film_writer()
-
-
-def _film_writer() -> Any:
-    try:
-        import imageio.v3 as writer
-        import imageio_ffmpeg  # noqa: F401 - what it writes with
-    except ImportError:
-        raise SkyscatterError("output: films need imageio-ffmpeg: pip install imageio imageio-ffmpeg") from None
-    return writer
+        film_writer()
 
 
 def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
@@ -173,8 +184,8 @@ def _scene(request: Any, model: Any) -> Any:
     )
 
 
-def run(request: Any, sequence: FrameList) -> int:
-    """Frames of skies: solve, render, write; returns the exit status."""
+def run(request: Any, sequence: FrameList, look: dict[str, Any], exposure: float | str | None) -> int:
+    """Frames of skies: solve, render, write; returns the exit status.  Arguments are those of `produce`."""
     from skyscatter.cli.composed import composed
     from skyscatter.solvers.sequence import Frames
 
@@ -185,8 +196,7 @@ def run(request: Any, sequence: FrameList) -> int:
     camera.directions(scenes[0].observer)
     frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
     one_air = not sequence.models and request.solver == "orders" and request.max_order is None
-    look = {"tone": request.tone, "space": request.space, "bits": request.bits, **request.marks}
-    return produce(request, sequence, name, frames, look, request.exposure, one_air)
+    return produce(request, sequence, name, frames, look, exposure, one_air)
 
 
 def produce(
@@ -215,6 +225,7 @@ def produce(
         One field is solved for all frames.
     """
     from skyscatter.progress import Progress
+    from skyscatter.solvers.sequence import part_of
     from skyscatter.tasks.cluster import executor_of
     from skyscatter.tasks.door import opened
 
@@ -224,20 +235,22 @@ def produce(
         executor_of(request.workers, request.scheduler, request.worker_memory) as given,
         opened(given, request.threads) as executor,  # exposures and frames by the same workers
     ):
-        folder = FrameFolder.of(request, sequence, frames, {**look, "exposure": exposure})
-        missing = folder.missing()
-        if missing:
-            frames = _solved(request, frames, progress) if one_air else frames
+        folder = FrameFolder.of(request, sequence.step, frames, {**look, "exposure": exposure})
+        with folder.stored() as store:
+            missing = folder.missing()
+            unmade = missing if store is None else [k for k in missing if not store.kept(part_of(k))]
             exposures = None
-            if folder.suffix == ".png" and exposure is not None:
-                exposures = _exposures(request, sequence, frames, exposure, executor)
+            if unmade:
+                frames = _solved(request, frames, progress, store) if one_air else frames
+                if folder.suffix == ".png" and exposure is not None:
+                    exposures = _exposures(request, sequence, frames, exposure, executor)
             save = look if folder.suffix == ".png" else request.file_options.get(folder.suffix, {})
-            _write(request, frames, missing, folder, save, exposures, executor, progress)
-        outputs = folder.finish(sequence, progress)
+            _write(request, frames, missing, folder, save, exposures, executor, progress, store)
+        outputs = folder.finish(sequence.rate, progress)
     summary = {
         "model": name,
         "frames": len(frames.scenes),
-        "made": len(missing),
+        "made": len(unmade),
         "size": list(request.size),
         "solver": request.solver,
         "seconds": round(clock.monotonic() - started, 3),
@@ -250,20 +263,22 @@ def produce(
 def _options(request: Any) -> dict[str, Any]:
     given = {name: getattr(request, name) for name in ("samples", "tolerance", "max_order", "noise")}
     chosen = {name: value for name, value in given.items() if value is not None}
+    chosen |= ({"stokes": True} if request.stokes else {}) | ({} if request.sun_disk else {"sun_disk": False})
     return {"solver": request.solver, "seed": request.seed or 0, **chosen}
 
 
-def _solved(request: Any, frames: Any, progress: Any) -> Any:
-    """The frames with the field that serves them all."""
+def _solved(request: Any, frames: Any, progress: Any, store: Any) -> Any:
+    """The frames with the field that serves them all; with a store one program solves it, for all."""
     from skyscatter.progress import say
     from skyscatter.solvers.sequence import field_for
+    from skyscatter.solvers.stored import stored_context
 
     say("one field for all frames")
-    solved = field_for(
-        frames.scenes, frames.camera, frames.wavelengths, tolerance=request.tolerance, threads=request.threads,
-        progress=progress.to,
+    solve = partial(
+        field_for, frames.scenes, frames.camera, frames.wavelengths, tolerance=request.tolerance,
+        stokes=request.stokes, threads=request.threads, progress=progress.to,
     )  # fmt: skip
-    return replace(frames, solved=solved)
+    return replace(frames, solved=solve() if store is None else stored_context(store, solve, True, progress.to))
 
 
 def _exposures(request: Any, sequence: FrameList, frames: Any, exposure: float | str, executor: Any) -> Any:
@@ -286,6 +301,7 @@ def _write(
     exposures: Any,
     executor: Any,
     progress: Any,
+    store: Any,
 ) -> None:
     from skyscatter.progress import say
     from skyscatter.solvers.sequence import files
@@ -295,126 +311,10 @@ def _write(
     def options(number: int) -> dict[str, Any]:
         return dict(save) if exposures is None else {**save, "exposure": float(exposures[number])}
 
-    made = files(frames, missing, folder.suffix, options, executor, request.threads)
+    made = files(frames, missing, folder.suffix, options, executor, request.threads, store)
     for done, (number, content) in enumerate(made, start=1):
         folder.keep(number, content)
         progress.to(done / len(missing))
-
-
-@dataclass(frozen=True)
-class FrameFolder:
-    """Where the frames are: numbered files, each there whole or not at all, and a note of what they are frames of.
-
-    Attributes
-    ----------
-    output : Path
-        As it was asked for.
-    suffix : str
-        Of the frames.
-    paths : tuple of Path
-    note : Path
-    key : str
-        Of the recipe; frames of another one are made anew.
-    """
-
-    output: Path
-    suffix: str
-    paths: tuple[Path, ...]
-    note: Path
-    key: str
-
-    @classmethod
-    def of(cls, request: Any, sequence: FrameList, frames: Any, look: dict[str, Any]) -> FrameFolder:
-        """The folder for what a command asks."""
-        import skyscatter
-        from skyscatter.tasks.task import key_of
-
-        output: Path = request.outputs[0]
-        film = output.suffix.lower() in FILMS
-        suffix = ".png" if film else output.suffix.lower()
-        place, stem = (output.with_name(f"{output.name}.frames"), "frame") if film else (output.parent, output.stem)
-        digits = max(len(str(len(frames.scenes))), 4)
-        paths = tuple(place / f"{stem}-{k + 1:0{digits}d}{suffix}" for k in range(len(frames.scenes)))
-        recipe = {
-            "skyscatter": skyscatter.__version__,
-            "scenes": [scene.model_dump(mode="json", exclude_none=True) for scene in frames.scenes],
-            "camera": frames.camera.model_dump(mode="json"),
-            "wavelengths_nm": frames.wavelengths.tolist(),
-            "options": dict(frames.options),
-            "look": {**look, "step": sequence.step, "files": request.file_options.get(suffix, {})},
-        }
-        return cls(output, suffix, paths, place / f".{stem}.frames.json", key_of(recipe))
-
-    def missing(self) -> list[int]:
-        """Numbers of the frames that are not there yet."""
-        try:
-            known = json.loads(self.note.read_text())["key"] == self.key
-        except (OSError, ValueError, KeyError):
-            known = False
-        if not known:
-            from skyscatter.atomic import atomic_path
-
-            self.paths[0].parent.mkdir(exist_ok=True)
-            for path in self.paths if self.output.suffix.lower() in FILMS else ():
-                path.unlink(missing_ok=True)
-            with atomic_path(self.note) as beside:
-                beside.write_text(json.dumps({"key": self.key, "frames": len(self.paths), "made": []}))
-        made = set(self._made())
-        return [k for k, path in enumerate(self.paths) if k not in made or not path.is_file()]
-
-    def _made(self) -> list[int]:
-        return list(json.loads(self.note.read_text())["made"])
-
-    def keep(self, number: int, content: bytes) -> None:
-        """Write a frame, and note that it is one of this sequence."""
-        from skyscatter.atomic import atomic_path
-
-        with atomic_path(self.paths[number]) as beside:
-            beside.write_bytes(content)
-        note = json.loads(self.note.read_text())
-        note["made"] = [*note["made"], number]
-        with atomic_path(self.note) as beside:
-            beside.write_text(json.dumps(note))
-
-    def finish(self, sequence: FrameList, progress: Any) -> list[Path]:
-        """All frames are there: a film is made of them; returns the files."""
-        if self.output.suffix.lower() not in FILMS:
-            self.note.unlink()
-            return list(self.paths)
-        from skyscatter.atomic import atomic_path
-        from skyscatter.progress import say
-
-        say("film")
-        writer = _film_writer()
-        with atomic_path(self.output) as beside:
-            with _film(beside, sequence.rate) as film:
-                for k, path in enumerate(self.paths):
-                    film.append_data(_even(writer.imread(path)))
-                    progress.to((k + 1) / len(self.paths))
-            if not beside.stat().st_size:
-                raise SkyscatterError(f"{self.output}: the film could not be made; choose .mp4 or .gif")
-        shutil.rmtree(self.paths[0].parent)
-        return [self.output]
-
-
-def _even(picture: Any) -> Any:
-    """Most codecs want sizes that two divides."""
-    high, wide = (side // 2 * 2 or side for side in picture.shape[:2])
-    return picture[:high, :wide]
-
-
-@contextmanager
-def _film(path: Path, rate: float) -> Iterator[Any]:
-    """A film to which pictures are added."""
-    import imageio
-
-    if path.suffix == ".gif":
-        more: dict[str, Any] = {"duration": 1000 / rate, "loop": 0}
-    else:
-        codec = "libvpx-vp9" if path.suffix == ".webm" else "libx264"
-        more = {"fps": rate, "macro_block_size": 1, "codec": codec, "ffmpeg_log_level": "error"}
-    with imageio.get_writer(str(path), **more) as film:
-        yield film
 
 
 def describe(summary: dict[str, Any]) -> str:

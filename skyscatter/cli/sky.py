@@ -183,11 +183,12 @@ def sky(
     is finished, a picture as NAME.partial.EXT, and says how to go on.
 
     --times, --sun-elevations and lists of models make a sequence from one solved field: numbered files, or a film
-    where the output is .mp4, .webm or .gif.  Its exposure follows smoothly.  Repeat the command to go on with one.
+    where the output is .mp4, .webm or .gif.  Its exposure follows smoothly.  Repeat the command to go on with one;
+    --store keeps the solution, too.
     """
     frames = sequence.asked(model, times, sun_elevations, exposure_step, frame_rate)
     if frames is not None:
-        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, resume, store, no_sun or stokes or bool(show))
+        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, resume)
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth, bool(times))
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if frames else ())
     if frames is not None:
@@ -257,25 +258,25 @@ def sky(
     if frames is not None:
         asked = frames
         kept = "repeat the command to go on with the frames that are missing"
-        return common.stoppable(lambda: sequence.run(request, asked), kept)
+        look = _png_options(request, 0.0)
+        exposed = request.exposure if look.pop("exposure", None) is not None else None
+        return common.stoppable(lambda: sequence.run(request, asked, look, exposed), kept)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 
 def _check_sequence(
     frames: sequence.FrameList, place: str | None, time: str | None, elevation: str | None, azimuth: str | None,
-    resume: Path | None, store: Path | None, special: bool,
+    resume: Path | None,
 ) -> None:  # fmt: skip
     """Refuse options that a sequence has no use for."""
     if frames.times and place is None:
         raise DomainError("times", f"{frames.times[0]} ...", "needs --place as well")
-    for name, value in {"time": time if frames.times else None, "resume": resume, "store": store}.items():
+    for name, value in {"time": time if frames.times else None, "resume": resume}.items():
         if value is not None:
             raise DomainError(name, str(value), "means nothing to a sequence; leave it out")
     if frames.elevations and (elevation is not None or place is not None):
         given = "place" if elevation is None else "sun_elevation"
         raise DomainError(given, elevation or place, "--sun-elevations settles where the Sun is; leave it out")
-    if special:
-        raise DomainError("stokes", True, "a sequence has colours and the Sun; leave out --stokes, --show and --no-sun")
 
 
 def _sun_choice(

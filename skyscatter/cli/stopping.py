@@ -20,6 +20,8 @@ from typing import Any
 
 #: Seconds that the main thread has to come to an end by itself.
 PATIENCE = 3.5
+#: Seconds that what is finished may take to be kept where the main thread hangs.
+LONGEST = 60.0
 #: Seconds after which it is told again what a callback of a library has swallowed.
 AGAIN = 0.05
 #: What is asked to end, and the usual exit status of a program that a signal has ended.
@@ -147,9 +149,11 @@ def end_now(keep: Callable[[], None] | None = None) -> None:
     """End the process without waiting for any thread; what is half written goes."""
     from skyscatter.atomic import discard_unfinished
 
-    with suppress(Exception):
-        if keep is not None:
-            keep()
+    if keep is not None:
+        # Elsewhere: what hangs may hold what this waits for.
+        keeper = threading.Thread(target=_quietly, args=(keep,), daemon=True)
+        keeper.start()
+        keeper.join(LONGEST)
     discard_unfinished()
     if sys.stderr.isatty():
         sys.stderr.write("\x1b[?25h")  # the cursor, which a bar hides
@@ -157,3 +161,8 @@ def end_now(keep: Callable[[], None] | None = None) -> None:
         with suppress(Exception):
             stream.flush()
     os._exit(status())
+
+
+def _quietly(keep: Callable[[], None]) -> None:
+    with suppress(Exception):
+        keep()

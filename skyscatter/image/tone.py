@@ -69,7 +69,8 @@ def auto_ev100(luminance: ArrayLike) -> float:
         return 0.0
     values = values[values >= 1e-3 * np.percentile(values, 99.0)]
     low, high, brightest = np.percentile(values, [5.0, 95.0, 98.0])
-    values = values[(values >= low) & (values <= high)]
+    inner = values[(values >= low) & (values <= high)]
+    values = inner if inner.size else values  # of two there is none between
     grey = max(float(np.mean(np.log2(values))) - LIFT, float(np.log2(brightest)) - HEADROOM)
     return float(grey - np.log2(metered_luminance(0.0)))
 

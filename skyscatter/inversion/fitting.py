@@ -94,7 +94,7 @@ def fit(
     progress : callable, optional
         Called with the finished share, 0 to 1.
     resume : path, optional
-        Where the state of the run is kept.  If the file exists, the run goes on from it.
+        Folder in which the state of the run is kept.  If it exists, the run goes on from it.
 
     Returns
     -------

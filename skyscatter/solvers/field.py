@@ -169,9 +169,9 @@ def solve(
         Called with the finished share, 0 to 1.
     resume : path, optional
         Checkpoint of an interrupted solution with the same arguments; also kept there from then on, unless
-        `checkpoint` names another file.
+        `checkpoint` names another folder.
     checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
-        File in which the orders so far are kept, every three minutes or as often as the `Checkpoint` says, and on
+        Folder in which the orders so far are kept, every three minutes or as often as the `Checkpoint` says, and on
         Ctrl-C.
 
     Returns
@@ -214,7 +214,7 @@ def solve(
     }
     kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
-        kept.begin(RenderState.empty(recipe, 0, 0) if resume is None else RenderState.load(resume, recipe))
+        kept.begin(RenderState.empty(recipe, 0, 0), resume)
     try:
         field = solve_range(scene, wl, zenith, tolerance, stokes, max_order, workers, progress, kept)
     except KeyboardInterrupt:

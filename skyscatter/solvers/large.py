@@ -23,7 +23,7 @@ from skyscatter.solvers.checks import check_wavelengths, is_space, worker_count
 from skyscatter.solvers.corrections import Corrections, seen_rows
 from skyscatter.solvers.run import Solving, load_solver
 from skyscatter.solvers.state import RenderState
-from skyscatter.solvers.stored import StoredTiles, fill, open_store, opened_again, solve_tiles_stored
+from skyscatter.solvers.stored import StoredTiles, fill, open_store, opened_again, solve_tiles_stored, tiles_in
 from skyscatter.solvers.tiles import spread, tiles_of
 from skyscatter.tasks.door import opened
 from skyscatter.tasks.store import Store
@@ -236,17 +236,18 @@ class StoredPicture:
         with self._opened() as store:
             self.recipe = store.attributes["recipe"]
             self.scene, self.camera, self.wavelengths = recorded(store.attributes)
+            self.module = load_solver(self.recipe["solver"], self.scene)
+            self._rays = PixelRays(self.scene, self.camera)
+            self._tiles = tiles_in(store, self.module, len(self._rays))
             finished = store.numbers()
             found = store.get(finished[0], 1) if finished else None
-        self._finished = len(finished)
+            #: Whether all of it is finished.
+            self.filled = len(finished) == len(self._tiles) and "block" not in store.attributes
         if found is not None and "samples" in self.recipe["options"]:  # it may hold more than it was begun with
             made = int(found[1]["samples"].max())
             self.recipe["options"]["samples"] = max(made, self.recipe["options"]["samples"])
-        self.module = load_solver(self.recipe["solver"], self.scene)
         options = {n: v for n, v in self.recipe["options"].items() if n in Options.__dataclass_fields__}
         check_large(self.scene, self.camera, self.recipe["solver"], Options(**options), self.recipe.get("subpixels", 1))
-        self._rays = PixelRays(self.scene, self.camera)
-        self._tiles = tiles_of(self.module, len(self._rays))
         self._corrections = Corrections(self.scene, self.camera, self.wavelengths)
         self._sky = sky
 
@@ -259,11 +260,6 @@ class StoredPicture:
     def sky(self) -> SkyFrame | None:
         """Where the whole picture stands in the sky."""
         return self._corrections.sky if self._sky is None else self._sky
-
-    @property
-    def filled(self) -> bool:
-        """Whether all of it is finished."""
-        return self._finished == len(self._tiles)
 
     def rows(self, first: int, last: int) -> SpectralImage:
         """The rows from `first` on and before `last`; NaN where nothing is finished."""

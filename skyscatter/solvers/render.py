@@ -90,10 +90,10 @@ def render(
         Called with the finished share, 0 to 1.
     resume : path, optional
         Checkpoint of an interrupted render with the same arguments; also kept there from then on, unless `checkpoint`
-        names another file.
+        names another folder.
     checkpoint : path or skyscatter.solvers.state.Checkpoint, optional
-        File in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
-        Ctrl-C.
+        Folder in which the finished part is kept, every three minutes or as often as the `Checkpoint` says, and on
+        Ctrl-C.  It is a store as well: `picture_of` reads it.
     store : path, optional
         Folder in zarr's format in which every finished part is kept at once, in place of a checkpoint.  What it holds
         is not done again, by whatever program and however the last one ended; several may work on one at a time.
@@ -147,11 +147,11 @@ def render(
     directions = grid.reshape(-1, 3)[numbers]
     origins = np.broadcast_to(scene.observer.position, directions.shape)
     rays = Rays(origins, directions, numbers.astype(np.int64))
-    state = _begun(scene, recipe, numbers.size, wl) if resume is None else RenderState.load(resume, recipe)
+    state = _begun(scene, recipe, numbers.size, wl)
     kept = checkpoint_of(checkpoint or resume)
     if kept is not None:
-        kept.begin(state)
-    with _opened(store, recipe, scene, resume or checkpoint) as folder:
+        kept.begin(state, resume)
+    with _opened(store, state, resume or checkpoint) as folder:
         complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept, executor, folder)
     if folder is not None and "samples" in recipe["options"] and state.samples.size:
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])  # it may hold more
@@ -164,7 +164,7 @@ def render(
 
 
 @contextmanager
-def _opened(store: Any, recipe: dict[str, Any], scene: AnyScene, other: Any) -> Iterator[Store | None]:
+def _opened(store: Any, state: RenderState, other: Any) -> Iterator[Store | None]:
     """The store of a render, where there is to be one."""
     if store is None:
         yield None
@@ -173,8 +173,7 @@ def _opened(store: Any, recipe: dict[str, Any], scene: AnyScene, other: Any) -> 
 
     if other is not None:
         raise DomainError("store", str(store), "keeps what is finished by itself; leave out the checkpoint")
-    sort = "shells" if isinstance(scene, Scene) else "space" if is_space(scene) else "surfaces"
-    folder = open_store(store, recipe, sort)
+    folder = open_store(store, state.recipe, state.sort)
     try:
         yield folder
     finally:
@@ -219,6 +218,7 @@ def recipe_of(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Opt
 def _begun(scene: AnyScene, recipe: dict[str, Any], rays: int, wl: Array) -> RenderState:
     """The state of a render in which nothing is done; all, where nothing but other lights than the Sun shines."""
     state = RenderState.empty(recipe, rays, wl.size)
+    state.sort = "shells" if isinstance(scene, Scene) else "space" if is_space(scene) else "surfaces"
     if isinstance(scene, Scene) and scene.lights is not None and not _skylights().sun_shines(scene):
         options = recipe["options"]
         _skylights().dark(state, options.get("stokes"), options.get("parts"), options.get("orders", 0))
@@ -242,6 +242,7 @@ def _picture(
     progress: Callable[[float], None] | None = None,
 ) -> SpectralImage:
     from skyscatter.image.spectral import SpectralImage
+    from skyscatter.solvers.compile import compile_scene
 
     def spread(values: Array) -> Array:
         if inside.all() and state.done.all():
@@ -257,7 +258,7 @@ def _picture(
         added.add(grid, cube, layers, state.recipe)
         return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers, sky=added.sky)
     error = spread(state.standard_error)
-    correction, recipe = _sun_correction(scene, camera, grid, wl, state.recipe)
+    correction, recipe = sun_correction(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
     for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
         values.reshape(-1, wl.size)[correction[0]] += correction[1]
     if scene.lights is not None and state.done.all():
@@ -265,25 +266,21 @@ def _picture(
     return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
 
 
-def _sun_correction(
-    scene: Scene, camera: Any, grid: Array, wl: Array, recipe: dict[str, Any]
+def sun_correction(
+    scene: Scene, camera: Any, grid: Array, table: Any, wl: Array, recipe: dict[str, Any]
 ) -> tuple[Any, dict[str, Any]]:
     """Pixels with the Sun, and what averaging its disk over them, or leaving it out, adds to the radiance there.
 
     Without the disk the recipe gains the lamp in its place.
     """
     from skyscatter.solvers import sundisk
-    from skyscatter.solvers.compile import compile_scene
 
-    shines = scene.lights is None or _skylights().sun_shines(scene)
     with_disk = recipe.get("sun_disk", True)
-    if with_disk and not shines:
-        return None, recipe
-    table = compile_scene(scene, wl)
+    if scene.lights is not None and not _skylights().sun_shines(scene):
+        dark = {} if with_disk else {"sun_lamp": {**sundisk.sun_lamp(scene, table), "irradiance": [0.0] * wl.size}}
+        return None, recipe | dark
     if with_disk:
         return sundisk.disk_correction(scene, table, camera, grid), recipe
-    if not shines:
-        return None, {**recipe, "sun_lamp": {**sundisk.sun_lamp(scene, table), "irradiance": [0.0] * wl.size}}
     seen = sundisk.disk_along(scene, table, grid, wl)
     return seen and (seen[0], -seen[1]), {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table)}
 

@@ -13,14 +13,16 @@ from numpy.typing import ArrayLike
 
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
-from skyscatter.solvers import orders, skylights, sundisk
-from skyscatter.solvers.base import Array
+from skyscatter.solvers import orders, skylights
+from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.checks import check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
-from skyscatter.solvers.render import render
+from skyscatter.solvers.render import render, sun_correction
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.tasks.door import opened
+from skyscatter.tasks.sharing import Sharing
+from skyscatter.tasks.store import Store
 from skyscatter.tasks.task import Shared, Task
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 CHUNK = 4096
 #: Width of the small pictures from which exposures are found [pixel].
 SMALL = 64
+#: What a dome without its Sun has beside it: the Sun as a lamp, and for which files.
+LAMP, LAMPS = ".sun.json", (".exr", ".hdr")
 #: Largest change of exposure from one frame to the next [EV].
 STEP = 0.1
 
@@ -40,6 +44,7 @@ def field_for(
     wavelengths: ArrayLike,
     *,
     tolerance: float | None = None,
+    stokes: bool = False,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: Checkpoint | None = None,
@@ -53,7 +58,7 @@ def field_for(
         Of the frames; smaller ones with the same view will do.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    tolerance, threads, progress, checkpoint
+    tolerance, stokes, threads, progress, checkpoint
         As for `skyscatter.solve`.
 
     Raises
@@ -91,7 +96,7 @@ def field_for(
     # Where nothing shines that the air could scatter, any field will do.
     zenith = min((low for low, _ in ranges), default=0.0), max((high for _, high in ranges), default=0.1)
     return solve_range(
-        scenes[0], wl, zenith, DEFAULT_TOLERANCE if tolerance is None else tolerance, False, None,
+        scenes[0], wl, zenith, DEFAULT_TOLERANCE if tolerance is None else tolerance, stokes, None,
         worker_count(threads), progress, checkpoint,
     )  # fmt: skip
 
@@ -110,7 +115,9 @@ def smaller(camera: Any, width: int = SMALL) -> Any:
     return type(camera).model_validate({**camera.model_dump(), "width": width, "height": height})
 
 
-def frame(field: RadianceField, scene: Scene, camera: Any, air: skylights.LitAir | None = None) -> SpectralImage:
+def frame(
+    field: RadianceField, scene: Scene, camera: Any, air: skylights.LitAir | None = None, sun_disk: bool = True
+) -> SpectralImage:
     """A picture of a scene from a field that covers its Sun, and the other lights that shine on it.
 
     Parameters
@@ -121,44 +128,60 @@ def frame(field: RadianceField, scene: Scene, camera: Any, air: skylights.LitAir
     camera : Camera
     air : LitAir, optional
         Of that field and the observer's height; what was found for other frames is not found again.
+    sun_disk : bool
+        As for `skyscatter.render`.
 
     Returns
     -------
     SpectralImage
-        Without an error; NaN outside of the camera's field.
+        Without an error; NaN outside of the camera's field.  With layers Q, U and V where the field is of polarised
+        light.
     """
     from skyscatter.image.spectral import SpectralImage
 
     grid = camera.directions(scene.observer)
     table = field.at(scene.sun)
     inside = np.isfinite(grid[..., 0])
-    cube = np.full((*inside.shape, field.wavelengths.size), np.nan)
+    names = ("radiance", *(("Q", "U", "V") if field.stokes else ()))
+    cubes = {name: np.full((*inside.shape, field.wavelengths.size), np.nan) for name in names}
+    cube = cubes.pop("radiance")
+    recipe = {"scene": scene.model_dump(mode="json", exclude_none=True), "camera": camera.model_dump(mode="json")}
+    recipe |= {"solver": "orders"} | ({} if sun_disk else {"sun_disk": False})
     if skylights.sun_shines(scene):
-        cube[inside] = looked(field, table, scene, grid[inside])
-        correction = sundisk.disk_correction(scene, table, camera, grid)
-        if correction is not None:
-            cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
+        found = looked(field, table, scene, grid[inside])
+        cube[inside] = found.radiance
+        for name, layer in cubes.items():
+            layer[inside] = found.layers[name]
     else:
-        cube[inside] = 0.0
+        for array in (cube, *cubes.values()):
+            array[inside] = 0.0
+    correction, recipe = sun_correction(scene, camera, grid, table, field.wavelengths, recipe)
+    if correction is not None:
+        cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
     heavens = skylights.heavens_of(scene, field.wavelengths)
     if heavens is not None:
         lit = air or skylights.LitAir(field, scene.altitude)
         scatters = skylights.light_window(scene, heavens, np.ascontiguousarray(grid[inside])) is not None
-        picture = skylights.Picture(cube, None, {}, grid, camera)
+        picture = skylights.Picture(cube, None, cubes, grid, camera)
         skylights.add_lights(picture, scene, heavens, lit if scatters else None, 1)
-    recipe = {"scene": scene.model_dump(mode="json", exclude_none=True), "camera": camera.model_dump(mode="json")}
-    return SpectralImage(cube, field.wavelengths, recipe=recipe | {"solver": "orders"})
+    return SpectralImage(cube, field.wavelengths, recipe=recipe, layers=cubes)
 
 
-def looked(field: RadianceField, table: Any, scene: Scene, directions: Array) -> Array:
-    """Radiance along rays from the observer (ray, wavelength), in this thread."""
+def looked(field: RadianceField, table: Any, scene: Scene, directions: Array) -> Answer:
+    """Radiance along rays from the observer, and the layers of polarised light, in this thread."""
     origins = np.broadcast_to(scene.observer.position, directions.shape)
     sky = field.sky_table(table, origins, directions, 1)
     found = []
     for k in range(0, len(directions), CHUNK):
         o, d = (np.ascontiguousarray(a[k : k + CHUNK]) for a in (origins, directions))
-        found.append(field.look(table, o, d, False, sky).radiance)
-    return np.concatenate(found) if found else np.zeros((0, field.wavelengths.size))
+        found.append(field.look(table, o, d, False, sky))
+    none = np.zeros((0, field.wavelengths.size))
+    names = ("Q", "U", "V") if field.stokes else ()
+    return Answer(
+        np.concatenate([part.radiance for part in found] or [none]),
+        np.concatenate([part.standard_error for part in found] or [none]),
+        {name: np.concatenate([part.layers[name] for part in found] or [none]) for name in names},
+    )
 
 
 def adapted(exposures: ArrayLike, step: float = STEP) -> Array:
@@ -194,7 +217,7 @@ class Frames:
     solved : RadianceField, optional
         For all of them; without it each is rendered by itself.
     options : mapping
-        Of `skyscatter.render`, for those.
+        Of `skyscatter.render`, for those; of others ``sun_disk`` counts.
     """
 
     scenes: tuple[Scene, ...]
@@ -209,7 +232,7 @@ class Frames:
         if self.solved is not None:
             scene = self.scenes[number]
             air = self._airs.setdefault(scene.altitude, skylights.LitAir(self.solved, scene.altitude))
-            return frame(self.solved, scene, camera or self.camera, air)
+            return frame(self.solved, scene, camera or self.camera, air, self.options.get("sun_disk", True))
         return render(self.scenes[number], camera or self.camera, self.wavelengths, threads=1, **self.options)
 
 
@@ -218,12 +241,17 @@ def own_exposure(frames: Frames, number: int) -> float:
     return float(frames.image(number, smaller(frames.camera)).auto_exposure())
 
 
-def written(frames: Frames, number: int, suffix: str, options: Mapping[str, Any]) -> bytes:
-    """The file of a frame, as a worker makes it."""
+def written(frames: Frames, number: int, suffix: str, options: Mapping[str, Any]) -> dict[str, bytes]:
+    """The files of a frame by their suffixes, as a worker makes them: one, and the lamp of a dome without its Sun."""
+    image = frames.image(number)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, f"frame{suffix}")
-        frames.image(number).save(path, **options)
-        return path.read_bytes()
+        image.save(path, **options)
+        if "sun_lamp" in image.recipe and suffix in LAMPS:
+            from skyscatter.image.dome import write_lamp
+
+            write_lamp(image, path.with_suffix(LAMP), options.get("scale", 1.0))
+        return {beside.name.removeprefix("frame"): beside.read_bytes() for beside in sorted(Path(folder).iterdir())}
 
 
 def own_exposures(frames: Frames, executor: Any = None, threads: int | None = None) -> Array:
@@ -236,6 +264,35 @@ def own_exposures(frames: Frames, executor: Any = None, threads: int | None = No
     return found
 
 
+class StoredFrames(Sharing):
+    """Files of frames between a store and an engine, a part of the store each."""
+
+    def __init__(self, store: Store, task_of: Callable[[int], Task]) -> None:
+        super().__init__(store)
+        self._task_of = task_of
+
+    def found(self, number: int) -> bool:
+        """Whether the files of a frame are there."""
+        return bool(self.store.kept(part_of(number)))
+
+    def begin(self, number: int) -> Task:
+        """The task that makes a frame."""
+        return self._task_of(number)
+
+    def keep(self, task: Task, result: dict[str, bytes]) -> None:
+        """Keep the files of a frame."""
+        self.store.keep(part_of(task.number), {name: np.frombuffer(file, np.uint8) for name, file in result.items()})
+
+    def files(self, number: int) -> dict[str, bytes]:
+        """The files of a frame by their suffixes; empty where it is not finished."""
+        return {name: file.tobytes() for name, file in self.store.kept(part_of(number)).items()}
+
+
+def part_of(number: int) -> str:
+    """The name of a frame in a store."""
+    return f"frame-{number + 1:06d}"
+
+
 def files(
     frames: Frames,
     numbers: Sequence[int],
@@ -243,8 +300,9 @@ def files(
     options: Callable[[int], Mapping[str, Any]],
     executor: Any = None,
     threads: int | None = None,
-) -> Iterator[tuple[int, bytes]]:
-    """The files of some frames, as they are ready.
+    store: Store | None = None,
+) -> Iterator[tuple[int, dict[str, bytes]]]:
+    """The files of some frames by their suffixes, as they are ready.
 
     Parameters
     ----------
@@ -256,9 +314,23 @@ def files(
         Number of a frame -> options of `SpectralImage.save`.
     executor, threads
         As for `skyscatter.render`; each frame is a task.
+    store : Store, optional
+        Frames that it has are not made again, those that are made are kept there, and several programs share the work.
     """
     shared = Shared(frames)
+
+    def task_of(number: int) -> Task:
+        return Task(written, (number, suffix, dict(options(number))), shared, number)
+
     with opened(executor, threads) as engine:
-        tasks = (Task(written, (k, suffix, dict(options(k))), shared, k) for k in numbers)
-        for task, content in engine.results(tasks):
+        if store is None:
+            for task, content in engine.results(map(task_of, numbers)):
+                yield task.number, content
+            return
+        kept, made = StoredFrames(store, task_of), set()
+        for task, content in kept.results(numbers, engine):
+            made.add(task.number)
             yield task.number, content
+        for number in numbers:
+            if number not in made:
+                yield number, kept.files(number)

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import threading
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError, MissingDataError, SkyscatterError
 from skyscatter.solvers.base import Answer, Array
+from skyscatter.tasks.store import Store, discard, read_attributes
 
 #: Seconds between two times at which a run is kept.
 EVERY = 180.0
+#: Rays that it keeps together.
+BLOCK = 8192
 
 
 @dataclass
@@ -38,8 +37,7 @@ class RenderState:
     sums: dict[str, Array] = field(default_factory=dict)  #: over passes, of solvers that work in passes
     passes: int = 0  #: in those sums
     total: int = 0  #: passes that were to be made; 0 where rays are solved one by one
-    #: What all rays share, of solvers that have such: arrays of named parts, ``part.array``.
-    shared: dict[str, Array] = field(default_factory=dict)
+    sort: str = "field"  #: of scene; of a field that has no rays when not given
 
     @classmethod
     def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
@@ -67,45 +65,93 @@ class RenderState:
         self.done[rays] = True
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the state to an .npz file, whole or not at all."""
-        more: dict[str, Any] = {f"layer_{name}": values for name, values in self.layers.items()}
-        more |= {f"sum_{name}": values for name, values in self.sums.items()}
-        more |= {f"shared_{name}": values for name, values in self.shared.items()}
-        with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(
-                file, recipe=np.array(json.dumps(self.recipe, sort_keys=True)), done=self.done, radiance=self.radiance,
-                standard_error=self.standard_error, samples=self.samples, passes=np.array(self.passes),
-                total=np.array(self.total), **more,
-            )  # fmt: skip
+        """Keep the state in a folder, from which a run with the same recipe goes on."""
+        checkpoint = Checkpoint(path)
+        checkpoint.begin(self)
+        checkpoint.write()
 
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], recipe: dict[str, Any]) -> RenderState:
-        """Read a state back and check that it belongs to `recipe`."""
-        if not Path(path).is_file():
-            raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
-        try:
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-            found = json.loads(str(content["recipe"]))
-            layers, sums, shared = (
-                {name.removeprefix(kind): v for name, v in content.items() if name.startswith(kind)}
-                for kind in ("layer_", "sum_", "shared_")
-            )
-            state = cls(
-                found, content["done"], content["radiance"], content["standard_error"], content["samples"], layers,
-                sums, int(content["passes"]), int(content["total"]), shared,
-            )  # fmt: skip
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise SkyscatterError(f"{path}: not a checkpoint of an interrupted run; start anew without it") from error
-        for name in sorted(set(found) | set(recipe)):
-            if found.get(name) != json.loads(json.dumps(recipe.get(name))):
-                raise DomainError("resume", str(path), f"was begun with other {name}; repeat the command as it was")
-        state.recipe = recipe
-        return state
+    def take(self, store: Store, tiles: list[slice] | None = None, rays: slice | None = None) -> None:
+        """Take over what a store has.
+
+        Parameters
+        ----------
+        store : skyscatter.tasks.store.Store
+        tiles : list of slice, optional
+            Rays of its tasks; those of a checkpoint when not given.
+        rays : slice, optional
+            Which of them this state is of; all when not given.
+        """
+        rays = slice(0, len(self.done)) if rays is None else rays
+        for number, tile in enumerate(blocks(rays.stop) if tiles is None else tiles):
+            first, last = max(tile.start, rays.start), min(tile.stop, rays.stop)
+            found = store.get(number, tile.stop - tile.start) if first < last else None
+            if found is not None:
+                part, here = slice(first - tile.start, last - tile.start), slice(first - rays.start, last - rays.start)
+                values = {name: array[part] for name, array in found[1].items()}
+                self.put(here, answer_of(values))
+                if "done" in values:
+                    self.done[here] = values["done"][:, 0] > 0
+
+    def take_passes(self, store: Store) -> None:
+        """Take over the sums over passes that a store has, where there are more than here."""
+        for slot in (0, 1):
+            found = store.get(slot, len(self.done))
+            if found is not None and found[0] > self.passes:
+                self.sums = {name: np.ascontiguousarray(values) for name, values in found[1].items()}
+                self.passes = found[0]
+
+    def put_passes(self, store: Store) -> None:
+        """Keep the sums over passes, in two chunks by turns."""
+        store.put(self.passes % 2, self.passes, self.sums, 2, len(self.done))
+
+    def put_blocks(self, store: Store, kept: NDArray[np.int64]) -> None:
+        """Keep the blocks of rays of which more is finished than of each was `kept`, which is told how much it is."""
+        numbers = blocks(len(self.done))
+        for number, block in enumerate(numbers):
+            finished = int(self.done[block].sum())
+            if finished > kept[number]:
+                values = {
+                    "done": self.done[block, None].astype(float), "radiance": self.radiance[block],
+                    "standard_error": self.standard_error[block], "samples": self.samples[block, None].astype(float),
+                }  # fmt: skip
+                values |= {f"layer_{name}": layer[block] for name, layer in self.layers.items()}
+                store.put(number, finished, values, len(numbers), min(BLOCK, len(self.done)))
+                kept[number] = finished
+
+
+def blocks(rays: int) -> list[slice]:
+    """The parts in which a checkpoint keeps so many rays."""
+    return [slice(k, min(k + BLOCK, rays)) for k in range(0, rays, BLOCK)]
+
+
+def answer_of(values: Mapping[str, Array]) -> Answer:
+    """The answer of rays as a store keeps it."""
+    layers = {name[6:]: array for name, array in values.items() if name.startswith("layer_")}
+    return Answer(values["radiance"], values["standard_error"], layers, values["samples"][:, 0].astype(np.int64))
+
+
+def is_checkpoint(path: str | os.PathLike[str]) -> bool:
+    """Whether a folder is that of an interrupted run."""
+    try:
+        return "block" in read_attributes(path)
+    except DomainError:
+        return False
+
+
+def _left(path: str | os.PathLike[str], recipe: Mapping[str, Any]) -> Store:
+    """The folder of an interrupted run of a recipe."""
+    if not os.path.exists(path):
+        raise MissingDataError(path, "no such checkpoint; check the path or start anew without it")
+    if not is_checkpoint(path):
+        raise DomainError("resume", str(path), "not a checkpoint of an interrupted run; start anew without it")
+    return Store(path, recipe, option="resume", patience=0.0, hurried=True)
 
 
 class Checkpoint:
-    """The file in which a run is kept while it goes on, so that little is lost however it ends.
+    """The folder in which a run is kept while it goes on, so that little is lost however it ends.
+
+    It is a store whose tasks are blocks of rays, finished or not, or the sums over passes.  What all rays share, such
+    as a solved field, is kept in parts with names.
 
     Parameters
     ----------
@@ -118,7 +164,7 @@ class Checkpoint:
     state : RenderState or None
         Of the run that it belongs to; None before that has begun.
     written : bool
-        Whether the file is one of this run.
+        Whether the folder is one of this run.
     """
 
     def __init__(self, path: str | os.PathLike[str], every: float = EVERY) -> None:
@@ -130,12 +176,48 @@ class Checkpoint:
         #: Held by whoever changes the state, and while it is written.
         self.lock = threading.RLock()
         self._last = time.monotonic()
-        self._share = 0.0
-        self._news = False
+        self._store: Store | None = None
+        self._source: Store | None = None  #: of parts that have not been asked for
+        self._parts: dict[str, Mapping[str, Array]] = {}
+        self._news: set[str] = set()
+        self._kept = np.zeros(0, np.int64)
+        self._passes = 0
 
-    def begin(self, state: RenderState) -> None:
-        """Belong to a run from now on."""
-        self.state, self._share, self._last = state, state.share, time.monotonic()
+    @classmethod
+    def of(cls, store: Store) -> Checkpoint:
+        """Keep the parts of a run in a store that it has anyway."""
+        checkpoint = cls(store.path)
+        checkpoint._store = checkpoint._source = store
+        checkpoint.state = RenderState.empty(store.attributes["recipe"], 0, 0)
+        return checkpoint
+
+    def begin(self, state: RenderState, resume: str | os.PathLike[str] | None = None) -> None:
+        """Belong to a run from now on, and take over into its state what is in the folder `resume`.
+
+        Raises
+        ------
+        DomainError
+            For a folder of another run, and a path at which something else is.
+        """
+        if self.path.exists() and not is_checkpoint(self.path):
+            rule = "is no checkpoint; move it away, or choose another name"
+            raise DomainError("checkpoint", str(self.path), rule)
+        self.state, self._last = state, time.monotonic()
+        self._kept = np.zeros(len(blocks(len(state.done))), np.int64)
+        if resume is None:
+            return
+        self._source = _left(resume, state.recipe)
+        if "samples" in self._source.columns():
+            state.take(self._source)
+        else:
+            state.take_passes(self._source)
+        if os.path.realpath(resume) == os.path.realpath(self.path):
+            self._store, self._passes = self._source, state.passes
+            self._kept[:] = [state.done[block].sum() for block in blocks(len(state.done))]
+        else:
+            for name in self._source.parts():
+                self.part(name)
+            self._news = set(self._parts)
 
     def due_in(self) -> float:
         """Seconds until it is to be written."""
@@ -147,40 +229,70 @@ class Checkpoint:
             self.save()
 
     def save(self) -> bool:
-        """Write what is finished; whether the file holds it.  Nothing is written where there is nothing new."""
+        """Write what is finished; whether the folder holds it.  Nothing is written where there is nothing new."""
         with self.lock:
             self._last = time.monotonic()
-            if self.state is None or (self.state.share <= 0.0 and not self.state.shared):
+            if self.state is None or (self.state.share <= 0.0 and not self._parts and self._source is None):
                 return False
-            if self.state.share <= self._share and not self._news and self.path.is_file():
-                return True
             try:
-                self.state.save(self.path)
+                self.write()
             except SkyscatterError as error:
                 logging.getLogger("skyscatter").warning("the finished part could not be kept: %s", error)
                 return False
-            self._share, self._news, self.written = self.state.share, False, True
+            self.written = True
             return True
+
+    def write(self) -> None:
+        """Write what is new.
+
+        Raises
+        ------
+        SkyscatterError
+            If it cannot be written.
+        """
+        state = self.state
+        if state is None:
+            return
+        store = self._opened(state)
+        for name in sorted(self._news):
+            store.keep(name, self._parts[name])
+            self._news.discard(name)
+        if not state.passes:
+            state.put_blocks(store, self._kept)
+        elif state.passes > self._passes:
+            state.put_passes(store)
+            self._passes = state.passes
+
+    def _opened(self, state: RenderState) -> Store:
+        """The folder, made anew where it is that of an earlier run."""
+        if self._store is None or not self.path.is_dir():
+            discard(self.path)
+            about = {"sort": state.sort, "block": BLOCK}
+            self._store = Store(self.path, state.recipe, (), about, patience=0.0, hurried=True)
+            self._news, self._passes = set(self._parts), 0
+            self._kept[:] = 0
+        return self._store
 
     def part(self, name: str) -> dict[str, Array]:
         """Arrays of a part of what all rays share, as far as it had come; empty where it had not been begun."""
-        shared = {} if self.state is None else self.state.shared
-        return {key.removeprefix(f"{name}."): a for key, a in shared.items() if key.startswith(f"{name}.")}
+        if name not in self._parts and self._source is not None:
+            found = self._source.kept(name)
+            if found:
+                self._parts[name] = found
+        return dict(self._parts.get(name, {}))
 
     def put(self, name: str, arrays: Mapping[str, Array]) -> None:
         """Keep such a part, in place of what it was before; the arrays must not be changed any more."""
         if self.state is None:
             return
         with self.lock:
-            others = {key: a for key, a in self.state.shared.items() if not key.startswith(f"{name}.")}
-            self.state.shared = others | {f"{name}.{key}": a for key, a in arrays.items()}
-            self._news = True
+            self._parts[name] = dict(arrays)
+            self._news.add(name)
         self.tick()
 
     def remove(self) -> None:
-        """Take the file away: the run has come to its end."""
-        with suppress(FileNotFoundError):
-            self.path.unlink()
+        """Take the folder away: the run has come to its end."""
+        discard(self.path)
 
 
 def checkpoint_of(given: Checkpoint | str | os.PathLike[str] | None) -> Checkpoint | None:

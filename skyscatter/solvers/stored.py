@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +21,10 @@ from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
 from skyscatter.solvers.passes import sum_up
-from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState, answer_of, blocks, is_checkpoint
 from skyscatter.solvers.tiles import tiles_of
 from skyscatter.tasks.engine import Engine
+from skyscatter.tasks.sharing import LOOK, Sharing
 from skyscatter.tasks.store import Store, read_attributes
 from skyscatter.tasks.task import Shared, Task
 from skyscatter.workers import GRACE
@@ -36,12 +36,10 @@ if TYPE_CHECKING:
 FEWEST = 16
 #: Ways to find vertices that have no sums to go on with.
 SUMLESS = ("free-flight", "delta")
-#: Seconds between two looks at what others work on.
-LOOK = 0.5
+#: Sorts of stores that hold a picture: those of scenes.
+PICTURES = ("shells", "space", "surfaces")
 #: Share of the time of passes that may be spent on keeping them.
 KEEPING = 0.1
-#: What all rays share, where that takes long to solve.
-SOLUTION = "solution.npz"
 
 
 def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
@@ -50,8 +48,10 @@ def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
     Raises
     ------
     DomainError
-        For a folder of another render.
+        For a folder of another render, and for one of an interrupted run.
     """
+    if is_checkpoint(path):
+        raise DomainError("store", str(path), "holds an interrupted run; go on with --resume, or choose another folder")
     options = recipe["options"]
     plain = "noise" in options or options.get("sampling") in SUMLESS or options.get("samples", FEWEST) < FEWEST
     walks = recipe["solver"] == "path" and "subpixels" not in recipe and not plain
@@ -73,8 +73,7 @@ def stored_context(
     """What all rays share; where that is kept too, one program solves it and the others wait and read it."""
     if not keeps:
         return prepare()
-    path, recipe = store.beside / SOLUTION, store.attributes["recipe"]
-    ready = path.with_suffix(".ready")
+    ready = store.beside / "solution.ready"
     waits = False
     while not ready.is_file() and not store.claims.take("solution"):
         if not waits and progress is not None:
@@ -82,8 +81,7 @@ def stored_context(
         waits = True
         time.sleep(LOOK)
     try:
-        checkpoint = Checkpoint(path)
-        checkpoint.begin(RenderState.load(path, recipe) if path.is_file() else RenderState.empty(recipe, 0, 0))
+        checkpoint = Checkpoint.of(store)
         try:
             context = prepare(checkpoint=checkpoint)
         finally:
@@ -104,73 +102,56 @@ def solve_more(solving: Solving, rays: Rays, before: Walks | None) -> tuple[Answ
     return module.solve(context, rays, options, walks), walks
 
 
-class StoredTiles:
-    """Tiles of a picture between a store and an engine.
-
-    Attributes
-    ----------
-    failed : Exception or None
-        What keeping a tile has met.
-    """
+class StoredTiles(Sharing):
+    """Tiles of a picture between a store and an engine."""
 
     def __init__(self, solving: Solving, rays: Any, tiles: list[slice], state: Any, store: Store) -> None:
-        self.solving, self.rays, self.tiles, self.state, self.store = solving, rays, tiles, state, store
+        super().__init__(store)
+        self.solving, self.rays, self.tiles, self.state = solving, rays, tiles, state
         self.most = max((tile.stop - tile.start for tile in tiles), default=0)
         self.goal = amount_of(solving.module, solving.options)
         self.wavelengths = len(store.attributes["recipe"]["wavelengths_nm"])
-        self.failed: Exception | None = None
-        self.tick: Callable[[], object] = lambda: None
+        self._shared = Shared(solving)
 
-    def tasks(self, order: Any) -> Iterator[Task]:
-        """The tiles that nobody has finished and nobody works on; at last those that somebody has left."""
-        shared = Shared(self.solving)
-        others: deque[int] = deque()
-        for number in order:
-            task = self._claimed(int(number), shared)
-            if task is not None:
-                yield task
-            elif not self.state.has(self.tiles[number]):
-                others.append(int(number))
-        while others:
-            for _ in range(len(others)):
-                number = others.popleft()
-                task = self._claimed(number, shared)
-                if task is not None:
-                    yield task
-                elif not self.state.has(self.tiles[number]):
-                    others.append(number)
-            self.tick()
-            if others:
-                time.sleep(LOOK)
-
-    def _claimed(self, number: int, shared: Shared) -> Task | None:
-        """A task to be done; None where it is finished, or somebody else's."""
-        found = self._found(number)
-        if found is not None and found[0] >= self.goal:
-            return None
-        if not self.store.claims.take(f"{number}"):
-            return None
-        found = self._found(number)  # it may have been finished just before it was claimed
-        if found is not None and found[0] >= self.goal:
-            self.store.claims.give_back(f"{number}")
-            return None
+    def found(self, number: int) -> bool:
+        """Whether a tile has as many walks as it should; it is put into the picture then."""
         tile = self.tiles[number]
+        if self.state.has(tile):
+            return True
+        found = self._of(number)
+        if found is None or found[0] < self.goal:
+            return False
+        self.state.put(tile, answer_of(found[1]))
+        return True
+
+    def begin(self, number: int) -> Task:
+        """A tile, with the walks that were made before."""
+        tile, found = self.tiles[number], self._of(number)
         before = None if found is None else self._walks(found[0], found[1])
-        return Task(solve_more, (self.rays.part(tile), before), shared, number, self._bytes(tile))
+        return Task(solve_more, (self.rays.part(tile), before), self._shared, number, self._bytes(tile))
+
+    def keep(self, task: Task, result: tuple[Answer, Walks | None]) -> None:
+        """Keep what a worker has solved."""
+        answer, walks = result
+        values = {"radiance": answer.radiance, "standard_error": answer.standard_error}
+        used = np.broadcast_to(np.asarray(answer.samples, float), len(answer.radiance))
+        values["samples"] = used[:, None]
+        values |= {f"layer_{name}": layer for name, layer in answer.layers.items()}
+        if walks is not None:
+            values |= {"sums": walks.sums.reshape(len(walks.sums), -1)}
+            values |= {"marked": walks.marked.reshape(len(walks.marked), -1)}
+        self.store.put(task.number, self.goal, values, len(self.tiles), self.most)
+        self.state.put(self.tiles[task.number], answer)
+
+    def _of(self, number: int) -> tuple[int, dict[str, Array]] | None:
+        tile = self.tiles[number]
+        return self.store.get(number, tile.stop - tile.start)
 
     def _bytes(self, tile: slice) -> int:
         """Memory of a task, about."""
         options = self.solving.options
         batches = FEWEST * (4 if options.stokes else 1) if keeps_sums(self.solving.module, options) else 0
         return tile_bytes(tile.stop - tile.start, self.wavelengths, options.layers, batches)
-
-    def _found(self, number: int) -> tuple[int, dict[str, Array]] | None:
-        """What the store has of a tile; put into the picture where it is enough."""
-        tile = self.tiles[number]
-        found = self.store.get(number, tile.stop - tile.start)
-        if found is not None and found[0] >= self.goal:
-            self.state.put(tile, answer_of(found[1]))
-        return found
 
     def _walks(self, done: int, values: dict[str, Array]) -> Walks | None:
         module, context, options = self.solving
@@ -184,26 +165,6 @@ class StoredTiles:
             np.ascontiguousarray(values["marked"]).reshape(shape.marked.shape),
         )  # fmt: skip
 
-    def kept(self, task: Task, done: Future[Any]) -> None:
-        """Keep what a worker has solved; called where Ctrl-C does not strike."""
-        try:
-            if done.cancelled() or done.exception() is not None or self.failed is not None:
-                return
-            answer, walks = done.result()
-            values = {"radiance": answer.radiance, "standard_error": answer.standard_error}
-            used = np.broadcast_to(np.asarray(answer.samples, float), len(answer.radiance))
-            values["samples"] = used[:, None]
-            values |= {f"layer_{name}": layer for name, layer in answer.layers.items()}
-            if walks is not None:
-                values |= {"sums": walks.sums.reshape(len(walks.sums), -1)}
-                values |= {"marked": walks.marked.reshape(len(walks.marked), -1)}
-            self.store.put(task.number, self.goal, values, len(self.tiles), self.most)
-            self.state.put(self.tiles[task.number], answer)
-        except Exception as error:
-            self.failed = error
-        finally:
-            self.store.claims.give_back(f"{task.number}")
-
 
 def amount_of(module: Any, options: Options) -> int:
     """How much work a finished tile has in it: walks of each batch, or 1."""
@@ -215,21 +176,17 @@ def amount_of(module: Any, options: Options) -> int:
 
 
 def solve_tiles_stored(
-    tiles: StoredTiles, order: Any, engine: Engine, progress: Callable[[float], None] | None
+    tiles: StoredTiles, order: Iterable[int], engine: Engine, progress: Callable[[float], None] | None
 ) -> bool:
     """Hand the tiles out; False if interrupted."""
 
     def tick() -> None:
-        if tiles.failed is not None:
-            raise tiles.failed
         if progress is not None:
             progress(tiles.state.share)
 
-    tiles.tick = tick
     try:
-        for _ in engine.results(tiles.tasks(order), tick, tiles.kept):
-            tick()
-        tick()
+        for _ in tiles.results(order, engine, tick):
+            pass
         return True
     except KeyboardInterrupt:
         wait(engine.running, GRACE)
@@ -253,12 +210,8 @@ class StoredPasses:
 
     def take_over(self) -> None:
         """Go on from the sums that are kept."""
-        rays = len(self.state.done)
-        for slot in (0, 1):
-            found = self.store.get(slot, rays)
-            if found is not None and found[0] > self.state.passes:
-                self.state.sums = {name: np.ascontiguousarray(values) for name, values in found[1].items()}
-                self.state.passes = self._kept = found[0]
+        self.state.take_passes(self.store)
+        self._kept = self.state.passes
 
     def tick(self) -> None:
         """Keep the sums, as often as costs little."""
@@ -270,7 +223,7 @@ class StoredPasses:
         began = time.monotonic()
         with self.lock:
             if self.state.passes > self._kept:
-                self.store.put(self.state.passes % 2, self.state.passes, self.state.sums, 2, len(self.state.done))
+                self.state.put_passes(self.store)
                 self._kept = self.state.passes
         self._last = time.monotonic()
         self._spent = self._last - began
@@ -281,10 +234,10 @@ class StoredPasses:
 
 
 @contextmanager
-def opened_again(path: Any) -> Iterator[Store]:
-    """A store as it is, to be read."""
+def opened_again(path: Any, sorts: tuple[str, ...] | None = PICTURES) -> Iterator[Store]:
+    """A store as it is, to be read; one that holds something else than is asked for is refused."""
     attributes = read_attributes(path)
-    if attributes.get("sort") not in ("shells", "space", "surfaces"):
+    if sorts is not None and attributes.get("sort") not in sorts:
         raise DomainError("store", str(path), "holds no picture")
     store = Store(path, attributes["recipe"], tuple(attributes["grows"]))
     try:
@@ -303,25 +256,19 @@ def fill(
 ) -> None:
     """Put what a store has into the state of a picture, or of some of its `rays`; `tiles` where they are known."""
     if getattr(module, "PASSES", False):
-        passes = StoredPasses(state, store)
-        passes.take_over()
+        state.take_passes(store)
         sum_up(state)
         return
+    rays = slice(0, len(state.done)) if rays is None else rays
+    state.take(store, tiles_in(store, module, rays.stop, subpixels) if tiles is None else tiles, rays)
+
+
+def tiles_in(store: Store, module: Any, rays: int, subpixels: int = 1) -> list[slice]:
+    """Which of so many rays each task of a store has: tiles, or blocks of an interrupted run."""
+    if "block" in store.attributes:
+        return blocks(rays)
     if subpixels > 1:
         from skyscatter.solvers.subpixels import Subpixels
 
         module = Subpixels(module, np.zeros((0, subpixels**2, 3)), subpixels**2)
-    rays = slice(0, len(state.done)) if rays is None else rays
-    for number, tile in enumerate(tiles_of(module, rays.stop) if tiles is None else tiles):
-        first, last = max(tile.start, rays.start), min(tile.stop, rays.stop)
-        found = store.get(number, tile.stop - tile.start) if first < last else None
-        if found is not None:
-            part = slice(first - tile.start, last - tile.start)
-            values = {name: array[part] for name, array in found[1].items()}
-            state.put(slice(first - rays.start, last - rays.start), answer_of(values))
-
-
-def answer_of(values: dict[str, Array]) -> Answer:
-    """The answer of a tile as it is kept."""
-    layers = {name[6:]: array for name, array in values.items() if name.startswith("layer_")}
-    return Answer(values["radiance"], values["standard_error"], layers, values["samples"][:, 0].astype(np.int64))
+    return tiles_of(module, rays)

@@ -3,7 +3,7 @@
 The one array ``values`` (task, row, column) has a row for each ray of a task, and in its columns one after the other
 the quantities that the attribute ``columns`` names, the key of the task and the amount of work that is in the row.  A
 chunk is written beside and moved into place, so that it is there whole or not at all, and zarr's checksum (CRC-32C) is
-tested whenever it is read.
+tested whenever it is read.  What has another shape, such as a solution half-way, is kept beside as named parts.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +53,12 @@ class Store:
         Names in the recipe's ``options`` that only say how much work is done, and may differ.
     about : mapping, optional
         What else shall be kept for who reads it.
+    option : str
+        What errors call the folder.
+    patience : float, optional
+        Seconds that a full disk is waited for; ten minutes when not given.
+    hurried : bool
+        Written in a third of the time, and as large as it is.
     """
 
     def __init__(
@@ -59,19 +67,26 @@ class Store:
         recipe: Mapping[str, Any],
         grows: tuple[str, ...] = (),
         about: Mapping[str, Any] | None = None,
+        option: str = "store",
+        patience: float | None = None,
+        hurried: bool = False,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._patience, self._hurried = Path(path), patience, hurried
         plain = json.loads(json.dumps(recipe))
         self.key = key_of(_without(plain, grows))
         if not (self.path / "zarr.json").is_file():
-            _make(self.path, {**(about or {}), "format": FORMAT, "recipe": plain, "grows": list(grows)})
-        self.attributes = read_attributes(self.path)
+            _make(self.path, {**(about or {}), "format": FORMAT, "recipe": plain, "grows": list(grows)}, option)
+        self.attributes = read_attributes(self.path, option)
         both = grows if self.attributes["grows"] == list(grows) else ()  # what could not grow then cannot now
-        _compare(self.path, self.attributes["recipe"], plain, both)
+        _compare(self.path, self.attributes["recipe"], plain, both, option)
         #: What is no part of zarr's hierarchy lies within the array's folder, where zarr does not look for members.
         self.beside = self.path / "values" / ".work"
-        self.claims = Claims(self.beside)
         self._array: Any = None
+
+    @cached_property
+    def claims(self) -> Claims:
+        """Who works on what; signs of life are given from the first claim on."""
+        return Claims(self.beside)
 
     def columns(self) -> dict[str, tuple[int, int]]:
         """First column and number of columns of each quantity; empty before anything is kept."""
@@ -132,13 +147,52 @@ class Store:
         array = self._open()
         return None if array is None else int(array.shape[0])
 
-    def remove(self, task: int) -> None:
-        """Forget a task: it is done again."""
-        self._chunk(self._open(), task).unlink(missing_ok=True)
+    def remove(self, task: int | str) -> None:
+        """Forget a task by its number, or a part by its name: it is done again."""
+        path = self._part(task) if isinstance(task, str) else self._chunk(self._open(), task)
+        path.unlink(missing_ok=True)
+
+    def keep(self, part: str, arrays: Mapping[str, Any]) -> None:
+        """Keep a part with a name, whole or not at all, in place of what it was before; a full disk is waited for."""
+        self._patiently(lambda: self._write_part(part, arrays))
+
+    def kept(self, part: str) -> dict[str, Any]:
+        """The arrays of such a part; empty where there is none, or nothing whole."""
+        path = self._part(part)
+        try:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+                found = {name: file[name] for name in file.files}
+            if str(found.pop(KEY)) == self.key:
+                return found
+            _log.warning("%s is of another run and is done again", path)
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            _log.warning("%s is damaged and is done again: %s", path, error)
+        return {}
+
+    def parts(self) -> list[str]:
+        """Names of the parts that there are."""
+        return sorted(path.stem for path in self.beside.glob("[!.]*.npz"))
 
     def close(self) -> None:
         """Give back what is claimed; everything else is on the disk."""
-        self.claims.close()
+        if "claims" in self.__dict__:
+            self.claims.close()
+
+    def _part(self, name: str) -> Path:
+        return self.beside / f"{name}.npz"
+
+    def _write_part(self, name: str, arrays: Mapping[str, Any]) -> None:
+        self.beside.mkdir(parents=True, exist_ok=True)
+        beside = self.beside / f".{name}-{secrets.token_hex(6)}.npz"
+        content: dict[str, Any] = {**arrays, KEY: np.array(self.key)}
+        try:
+            with open(beside, "wb") as file:
+                np.savez(file, **content)
+            os.replace(beside, self._part(name))
+        finally:
+            beside.unlink(missing_ok=True)
 
     def _write(self, task: int, chunk: Array, tasks: int, columns: list[list[Any]]) -> None:
         array = self._open() or self._make_array(tasks, chunk.shape, columns)
@@ -154,7 +208,7 @@ class Store:
         with suppress(FileExistsError, zarr.errors.ContainsArrayError):
             zarr.create_array(
                 str(self.path), name="values", shape=(tasks, *shape), chunks=(1, *shape), dtype="f8",
-                compressors=[ZstdCodec(level=1), Crc32cCodec()], fill_value=float("nan"),
+                compressors=[*([] if self._hurried else [ZstdCodec(level=1)]), Crc32cCodec()], fill_value=float("nan"),
                 dimension_names=("task", "ray", "column"), attributes={"columns": columns},
             )  # fmt: skip
         array = self._open()
@@ -178,15 +232,16 @@ class Store:
     def _patiently(self, write: Any) -> None:
         """Write; where the disk is full, wait for room before what was worked for is given up."""
         began, said = time.monotonic(), False
+        patience = PATIENCE if self._patience is None else self._patience
         while True:
             try:
                 return write()
             except OSError as error:
-                if error.errno not in _FULL or time.monotonic() - began > PATIENCE:
+                if error.errno not in _FULL or time.monotonic() - began >= patience:
                     reason = "the disk is full" if error.errno in _FULL else error.strerror or str(error)
                     raise SkyscatterError(f"{self.path}: cannot be written: {reason}") from error
                 if not said:
-                    _log.warning("%s: the disk is full; waiting %.0f minutes for room", self.path, PATIENCE / 60)
+                    _log.warning("%s: the disk is full; waiting %.0f minutes for room", self.path, patience / 60)
                 said = True
                 time.sleep(AGAIN)
 
@@ -196,21 +251,20 @@ def _without(recipe: Mapping[str, Any], grows: tuple[str, ...]) -> dict[str, Any
     return {**recipe, "options": options} if "options" in recipe else dict(recipe)
 
 
-def _make(path: Path, attributes: Mapping[str, Any]) -> None:
+def _make(path: Path, attributes: Mapping[str, Any], option: str) -> None:
     """A folder with its recipe, whole or not at all; of two that make it, one comes first."""
-    import zarr
-
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         if (path / "zarr.json").is_file():  # made by another program just now
             return
-        raise DomainError("store", str(path), "is no store of skyscatter's; choose a new folder")
+        raise DomainError(option, str(path), "is no store of skyscatter's; choose a new folder")
     if not path.parent.is_dir():
-        raise DomainError("store", str(path), "its directory does not exist; make it first")
+        raise DomainError(option, str(path), "its directory does not exist; make it first")
     try:
         beside = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
         beside.mkdir()
         try:
-            zarr.create_group(str(beside), attributes={"skyscatter": dict(attributes)})
+            group = {"zarr_format": 3, "node_type": "group", "attributes": {"skyscatter": dict(attributes)}}
+            (beside / "zarr.json").write_text(json.dumps(group))
             try:
                 os.rename(beside, path)
             except OSError:
@@ -222,8 +276,18 @@ def _make(path: Path, attributes: Mapping[str, Any]) -> None:
         raise SkyscatterError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a store says of itself.
+def discard(path: str | os.PathLike[str]) -> None:
+    """Take a store away, in one step for whoever looks; anything else is left alone."""
+    path = Path(path)
+    with suppress(DomainError, OSError):
+        read_attributes(path)
+        beside = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
+        os.rename(path, beside)
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def read_attributes(path: str | os.PathLike[str], option: str = "store") -> dict[str, Any]:
+    """What a store says of itself; errors call it as `option` says.
 
     Raises
     ------
@@ -235,23 +299,25 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
         found: dict[str, Any] = text["attributes"]["skyscatter"]
         found["recipe"], found["grows"]
     except (OSError, ValueError, KeyError, TypeError):
-        rule = "is no store of skyscatter's; give a folder that --store has made"
-        raise DomainError("store", str(path), rule) from None
+        rule = "is no store of skyscatter's; give a folder that --store or an interrupted run has made"
+        raise DomainError(option, str(path), rule) from None
     if found.get("format") != FORMAT:
-        raise DomainError("store", str(path), f"has format {found.get('format')}, and this version reads {FORMAT}")
+        raise DomainError(option, str(path), f"has format {found.get('format')}, and this version reads {FORMAT}")
     return found
 
 
-def _compare(path: Path, found: Mapping[str, Any], wanted: Mapping[str, Any], grows: tuple[str, ...]) -> None:
+def _compare(
+    path: Path, found: Mapping[str, Any], wanted: Mapping[str, Any], grows: tuple[str, ...], option: str
+) -> None:
     a, b = _without(found, grows), _without(wanted, grows)
     for name in sorted(set(a) | set(b)):
         if a.get(name) != b.get(name):
-            rule = f"was begun with other {name}; repeat the command as it was, or choose another folder"
-            raise DomainError("store", str(path), rule)
+            more = ", or choose another folder" if option == "store" else ""
+            raise DomainError(option, str(path), f"was begun with other {name}; repeat the command as it was{more}")
 
 
-def damaged(store: Store) -> Iterator[tuple[int, str]]:
-    """Numbers of the tasks that cannot be read, and why."""
+def damaged(store: Store) -> Iterator[tuple[int | str, str]]:
+    """Numbers of the tasks and names of the parts that cannot be read, and why."""
     array = store._open()
     for task in store.numbers():
         try:
@@ -261,3 +327,6 @@ def damaged(store: Store) -> Iterator[tuple[int, str]]:
             continue
         if not np.all(chunk[:, -2] == store.task_key(task)):
             yield task, "belongs to another run"
+    for name in store.parts():
+        if not store.kept(name):
+            yield name, "cannot be read"

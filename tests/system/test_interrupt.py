@@ -38,9 +38,9 @@ def test_an_interrupted_run_goes_on_to_the_same_picture(interrupt_half_way, caps
     assert interrupt_half_way
     assert interrupt_half_way[0] < 1
     err = capsys.readouterr().err
-    assert f"skyscatter {COMMAND} -o sky.fits -o sky.png --resume sky.fits.partial.npz" in err
+    assert f"skyscatter {COMMAND} -o sky.fits -o sky.png --resume sky.fits.partial.zarr" in err
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "sky.fits.partial.npz", "sky.partial.fits", "sky.partial.png",
+        "sky.fits.partial.zarr", "sky.partial.fits", "sky.partial.png",
     ]  # fmt: skip
     part = SpectralImage.load("sky.partial.fits").radiance
     finished = np.isfinite(part).all(axis=-1)
@@ -48,10 +48,10 @@ def test_an_interrupted_run_goes_on_to_the_same_picture(interrupt_half_way, caps
 
     capsys.readouterr()
     other = COMMAND.replace("--seed 3", "--seed 4").split()
-    assert main([*other, "-o", "other.fits", "--resume", "sky.fits.partial.npz"]) == 2
+    assert main([*other, "-o", "other.fits", "--resume", "sky.fits.partial.zarr"]) == 2
     assert capsys.readouterr().err.startswith("skyscatter: error: ")
 
-    assert main([*COMMAND.split(), "-o", "sky.fits", "-o", "sky.png", "--resume", "sky.fits.partial.npz"]) == 0
+    assert main([*COMMAND.split(), "-o", "sky.fits", "-o", "sky.png", "--resume", "sky.fits.partial.zarr"]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sky.fits", "sky.png"]
     assert main([*COMMAND.split(), "-o", "whole.fits"]) == 0
     resumed, whole = SpectralImage.load("sky.fits"), SpectralImage.load("whole.fits")
@@ -61,15 +61,35 @@ def test_an_interrupted_run_goes_on_to_the_same_picture(interrupt_half_way, caps
     np.testing.assert_array_equal(part[finished], whole.radiance[finished])
 
 
-def test_a_file_that_is_no_checkpoint_is_refused(capsys, monkeypatch, tmp_path):
+def test_an_interrupted_run_is_a_store(interrupt_half_way, capsys, monkeypatch, tmp_path):
+    """It is listed, verified and exported as stores are; what is damaged of it is made again."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "text.npz").write_text("this is not a checkpoint")
-    assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "text.npz"]) == 2
-    assert "text.npz" in capsys.readouterr().err
+    assert main([*COMMAND.split(), "-o", "sky.fits"]) == 130
+    capsys.readouterr()
+    assert main(["store", "list", "sky.fits.partial.zarr"]) == 0
+    assert "an interrupted run" in capsys.readouterr().out
+    assert main(["store", "export", "sky.fits.partial.zarr", "-o", "part.fits"]) == 0
+    part, seen = SpectralImage.load("part.fits").radiance, SpectralImage.load("sky.partial.fits").radiance
+    np.testing.assert_array_equal(part, seen)
+    assert main([*COMMAND.split(), "--store", "sky.fits.partial.zarr", "-o", "sky.fits"]) == 2
+    assert "go on with --resume" in capsys.readouterr().err
+    assert main(["store", "verify", "sky.fits.partial.zarr"]) == 0
+    chunk = next(path for path in (tmp_path / "sky.fits.partial.zarr" / "values" / "c").rglob("*") if path.is_file())
+    chunk.write_bytes(chunk.read_bytes()[:-9])
+    assert main(["store", "verify", "sky.fits.partial.zarr"]) == 2
+    assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "sky.fits.partial.zarr"]) == 0
+    assert main([*COMMAND.split(), "-o", "whole.fits"]) == 0
+    np.testing.assert_array_equal(SpectralImage.load("sky.fits").radiance, SpectralImage.load("whole.fits").radiance)
 
 
-def test_a_truncated_checkpoint_is_refused(capsys, monkeypatch, tmp_path):
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_no_checkpoint_is_refused(kind, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "half.npz").write_bytes(b"PK\x03\x04" + bytes(2000))
-    assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "half.npz"]) == 2
-    assert "half.npz: not a checkpoint" in capsys.readouterr().err
+    if kind == "file":
+        (tmp_path / "mine").write_text("this is not a checkpoint")
+    else:
+        (tmp_path / "mine").mkdir()
+    assert main([*COMMAND.split(), "-o", "sky.fits", "--resume", "mine"]) == 2
+    err = capsys.readouterr().err
+    assert "mine" in err
+    assert err.count("\n") == 1

@@ -739,8 +739,8 @@ def test_interrupting_the_solution_leaves_a_state_to_go_on_from(tmp_path: Path) 
     with pytest.raises(Interrupted) as caught:
         skyscatter.render(scene, camera, [550.0], progress=stop)
     assert not caught.value.state.done.any()
-    caught.value.state.save(tmp_path / "state.npz")
-    resumed = skyscatter.render(scene, camera, [550.0], resume=tmp_path / "state.npz")
+    caught.value.state.save(tmp_path / "state.zarr")
+    resumed = skyscatter.render(scene, camera, [550.0], resume=tmp_path / "state.zarr")
     whole = skyscatter.render(scene, camera, [550.0])
     np.testing.assert_array_equal(resumed.radiance, whole.radiance)
 

@@ -115,8 +115,8 @@ def test_render_interrupted_goes_on_from_its_checkpoint(tmp_path: Any) -> None:
         skyscatter.render(foggy_room(), CAMERA, WAVELENGTHS, progress=stop, **given)
     assert 2 <= caught.value.state.passes < 8
     assert np.isfinite(np.asarray(caught.value.partial.radiance)).all()
-    caught.value.state.save(tmp_path / "state.npz")
-    again = skyscatter.render(foggy_room(), CAMERA, WAVELENGTHS, resume=tmp_path / "state.npz", **given)
+    caught.value.state.save(tmp_path / "state.zarr")
+    again = skyscatter.render(foggy_room(), CAMERA, WAVELENGTHS, resume=tmp_path / "state.zarr", **given)
     np.testing.assert_array_equal(again.radiance, whole.radiance)
     np.testing.assert_array_equal(again.standard_error, whole.standard_error)
 

@@ -430,12 +430,12 @@ def test_pictures_carry_the_layers_through_interruption(tmp_path: Path) -> None:
 
     with pytest.raises(Interrupted) as caught:
         render(scene, camera, WAVELENGTHS, progress=stop, **options)
-    caught.value.state.save(tmp_path / "state.npz")
-    again = render(scene, camera, WAVELENGTHS, resume=tmp_path / "state.npz", **options)
+    caught.value.state.save(tmp_path / "state.zarr")
+    again = render(scene, camera, WAVELENGTHS, resume=tmp_path / "state.zarr", **options)
     for name in whole.layers:
         assert np.array_equal(whole.layers[name], again.layers[name], equal_nan=True)
     with pytest.raises(DomainError, match="begun with other options"):
-        render(scene, camera, WAVELENGTHS, "path", resume=tmp_path / "state.npz", samples=16, threads=1)
+        render(scene, camera, WAVELENGTHS, "path", resume=tmp_path / "state.zarr", samples=16, threads=1)
 
 
 def test_noise_stops_polarised_walks_too() -> None:

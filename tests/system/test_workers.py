@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import skyscatter
+from skyscatter.cli.main import main
 from skyscatter.solvers.render import picture_of
 
 pytestmark = pytest.mark.slow
@@ -152,12 +153,12 @@ def lines(log: Path) -> list[str]:
     return log.read_text().splitlines() if log.exists() else []
 
 
-@pytest.mark.parametrize("name", ["path", "orders"])
+@pytest.mark.parametrize("name", JOBS)
 def test_a_client_is_killed_and_another_goes_on(name: str, plain: dict[str, Any], tmp_path: Path) -> None:
     store, log = tmp_path / "run.zarr", tmp_path / "log"
     first = client(name, store, log)
     until = time.monotonic() + 120
-    while len(lines(log)) < 3 and first.poll() is None and time.monotonic() < until:
+    while len(lines(log)) < (1 if name == "photons" else 3) and first.poll() is None and time.monotonic() < until:
         time.sleep(0.002)
     first.send_signal(signal.SIGKILL)
     first.communicate()
@@ -241,3 +242,39 @@ def test_a_command_is_ended_and_repeated(tmp_path: Path) -> None:
     one, two = (skyscatter.SpectralImage.load(tmp_path / name) for name in ("b.nc", "c.nc"))
     np.testing.assert_array_equal(one.radiance, two.radiance)
     np.testing.assert_array_equal(one.standard_error, two.standard_error)
+
+
+def test_a_sequence_through_the_night_by_workers(tmp_path: Path) -> None:
+    """What the air makes of the night's lights is found once a worker; the frames are those of one thread."""
+    words = ["sky", "earth-simple", "--place", "48.1,11.6", "--times", "2026-06-21T20:00:2026-06-21T23:00:90min"]
+    words += ["--size", "48x24", "--wavelengths", "450,550,650", "--tolerance", "2%", "-q"]
+    ways = {"a": ["--threads", "1"], "b": ["--workers", "2"], "c": ["--store", str(tmp_path / "run.zarr")]}
+    for name, more in ways.items():
+        assert main([*words, *more, "-o", str(tmp_path / f"{name}.fits")]) == 0
+    for k in (1, 2, 3):
+        one, *others = (skyscatter.SpectralImage.load(tmp_path / f"{name}-000{k}.fits").radiance for name in ways)
+        assert one.max() > 0, "there is light at night"
+        for other in others:
+            np.testing.assert_array_equal(other, one)
+
+
+def test_a_sequence_is_killed_and_two_programs_go_on(tmp_path: Path) -> None:
+    """Frames that are there stay as they are, the others are made once, and all are those of a run without a break."""
+    words = [sys.executable, "-m", "skyscatter", "sky", "earth-simple", "--sun-elevations", "20:1:-1", "-q"]
+    words += ["--size", "192x96", "--wavelengths", "450,550,650", "--tolerance", "2%"]
+    store = ["--store", str(tmp_path / "run.zarr"), "--threads", "1"]
+    subprocess.run([*words, "-o", str(tmp_path / "plain.png")], check=True)
+    first = subprocess.Popen([*words, *store, "-o", str(tmp_path / "a.png")])
+    until = time.monotonic() + 120
+    while time.monotonic() < until and len(kept := sorted(tmp_path.rglob("frame-*.npz"))) < 3:
+        time.sleep(0.02)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    before = {path: path.stat().st_mtime_ns for path in kept}
+    both = [subprocess.Popen([*words, *store, "-o", str(tmp_path / f"{name}.png")]) for name in "bc"]
+    assert [one.wait(200) for one in both] == [0, 0]
+    assert 3 <= len(before) < 20
+    assert {path: path.stat().st_mtime_ns for path in before} == before, "what was there was not made again"
+    for k in range(1, 21):
+        wanted = (tmp_path / f"plain-{k:04d}.png").read_bytes()
+        assert all((tmp_path / f"{name}-{k:04d}.png").read_bytes() == wanted for name in "bc")

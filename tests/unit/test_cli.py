@@ -24,6 +24,8 @@ from skyscatter.geometry.sun import sun_position
 from skyscatter.image.colour import xyz_weights
 from skyscatter.optics.base import Coefficients
 from skyscatter.record import Record
+from skyscatter.solvers.base import Answer
+from skyscatter.solvers.state import Checkpoint, RenderState
 
 HEAVY = ("numba", "astropy", "colour", "matplotlib")
 
@@ -60,12 +62,12 @@ class PolarisedImage(Image):
         self.layers = {"Q": 0.6 * q, "U": -0.8 * q, "V": 0 * q}
 
 
-class State:
-    share = 0.0
-    shared: dict[str, object] = {}  # noqa: RUF012 - never changed
-
-    def save(self, path):
-        Path(path).write_text("state")
+def state(finished):
+    """That of a picture of two pixels."""
+    made = RenderState.empty({}, 2, 1)
+    one = np.ones((finished, 1))
+    made.put(slice(0, finished), Answer(one, 0 * one, samples=np.ones(finished, np.int64)))
+    return made
 
 
 class Interrupted(Exception):  # noqa: N818 - the name of what it stands for
@@ -76,7 +78,7 @@ class Interrupted(Exception):  # noqa: N818 - the name of what it stands for
 @pytest.fixture
 def fake(monkeypatch, tmp_path):
     """A model, a scene and a render function that record what they are asked for."""
-    calls = SimpleNamespace(scene=None, render=None, image=Image(), stop=False, share=0.5)
+    calls = SimpleNamespace(scene=None, render=None, image=Image(), stop=False, finished=1)
 
     class Place(Record):
         altitude: float
@@ -116,8 +118,7 @@ def fake(monkeypatch, tmp_path):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
         options["progress"](1.0)
         if calls.stop:
-            options["checkpoint"].begin(State())
-            options["checkpoint"].state.share = calls.share
+            options["checkpoint"].begin(state(calls.finished), options["resume"])
             raise Interrupted(calls.image, options["checkpoint"].state)
         return calls.image
 
@@ -128,6 +129,13 @@ def fake(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "skyscatter.solvers.run", run)
     monkeypatch.chdir(tmp_path)
     return calls
+
+
+def finished(checkpoint):
+    """Pixels in a checkpoint."""
+    made = RenderState.empty({}, 2, 1)
+    Checkpoint("other.zarr").begin(made, checkpoint)
+    return made.done.sum()
 
 
 def refused(capsys, arguments):
@@ -436,19 +444,19 @@ def test_json_is_one_object_on_stdout(fake, capsys, solver, errors):
 
 def test_interruption_keeps_what_is_finished(fake, capsys, tmp_path):
     fake.stop = True
-    assert main(["sky", "earth", "-o", "my sky.png", "--resume=old.npz"]) == 2  # there is no such checkpoint
+    assert main(["sky", "earth", "-o", "my sky.png", "--resume=old.zarr"]) == 2  # there is no such checkpoint
     capsys.readouterr()
-    (tmp_path / "old.npz").write_text("state")
-    assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.npz"]) == 130
-    assert fake.render["resume"] == Path("old.npz")
+    state(1).save("old.zarr")
+    assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.zarr"]) == 130
+    assert fake.render["resume"] == Path("old.zarr")
     assert not (tmp_path / "my sky.png").exists()
     assert (tmp_path / "my sky.partial.png").exists()
-    assert (tmp_path / "old.npz").read_text() == "state"
+    assert finished("old.zarr") == 1
     err = capsys.readouterr().err
-    assert "skyscatter sky earth -o 'my sky.png' --resume old.npz" in err
+    assert "skyscatter sky earth -o 'my sky.png' --resume old.zarr" in err
     assert "interrupted with 50.0 %" in err
     fake.stop = False
-    assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.npz"]) == 0
+    assert main(["sky", "earth", "-o", "my sky.png", "--resume", "old.zarr"]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"my sky.png"}
 
 
@@ -457,15 +465,15 @@ def test_a_finished_picture_is_not_replaced_by_an_unfinished_one(fake, capsys, t
     (tmp_path / "sky.png").write_text("finished")
     assert main(["sky", "-o", "sky.png"]) == 130
     assert (tmp_path / "sky.png").read_text() == "finished"
-    assert (tmp_path / "sky.png.partial.npz").read_text() == "state"
-    assert "--resume sky.png.partial.npz" in capsys.readouterr().err
+    assert finished("sky.png.partial.zarr") == 1
+    assert "--resume sky.png.partial.zarr" in capsys.readouterr().err
     # Another run at the same place says what it will replace.
     assert main(["sky", "-o", "sky.png"]) == 130
-    assert "sky.png.partial.npz of an interrupted run will be replaced" in capsys.readouterr().err
+    assert "sky.png.partial.zarr of an interrupted run will be replaced" in capsys.readouterr().err
 
 
 def test_nothing_is_written_where_nothing_was_finished(fake, capsys, tmp_path):
-    fake.stop, fake.share = True, 0.0
+    fake.stop, fake.finished = True, 0
     assert main(["sky", "-o", "sky.png", "--json"]) == 130
     assert list(tmp_path.iterdir()) == []
     assert capsys.readouterr() == ("", "skyscatter: interrupted\n")
@@ -505,8 +513,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_way_to_go_on(fake, capsys, 
         raise SkyscatterError("sky.png: cannot be written: the disk is full")
 
     def render(scene, camera, wavelengths, **options):
-        options["checkpoint"].begin(State())
-        options["checkpoint"].state.share = 1.0
+        options["checkpoint"].begin(state(2))
         return fake.image
 
     monkeypatch.setattr(skyscatter, "render", render)
@@ -514,14 +521,14 @@ def test_a_picture_that_cannot_be_written_leaves_the_way_to_go_on(fake, capsys, 
     assert main(["sky", "-o", "sky.png"]) == 2
     err = capsys.readouterr().err
     assert "the disk is full" in err
-    assert "--resume sky.png.partial.npz" in err
-    assert (tmp_path / "sky.png.partial.npz").exists()
+    assert "--resume sky.png.partial.zarr" in err
+    assert (tmp_path / "sky.png.partial.zarr").exists()
 
 
 def test_interruption_without_outputs_keeps_a_checkpoint(fake, capsys, tmp_path):
     fake.stop = True
     assert main(["sky", "--json"]) == 130
-    assert (tmp_path / "skyscatter.partial.npz").exists()
+    assert (tmp_path / "skyscatter.partial.zarr").exists()
     assert json.loads(capsys.readouterr().out)["complete"] is False
 
 

@@ -6,7 +6,6 @@ import json
 import math
 import sys
 import types
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,18 +20,17 @@ from skyscatter.cli.parse import parse_angle, parse_field, parse_time
 from skyscatter.errors import DomainError
 from skyscatter.image import FilterImage, SpectralImage
 from skyscatter.image.png import read_png
+from skyscatter.solvers.base import Answer
+from skyscatter.solvers.state import RenderState
 from skyscatter.units import PARSEC
 
 WL = "486.27,500.82,656.46,672.55"
 
 
-class State:
-    done = np.array([True, False])
-    share = 0.5
-    shared: dict[str, object] = {}  # noqa: RUF012 - never changed
-
-    def save(self, path):
-        Path(path).write_text("state")
+def half_a_state():
+    state = RenderState.empty({}, 2, 1)
+    state.put(slice(0, 1), Answer(np.ones((1, 1)), np.zeros((1, 1)), samples=np.ones(1, np.int64)))
+    return state
 
 
 class Interrupted(Exception):  # noqa: N818 - the name of what it stands for
@@ -67,8 +65,7 @@ def fake(monkeypatch, tmp_path):
         cube = 1e-9 * np.random.default_rng(2).random((camera.height, camera.width, len(wavelengths)))
         image = SpectralImage(cube, wavelengths, 0.02 * cube, recipe={"model": "orion"})
         if calls.stop:
-            options["checkpoint"].begin(State())
-            options["checkpoint"].state.share = 0.5
+            options["checkpoint"].begin(half_a_state())
             raise Interrupted(image, options["checkpoint"].state)
         return image
 
@@ -312,9 +309,9 @@ def test_stated_exposure(fake, capsys):
 def test_interruption_keeps_what_is_finished(fake, capsys, tmp_path):
     fake.stop = True
     assert main(["nebula", "orion", "-o", "a.fits", "--size", "4x3"]) == 130
-    assert (tmp_path / "a.fits.partial.npz").read_text() == "state"
+    assert (tmp_path / "a.fits.partial.zarr" / "values" / "c").is_dir()
     error = capsys.readouterr().err
-    assert "skyscatter nebula orion -o a.fits --size 4x3 --resume a.fits.partial.npz" in error
+    assert "skyscatter nebula orion -o a.fits --size 4x3 --resume a.fits.partial.zarr" in error
     assert "interrupted with 50.0 %" in error
     assert SpectralImage.load("a.partial.fits").sky is not None
     assert not (tmp_path / "a.fits").exists()

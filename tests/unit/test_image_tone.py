@@ -137,6 +137,8 @@ def test_automatic_exposure_ignores_sun_shadow_space_and_what_is_outside() -> No
     odd[60:70] = 1e-3  # the faint upper rim of an atmosphere
     assert tone.auto_ev100(odd) == pytest.approx(plain, abs=1e-12)  # rounding
     assert tone.auto_ev100(np.zeros((3, 3))) == 0.0
+    few = tone.auto_ev100([4000.0, 4200.0])  # of which none lies between the others
+    assert tone.auto_ev100([4000.0] * 9) < few < tone.auto_ev100([4200.0] * 9)
     assert tone.auto_ev100(np.full((3, 3), np.nan)) == 0.0
 
 

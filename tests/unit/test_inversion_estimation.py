@@ -144,19 +144,20 @@ def test_an_interrupted_walk_goes_on_with_the_same_numbers(tmp_path: Path) -> No
     options: dict[str, Any] = {"steps": 60, "seed": 4, "emulated": False}
     expected = sample_posterior(whole, estimate, FitState(None, {}), {}, **options)
     broken: Any = Stopping(y)
-    state = FitState(tmp_path / "walk.npz", {"who": "me"})
+    state = FitState(tmp_path / "walk.zarr", {"who": "me"})
     with pytest.raises(KeyboardInterrupt):
         sample_posterior(broken, estimate, state, {}, **options)
-    kept = FitState(tmp_path / "walk.npz", {"who": "me"}).load()
+    kept = FitState(tmp_path / "walk.zarr", {"who": "me"}).load()
     assert kept is not None
     assert 0 < len(kept["chain"]) < 60
     after = sample_posterior(broken, estimate, state, kept, **options)
     np.testing.assert_array_equal(after.samples, expected.samples)
     with pytest.raises(DomainError, match="other who"):
-        FitState(tmp_path / "walk.npz", {"who": "you"}).load()
-    (tmp_path / "walk.npz").write_bytes(b"nothing")
-    with pytest.raises(SkyscatterError, match="not the state of a fit"):
-        FitState(tmp_path / "walk.npz", {"who": "me"}).load()
+        FitState(tmp_path / "walk.zarr", {"who": "you"}).load()
+    (tmp_path / "mine.txt").write_bytes(b"nothing")
+    with pytest.raises(DomainError, match=r"resume = .* is no store"):
+        FitState(tmp_path / "mine.txt", {"who": "me"}).load()
+    assert (tmp_path / "mine.txt").read_bytes() == b"nothing"
 
 
 def test_without_emcee_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

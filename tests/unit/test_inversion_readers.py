@@ -178,7 +178,7 @@ def test_a_fit_on_the_command_line(csv: Path, tmp_path: Path, capsys: pytest.Cap
     for name in ("corner.png", "residual.png"):
         with Image.open(out[name]) as picture:
             assert min(picture.size) > 300
-    assert not list(tmp_path.glob("*.partial.npz"))
+    assert not list(tmp_path.glob("*.partial.zarr"))
     (tmp_path / "broken.json").write_text("{}")
     with pytest.raises(SkyscatterError, match="not the result of a fit"):
         FitResult.load(tmp_path / "broken.json")
@@ -197,7 +197,7 @@ def test_a_fit_on_the_command_line(csv: Path, tmp_path: Path, capsys: pytest.Cap
         (["--free", "haze.optical_depth", "--noise", "1%"], "bring their own sigma"),
         (["--free", "haze.optical_depth", "--pixels", "9"], "means nothing to"),
         (["--free", "haze.optical_depth", "-o", "fit.txt"], "the extension must be one of .json"),
-        (["--free", "haze.optical_depth", "--resume", "none.npz"], "there is no such checkpoint"),
+        (["--free", "haze.optical_depth", "--resume", "none.zarr"], "there is no such checkpoint"),
         (["--free", "haze.optical_depth", "-q"], "the result would be lost; name a file with -o"),
         (["--free", "haze.optical_depth", "--units", "W m-2 nm-1"], "is a unit of something else"),
         (["--free", "haze.optical_depth", "--units", "brightness"], "is no unit that is understood"),
@@ -354,8 +354,8 @@ def test_an_interrupted_fit_goes_on(
     assert main([*arguments, "-o", str(part)]) == 130
     said = capsys.readouterr().err
     assert "go on with" in said
-    state = tmp_path / "part.json.partial.npz"
-    assert state.is_file()
+    state = tmp_path / "part.json.partial.zarr"
+    assert state.is_dir()
     monkeypatch.undo()
     assert main([*arguments, "-o", str(part), "--resume", str(state), "-q"]) == 0
     assert not state.exists()

@@ -43,7 +43,7 @@ class Strikes:
 def test_orders_go_on(scene, tmp_path, monkeypatch, after):
     whole = skyscatter.solve(scene, WAVELENGTHS, **HOW)
     assert (whole.fine.sums.orders, whole.coarse.sums.orders) == (4, 4)  # so that each is struck before its last one
-    kept = tmp_path / "field.npz"
+    kept = tmp_path / "field.zarr"
     with monkeypatch.context() as patch:
         Strikes(patch, Sweeper, "_sweep", after)
         with pytest.raises(KeyboardInterrupt):
@@ -62,7 +62,7 @@ def test_orders_go_on(scene, tmp_path, monkeypatch, after):
 
 
 def test_a_picture_keeps_its_field_before_the_first_ray(scene, tmp_path, monkeypatch):
-    camera, kept = skyscatter.Panorama(width=8, height=4), tmp_path / "sky.npz"
+    camera, kept = skyscatter.Panorama(width=8, height=4), tmp_path / "sky.zarr"
     with monkeypatch.context() as patch:
         Strikes(patch, Sweeper, "_sweep", 3)
         with pytest.raises(Interrupted):
@@ -84,17 +84,17 @@ def test_fluxes_go_on(scene, monkeypatch, tmp_path, capsys):
     with monkeypatch.context() as patch:
         Strikes(patch, Work, "keep", 3)
         assert main([*command, "-o", "flux.csv"]) == 130
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["flux.csv.partial.npz", "whole.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flux.csv.partial.zarr", "whole.csv"]
     assert "go on with:\n  skyscatter flux earth-simple" in capsys.readouterr().err
     made = Strikes(monkeypatch, Sweeper, "_sweep", -1)
-    assert main([*command, "-o", "flux.csv", "--resume", "flux.csv.partial.npz"]) == 0
+    assert main([*command, "-o", "flux.csv", "--resume", "flux.csv.partial.zarr"]) == 0
     assert made.left == -1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["flux.csv", "whole.csv"]
     assert (tmp_path / "flux.csv").read_text() == (tmp_path / "whole.csv").read_text()
 
 
 def test_fluxes_of_other_places_are_made_anew(tmp_path):
-    checkpoint = Checkpoint(tmp_path / "a.npz", 3600)
+    checkpoint = Checkpoint(tmp_path / "a.zarr", 3600)
     field = skyscatter.solve(skyscatter.load_model("earth-simple").scene(), [550.0], **HOW, checkpoint=checkpoint)
     first = field.fluxes(0.0, sun_elevation_deg=35.0, checkpoint=checkpoint)
     told: list[float] = []

@@ -12,7 +12,7 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Answer, Options, Rays
 from skyscatter.solvers.passes import solve_passes, worst_noise
 from skyscatter.solvers.run import radiance
-from skyscatter.solvers.state import RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.tasks import Engine
 
 RAYS = Rays(np.zeros((3, 3)), np.tile([0.0, 0.0, 1.0], (3, 1)), np.arange(3))
@@ -63,8 +63,9 @@ def test_interrupted_work_goes_on_from_a_file(workers: int, tmp_path: Any) -> No
     assert 2 <= state.passes <= 12
     assert state.share == state.passes / 20
     assert state.done.all(), "what was finished is worth a picture"
-    state.save(tmp_path / "state.npz")
-    again = RenderState.load(tmp_path / "state.npz", {})
+    state.save(tmp_path / "state.zarr")
+    again = RenderState.empty({}, 3, 4)
+    Checkpoint(tmp_path / "state.zarr").begin(again, tmp_path / "state.zarr")
     solved(Options(samples=20), workers, again)
     np.testing.assert_array_equal(again.radiance, whole.radiance)
     np.testing.assert_array_equal(again.standard_error, whole.standard_error)

@@ -11,7 +11,8 @@ import skyscatter
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.media.fields import Exponential
 from skyscatter.optics.rayleigh import RayleighPowerLaw
-from skyscatter.solvers.state import RenderState
+from skyscatter.solvers.state import Checkpoint, RenderState
+from skyscatter.tasks.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -108,13 +109,33 @@ def test_the_solar_disk_keeps_its_light_in_a_picture_of_coarse_pixels(scene):
 
 def test_a_state_of_another_render_is_refused(tmp_path):
     state = RenderState.empty({"solver": "path", "seed": 1}, 4, 2)
-    state.save(tmp_path / "a.npz")
-    again = RenderState.load(tmp_path / "a.npz", {"solver": "path", "seed": 1})
+    state.save(tmp_path / "a.zarr")
+    again, other = (RenderState.empty({"solver": "path", "seed": seed}, 4, 2) for seed in (1, 2))
+    Checkpoint(tmp_path / "a.zarr").begin(again, tmp_path / "a.zarr")
     assert not again.done.any()
-    with pytest.raises(DomainError, match="other seed"):
-        RenderState.load(tmp_path / "a.npz", {"solver": "path", "seed": 2})
+    with pytest.raises(DomainError, match=r"resume = .* other seed"):
+        Checkpoint(tmp_path / "a.zarr").begin(other, tmp_path / "a.zarr")
     with pytest.raises(SkyscatterError, match="no such checkpoint"):
-        RenderState.load(tmp_path / "b.npz", {})
+        Checkpoint(tmp_path / "b.zarr").begin(again, tmp_path / "b.zarr")
+
+
+@pytest.mark.parametrize("kind", ["file", "folder", "store"])
+def test_what_is_no_checkpoint_is_neither_read_nor_replaced(kind, tmp_path):
+    there = tmp_path / "mine"
+    if kind == "file":
+        there.write_text("years of work")
+    elif kind == "folder":
+        there.mkdir()
+        (there / "thesis.txt").write_text("years of work")
+    else:
+        Store(there, {}).keep("solution", {"a": np.ones(2)})
+    before = [path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()]
+    state = RenderState.empty({}, 4, 2)
+    with pytest.raises(DomainError, match="is no checkpoint; move it away"):
+        Checkpoint(there).begin(state)
+    with pytest.raises(DomainError, match="not a checkpoint of an interrupted run"):
+        Checkpoint(tmp_path / "new").begin(state, there)
+    assert [path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()] == before
 
 
 def test_optical_depth_adds_up_and_stops_at_the_planet(scene):

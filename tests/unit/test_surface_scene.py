@@ -293,9 +293,10 @@ def test_pictures_with_subpixels(monkeypatch: pytest.MonkeyPatch, tmp_path: Any)
     assert image.recipe["options"]["samples"] == 18  # two for each part; 32 were it one ray, see `walks_for`
     plain = skyscatter.render(looked, camera, WL[:2], solver="path", samples=18)
     assert "subpixels" not in plain.recipe
-    RenderState.empty(image.recipe, 6, 2).save(tmp_path / "begun.npz")
+    begun = tmp_path / "begun.zarr"
+    RenderState.empty(image.recipe, 6, 2).save(begun)
     with pytest.raises(DomainError, match="was begun with other"):
-        skyscatter.render(looked, camera, WL[:2], solver="path", samples=18, subpixels=2, resume=tmp_path / "begun.npz")
+        skyscatter.render(looked, camera, WL[:2], solver="path", samples=18, subpixels=2, resume=begun)
 
 
 def test_subpixels_are_for_surfaces() -> None:
