@@ -1,0 +1,338 @@
+"""The sky of an observer in an eclipse of the Sun, at nodes: light scattered once, and walks for the rest.
+
+What the Moon's shadow leaves of the light is no longer symmetric about the Sun's azimuth, nor the same all over a
+height; but it is smooth over an observer's sky.  Light scattered once is joined from nodes as sunlight on each sort of
+particles, whose phase functions are then exact.  Of light scattered more often walks are made at nodes, many at each,
+and a smooth function of the direction is fitted to them: polynomials over the elevation, a few Fourier terms over the
+azimuth.  Its error is that of the walks, carried through the fit, and what the fit misses beyond their noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from skyscatter.solvers import path
+from skyscatter.solvers.base import Array, Options, Rays, Tables
+from skyscatter.solvers.response import CROWDED, TURNS, Glow, ViewNodes
+from skyscatter.solvers.single import single_parts
+from skyscatter.solvers.skytable import angle_cells
+from skyscatter.workers import Workers
+
+#: Azimuths at which light scattered once is found.
+ONCE_TURNS = 60
+#: Rings of nodes for walks above the horizon and below it, and nodes in each.
+RINGS_ABOVE, RINGS_BELOW, NODES = 14, 6, 20
+#: Degree of the polynomials over the elevation above and below the horizon, one less for each Fourier order; orders.
+DEGREE_ABOVE, DEGREE_BELOW, ORDERS = 7, 3, 5
+#: Rays of a picture that are compared with light scattered once without nodes, and what may be missed by it.
+COMPARED, MISSED = 64, 0.01
+#: Rays that a thread does at once, and nodes.
+TOGETHER, NODES_TOGETHER = 64, 2
+
+
+class Look(NamedTuple):
+    """Light along rays, (ray, wavelength) each [W m-2 sr-1 nm-1]."""
+
+    scattered: Array
+    ground: Array
+    multiple: Array
+    error: Array
+
+
+@dataclass(frozen=True)
+class Once:
+    """Light scattered or reflected once, at nodes.
+
+    Attributes
+    ----------
+    lit : tuple of Glow
+        For each component that scatters, without its phase function.
+    ground : Glow
+    phase : ndarray, shape (component, angle, wavelength)
+    sun : ndarray, shape (3,)
+    missed : ndarray, shape (wavelength,)
+        Relative root mean square of what is missed between nodes.
+    """
+
+    lit: tuple[Glow, ...]
+    ground: Glow
+    phase: Array
+    sun: Array
+    missed: Array
+
+    def at(self, directions: Array) -> tuple[Array, Array]:
+        """Scattered, and reflected by the ground; (ray, wavelength) each."""
+        cell, share = angle_cells(directions @ self.sun, self.phase.shape[1] - 1)
+        scattered = np.zeros((len(directions), self.phase.shape[2]))
+        for lit, phase in zip(self.lit, self.phase, strict=True):
+            chance = share[:, :1] * phase[cell[:, 0]] + share[:, 1:] * phase[cell[:, 1]]
+            scattered += np.maximum(lit.at(directions), 0.0) * chance
+        return scattered, np.maximum(self.ground.at(directions), 0.0)
+
+
+@dataclass(frozen=True)
+class EclipsedSky:
+    """The sky of one observer.
+
+    Attributes
+    ----------
+    once : Once or None
+        None where it has to be found ray by ray.
+    multiple, error : Glow
+        Light of higher orders and its error.
+    """
+
+    once: Once | None
+    multiple: Glow
+    error: Glow
+
+    def look(self, directions: Array, first: tuple[Array, Array] | None = None) -> Look:
+        """Light along rays (ray, 3); `first` is light scattered and reflected once, where that is known."""
+        if first is None:
+            assert self.once is not None
+            scattered, ground = self.once.at(directions)
+            missed = self.once.missed * (scattered + ground)
+        else:
+            (scattered, ground), missed = first, np.zeros(1)
+        multiple = np.maximum(self.multiple.at(directions), 0.0)
+        return Look(scattered, ground, multiple, np.hypot(self.error.at(directions), missed))
+
+
+def sky_of(
+    tables: Tables,
+    position: Array,
+    directions: Array,
+    options: Options,
+    threads: int,
+    tick: Callable[[float], None],
+) -> EclipsedSky:
+    """Solve the sky of an observer at nodes.
+
+    Parameters
+    ----------
+    tables : Tables
+        Without emission and background.
+    position : ndarray, shape (3,)
+        Of the observer, on the z axis [m].
+    directions : ndarray, shape (ray, 3)
+        That are asked for: some of them are compared, and whether any looks below the horizon counts.
+    options : Options
+        Of the walks.
+    threads : int
+    tick : callable
+        Called with the finished share.
+    """
+    horizon = -float(np.arccos(min(tables.scene.columns.radius / float(position[2]), 1.0)))
+    nodes = ViewNodes(horizon)
+    with Workers(threads) as pool:
+        once = _once(tables, nodes, position, directions, pool)
+        low = float(directions[:, 2].min(initial=1.0)) < np.sin(horizon)
+        sides = [Side(horizon, 1), *([Side(horizon, -1)] if low else [])]
+        rays = np.concatenate([side.rays for side in sides])
+        mean, error = _walked(tables, position, rays, options, pool, tick)
+    shape = (len(nodes.fine), TURNS, mean.shape[1])
+    values, errors = np.zeros(shape), np.zeros(shape)
+    fine = _fine_rays(nodes)
+    start = 0
+    for side in sides:
+        some = slice(start, start + len(side.rays))
+        start = some.stop
+        rows = side.of(nodes.fine)
+        fitted, relative = fit(side, mean[some], error[some], fine[rows].reshape(-1, 3))
+        values[rows] = np.maximum(fitted, 0.0).reshape(-1, *shape[1:])
+        errors[rows] = values[rows] * relative.reshape(-1, *shape[1:])
+    return EclipsedSky(once, Glow(nodes, values), Glow(nodes, errors))
+
+
+@dataclass(frozen=True)
+class Side:
+    """Nodes for walks on one side of the horizon.
+
+    Attributes
+    ----------
+    horizon : float
+        [rad]
+    sign : int
+        1 above, -1 below.
+    """
+
+    horizon: float
+    sign: int
+
+    @property
+    def rings(self) -> Array:
+        """Places of the rings between the horizon, 0, and the zenith or nadir, 1; closer at both ends."""
+        count = RINGS_ABOVE if self.sign > 0 else RINGS_BELOW
+        return np.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count))
+
+    @property
+    def rays(self) -> Array:
+        """Directions of the nodes, ring after ring; (node, 3)."""
+        rings = self.rings
+        elevation = self.horizon + self.sign * rings**CROWDED * self._width
+        turn = 2 * np.pi * (np.arange(NODES) + 0.5 * (np.arange(rings.size) % 2)[:, None]) / NODES
+        level = np.cos(elevation)[:, None]
+        up = np.broadcast_to(np.sin(elevation)[:, None], turn.shape)
+        return np.stack([level * np.sin(turn), level * np.cos(turn), up], axis=-1).reshape(-1, 3)
+
+    @property
+    def _width(self) -> float:
+        return 0.5 * np.pi - self.sign * self.horizon
+
+    def of(self, elevation: Array) -> Array:
+        """Which elevations [rad] are on this side."""
+        return np.flatnonzero(self.sign * (elevation - self.horizon) > 0)
+
+    def place(self, directions: Array) -> Array:
+        """Where directions lie, as `rings` counts."""
+        elevation = np.arctan2(directions[:, 2], np.hypot(directions[:, 0], directions[:, 1]))
+        share = np.clip(self.sign * (elevation - self.horizon) / self._width, 0.0, 1.0)
+        return np.asarray(share ** (1.0 / CROWDED))
+
+    def basis(self, directions: Array) -> Array:
+        """The functions that are fitted, at directions; (ray, function).
+
+        Where all azimuths meet, those of Fourier order m fade as the cosine of the elevation or its square.
+        """
+        degree = DEGREE_ABOVE if self.sign > 0 else DEGREE_BELOW
+        over = np.polynomial.chebyshev.chebvander(2.0 * self.place(directions) - 1.0, degree)
+        level = np.hypot(directions[:, 0], directions[:, 1])
+        turn = np.arctan2(directions[:, 0], directions[:, 1])
+        columns = [over]
+        for m in range(1, min(ORDERS, degree) + 1):
+            part = over[:, : degree + 1 - m] * (level ** min(m, 2))[:, None]
+            columns += [part * np.cos(m * turn)[:, None], part * np.sin(m * turn)[:, None]]
+        return np.concatenate(columns, axis=1)
+
+
+def fit(side: Side, mean: Array, error: Array, directions: Array) -> tuple[Array, Array]:
+    """Fit the functions of a side to what walks found at its nodes.
+
+    Parameters
+    ----------
+    side : Side
+    mean, error : ndarray, shape (node, wavelength)
+    directions : ndarray, shape (ray, 3)
+
+    Returns
+    -------
+    (ray, wavelength), (ray, wavelength)
+        Fitted values, and their relative error.
+
+    Notes
+    -----
+    Nodes count by the mean of their ring, not by their own errors, which are small where walks happened to find little:
+    such weights would make the fit too dark.
+    """
+    rings = side.rings
+    known, asked, place = side.basis(side.rays), side.basis(directions), side.place(directions)
+    level = mean.reshape(rings.size, NODES, -1).mean(axis=1)
+    values = np.zeros((len(directions), mean.shape[1]))
+    relative = np.zeros_like(values)
+    for i in np.flatnonzero((level > 0).all(axis=0)):
+        weight = 1.0 / np.repeat(level[:, i], NODES)
+        solved = np.linalg.pinv(known * weight[:, None])
+        values[:, i] = asked @ (solved @ (mean[:, i] * weight))
+        onto = known @ solved * weight[:, None]  # from values over levels to fitted ones over levels
+        noise = error[:, i] * weight
+        # What the residuals hold beyond the noise that is left in them.
+        residual = mean[:, i] * weight - onto @ (mean[:, i] * weight)
+        expected = ((np.eye(len(onto)) - onto) ** 2 @ noise**2).mean()
+        misfit = max(float((residual**2).mean() - expected), 0.0)
+        own = (onto**2 @ noise**2).reshape(rings.size, NODES).mean(axis=1)
+        relative[:, i] = np.interp(place, rings, np.sqrt(own + misfit))
+    return values, relative
+
+
+def _walked(
+    tables: Tables,
+    position: Array,
+    directions: Array,
+    options: Options,
+    pool: Workers,
+    tick: Callable[[float], None],
+) -> tuple[Array, Array]:
+    """Light of higher orders at nodes and its standard error; (node, wavelength) each."""
+    options = Options(noise=options.noise, seed=options.seed, max_order=options.max_order, parts=True)
+    rays = _rays(position, directions)
+    parts = [slice(k, min(k + NODES_TOGETHER, len(directions))) for k in range(0, len(directions), NODES_TOGETHER)]
+    # Nodes of a ring apart: those near the horizon take longer.
+    found = [pool.submit(path.solve, tables, rays.part(part), options) for part in parts]
+    answers = []
+    for k, done in enumerate(found):
+        answers.append(done.result())
+        tick((k + 1) / len(found))
+    return (
+        np.concatenate([answer.layers["multiple"] for answer in answers]),
+        np.concatenate([answer.error for answer in answers]),
+    )
+
+
+def _once(tables: Tables, nodes: ViewNodes, position: Array, directions: Array, pool: Workers) -> Once | None:
+    """Light scattered once at nodes; None where it misses too much between them, or there is a map on the ground."""
+    if tables.ground.cells.size > 0:
+        return None
+    optics = tables.scene.optics
+    kept = [c for c in range(len(optics.sigma_s)) if optics.sigma_s[c].any()]
+    rays = _node_rays(nodes)
+    shape = (rays.shape[0], rays.shape[1], -1)
+    lit, ground = [], np.zeros(0)
+    for c in kept:
+        even = np.zeros_like(optics.phase)
+        even[c] = 1.0
+        some = tables._replace(scene=tables.scene._replace(optics=optics._replace(phase=even)))
+        light, ground = single_along(some, position, rays.reshape(-1, 3), pool)
+        lit.append(_refined(nodes, light.reshape(shape)))
+    once = Once(
+        tuple(lit), _refined(nodes, ground.reshape(shape)), optics.phase[kept], optics.disk_axis,
+        np.zeros(optics.sigma_s.shape[1]),
+    )  # fmt: skip
+    tested = directions[np.linspace(0, len(directions) - 1, min(COMPARED, len(directions))).astype(int)]
+    exact = sum(single_along(tables, position, tested, pool))
+    joined = sum(once.at(tested))
+    scale = np.maximum(exact, 1e-3 * np.max(exact, axis=0))
+    missed = np.sqrt(np.mean(((joined - exact) / np.maximum(scale, 1e-300)) ** 2, axis=0))
+    if np.max(missed) > MISSED:
+        return None
+    return Once(once.lit, once.ground, once.phase, once.sun, missed)
+
+
+def single_along(tables: Tables, position: Array, directions: Array, pool: Workers) -> tuple[Array, Array]:
+    """Light scattered and reflected once along rays from one place, (ray, wavelength) each."""
+    rays = _rays(position, directions)
+    parts = [slice(k, min(k + TOGETHER, len(directions))) for k in range(0, len(directions), TOGETHER)]
+    found = [
+        pool.submit(single_parts, tables.scene, tables.ground, rays.part(part), path.DEFAULT_TOLERANCE)
+        for part in parts
+    ]
+    answers = [done.result() for done in found]
+    return np.concatenate([answer[0] for answer in answers]), np.concatenate([answer[1] for answer in answers])
+
+
+def _rays(position: Array, directions: Array) -> Rays:
+    origins = np.broadcast_to(position, directions.shape)
+    return Rays(origins, directions, np.arange(len(directions), dtype=np.int64))
+
+
+def _node_rays(nodes: ViewNodes) -> Array:
+    return _grid_rays(nodes.coarse, ONCE_TURNS)
+
+
+def _fine_rays(nodes: ViewNodes) -> Array:
+    return _grid_rays(nodes.fine, TURNS)
+
+
+def _grid_rays(elevation: Array, turns: int) -> Array:
+    """Directions (elevation, turn, 3), turns from north through east."""
+    e, a = np.meshgrid(elevation, 2 * np.pi * np.arange(turns) / turns, indexing="ij")
+    return np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
+
+
+def _refined(nodes: ViewNodes, values: Array) -> Glow:
+    """Values at the nodes (elevation, turn, wavelength) on the finer grid: Fourier over the azimuth, then splines."""
+    turned = np.fft.irfft(np.fft.rfft(values, axis=1), n=TURNS, axis=1) * (TURNS / ONCE_TURNS)
+    return Glow(nodes, nodes.refined(turned))
