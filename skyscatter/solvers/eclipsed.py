@@ -22,8 +22,8 @@ from skyscatter.solvers.eclipsesky import NODES, RINGS_ABOVE, EclipsedSky, sky_o
 from skyscatter.solvers.single import single_parts
 
 #: Relative accuracy that is aimed at if nothing is said, and the noise of a node and of a ray by itself in units of it.
-#: A fit over the sky makes less than half of that of the nodes.
-DEFAULT_TOLERANCE, NODE_NOISE = 0.01, 3.0
+#: A fit over the sky leaves a third of the noise of its nodes.
+DEFAULT_TOLERANCE, NODE_NOISE = 0.02, 2.5
 #: Rays from which on nodes are worth it.
 FEWEST = 2 * NODES * RINGS_ABOVE
 #: Height above which observers look down on the shadow, which is not smooth then [m].

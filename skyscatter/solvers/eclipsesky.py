@@ -3,7 +3,7 @@
 What the Moon's shadow leaves of the light is no longer symmetric about the Sun's azimuth, nor the same all over a
 height; but it is smooth over an observer's sky.  Light scattered once is joined from nodes as sunlight on each sort of
 particles, whose phase functions are then exact.  Of light scattered more often walks are made at nodes, many at each,
-and a smooth function of the direction is fitted to them: polynomials over the elevation, a few Fourier terms over the
+and a smooth function of the direction is fitted to them: cubics over the elevation, a few Fourier terms over the
 azimuth.  Its error is that of the walks, carried through the fit, and what the fit misses beyond their noise.
 """
 
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from skyscatter.solvers import path
 from skyscatter.solvers.base import Array, Options, Rays, Tables
@@ -26,12 +27,16 @@ from skyscatter.workers import Workers
 ONCE_TURNS = 60
 #: Rings of nodes for walks above the horizon and below it, and nodes in each.
 RINGS_ABOVE, RINGS_BELOW, NODES = 14, 6, 20
-#: Degree of the polynomials over the elevation above and below the horizon, one less for each Fourier order; orders.
-DEGREE_ABOVE, DEGREE_BELOW, ORDERS = 7, 3, 5
+#: Fourier orders over the azimuth, and the degrees of their polynomials over the elevation.
+DEGREES = ((1, 5), (2, 4), (3, 3), (4, 2), (5, 1))
+#: Nodes that are twice as close miss less of what cubics leave by this factor, were they smooth 16.
+TWICE = 8.0
 #: Rays of a picture that are compared with light scattered once without nodes, and what may be missed by it.
 COMPARED, MISSED = 64, 0.01
-#: Rays that a thread does at once, and nodes.
-TOGETHER, NODES_TOGETHER = 64, 2
+#: Rays that a thread does at once.
+TOGETHER = 64
+#: Walks of a node, at first and at most.
+FIRST_WALKS, MOST_WALKS = 512, 1 << 17
 
 
 class Look(NamedTuple):
@@ -194,23 +199,22 @@ class Side:
         return np.asarray(share ** (1.0 / CROWDED))
 
     def basis(self, directions: Array) -> Array:
-        """The functions that are fitted, at directions; (ray, function).
+        """The functions over the azimuth that are fitted, at directions; (ray, function).
 
         Where all azimuths meet, those of Fourier order m fade as the cosine of the elevation or its square.
         """
-        degree = DEGREE_ABOVE if self.sign > 0 else DEGREE_BELOW
-        over = np.polynomial.chebyshev.chebvander(2.0 * self.place(directions) - 1.0, degree)
+        place = 2.0 * self.place(directions) - 1.0
         level = np.hypot(directions[:, 0], directions[:, 1])
         turn = np.arctan2(directions[:, 0], directions[:, 1])
-        columns = [over]
-        for m in range(1, min(ORDERS, degree) + 1):
-            part = over[:, : degree + 1 - m] * (level ** min(m, 2))[:, None]
+        columns = []
+        for m, degree in DEGREES:
+            part = np.polynomial.chebyshev.chebvander(place, degree) * (level ** min(m, 2))[:, None]
             columns += [part * np.cos(m * turn)[:, None], part * np.sin(m * turn)[:, None]]
         return np.concatenate(columns, axis=1)
 
 
 def fit(side: Side, mean: Array, error: Array, directions: Array) -> tuple[Array, Array]:
-    """Fit the functions of a side to what walks found at its nodes.
+    """A smooth function of the direction for what walks found at the nodes of a side.
 
     Parameters
     ----------
@@ -225,27 +229,36 @@ def fit(side: Side, mean: Array, error: Array, directions: Array) -> tuple[Array
 
     Notes
     -----
-    Nodes count by the mean of their ring, not by their own errors, which are small where walks happened to find little:
-    such weights would make the fit too dark.
+    Over the elevation go cubics through the logarithms of the means of rings; what remains, relative to these means, is
+    fitted by the functions of `Side.basis`.  Nodes count by the mean of their ring, not by their own errors, which are
+    small where walks happened to find little: such weights would make the fit too dark.
     """
-    rings = side.rings
+    rings, wavelengths = side.rings, mean.shape[1]
     known, asked, place = side.basis(side.rays), side.basis(directions), side.place(directions)
-    level = mean.reshape(rings.size, NODES, -1).mean(axis=1)
-    values = np.zeros((len(directions), mean.shape[1]))
-    relative = np.zeros_like(values)
-    for i in np.flatnonzero((level > 0).all(axis=0)):
-        weight = 1.0 / np.repeat(level[:, i], NODES)
-        solved = np.linalg.pinv(known * weight[:, None])
-        values[:, i] = asked @ (solved @ (mean[:, i] * weight))
-        onto = known @ solved * weight[:, None]  # from values over levels to fitted ones over levels
-        noise = error[:, i] * weight
-        # What the residuals hold beyond the noise that is left in them.
-        residual = mean[:, i] * weight - onto @ (mean[:, i] * weight)
-        expected = ((np.eye(len(onto)) - onto) ** 2 @ noise**2).mean()
-        misfit = max(float((residual**2).mean() - expected), 0.0)
-        own = (onto**2 @ noise**2).reshape(rings.size, NODES).mean(axis=1)
-        relative[:, i] = np.interp(place, rings, np.sqrt(own + misfit))
+    level = np.maximum(mean.reshape(rings.size, NODES, wavelengths).mean(axis=1), 1e-300)
+    share = mean / np.repeat(level, NODES, axis=0)
+    noise = error / np.repeat(level, NODES, axis=0)
+    solved = np.linalg.pinv(known)
+    ring = np.kron(np.eye(rings.size), np.full((NODES, NODES), 1.0 / NODES))
+    onto = ring + known @ solved @ (np.eye(len(ring)) - ring)  # from what was found to what is fitted
+    # What the residuals hold beyond the noise that is left in them.
+    rest = np.eye(len(onto)) - onto
+    misfit = np.maximum(((rest @ share) ** 2 - rest**2 @ noise**2).mean(axis=0), 0.0)
+    own = (onto**2 @ noise**2).reshape(rings.size, NODES, wavelengths).mean(axis=1)
+    own = own + misfit + between(rings, np.log(level), noise) ** 2
+    values = np.exp(CubicSpline(rings, np.log(level))(np.clip(place, rings[0], rings[-1])))
+    values = values * (1.0 + asked @ (solved @ (share - 1.0)))
+    relative = np.stack([np.interp(place, rings, np.sqrt(own[:, i])) for i in range(wavelengths)], axis=1)
     return values, relative
+
+
+def between(rings: Array, logarithm: Array, noise: Array) -> Array:
+    """What cubics miss between rings (wavelength,): a share of what they miss with every other ring, beyond noise."""
+    odd = np.arange(1, rings.size - 1, 2)
+    kept = np.setdiff1d(np.arange(rings.size), odd)
+    off = CubicSpline(rings[kept], logarithm[kept])(rings[odd]) - logarithm[odd]
+    expected = 2.0 * (noise**2).mean(axis=0) / NODES
+    return np.asarray(np.sqrt(np.maximum((off**2).mean(axis=0) - expected, 0.0)) / TWICE)
 
 
 def _walked(
@@ -256,20 +269,33 @@ def _walked(
     pool: Workers,
     tick: Callable[[float], None],
 ) -> tuple[Array, Array]:
-    """Light of higher orders at nodes and its standard error; (node, wavelength) each."""
-    options = Options(noise=options.noise, seed=options.seed, max_order=options.max_order, parts=True)
+    """Light of higher orders at nodes and its standard error; (node, wavelength) each.
+
+    Each ring has as many walks as it needs for the noise that is asked for, twice as many from time to time; so the
+    noise of all its nodes decides, and what one node happened to find says little.
+    """
+    noise = options.noise or 1.0
     rays = _rays(position, directions)
-    parts = [slice(k, min(k + NODES_TOGETHER, len(directions))) for k in range(0, len(directions), NODES_TOGETHER)]
-    # Nodes of a ring apart: those near the horizon take longer.
-    found = [pool.submit(path.solve, tables, rays.part(part), options) for part in parts]
+    rings = [rays.part(slice(k, k + NODES)) for k in range(0, len(directions), NODES)]
+
+    def ring(some: Rays) -> tuple[Array, Array]:
+        samples, kept = FIRST_WALKS, None
+        while True:
+            now = Options(samples=samples, seed=options.seed, max_order=options.max_order, parts=True)
+            kept = kept or path.no_walks(tables, NODES, now)
+            answer = path.solve(tables, some, now, kept)
+            lit = answer.radiance - answer.layers["direct"]
+            reached = np.mean(answer.error / np.maximum(lit, 1e-300)) if lit.any() else 0.0
+            if reached <= noise or samples >= MOST_WALKS:
+                return answer.layers["multiple"], answer.error
+            samples *= 2
+
     answers = []
-    for k, done in enumerate(found):
+    for k, done in enumerate([pool.submit(ring, some) for some in rings]):
         answers.append(done.result())
-        tick((k + 1) / len(found))
-    return (
-        np.concatenate([answer.layers["multiple"] for answer in answers]),
-        np.concatenate([answer.error for answer in answers]),
-    )
+        tick((k + 1) / len(rings))
+    mean, error = (np.concatenate(values) for values in zip(*answers, strict=True))
+    return mean, error
 
 
 def _once(tables: Tables, nodes: ViewNodes, position: Array, directions: Array, pool: Workers) -> Once | None:
