@@ -25,6 +25,7 @@ class EclipseTable(NamedTuple):
     moon: np.ndarray  #: (3,) from the planet's centre [m]
     sun_radius: float  #: [m]
     moon_radius: float  #: [m]
+    scale: float  #: radius of the disk that is drawn, in the Sun's
 
 
 @kernel
@@ -60,13 +61,17 @@ def dim(eclipse, x, y, z, light):
 
 
 @kernel
-def behind_moon(eclipse, x, y, z, dx, dy, dz):
-    """Whether the Moon's disk lies in a direction, as seen from a point [m]."""
+def behind_moon(eclipse, axis, x, y, z, dx, dy, dz):
+    """Whether the Moon's disk lies in a direction, as seen from a point [m].
+
+    The scene's Sun, about `axis`, may be drawn in another size than that which covers and is covered; the Moon follows.
+    """
     mx, my, mz = eclipse.moon[0] - x, eclipse.moon[1] - y, eclipse.moon[2] - z
-    if mx * dx + my * dy + mz * dz <= 0.0:
-        return False
-    cx, cy, cz = my * dz - mz * dy, mz * dx - mx * dz, mx * dy - my * dx
-    return cx * cx + cy * cy + cz * cz < eclipse.moon_radius * eclipse.moon_radius
+    near = math.sqrt(mx * mx + my * my + mz * mz)
+    ex = dx - axis[0] - eclipse.scale * (mx / near - axis[0])
+    ey = dy - axis[1] - eclipse.scale * (my / near - axis[1])
+    ez = dz - axis[2] - eclipse.scale * (mz / near - axis[2])
+    return math.sqrt(ex * ex + ey * ey + ez * ez) < eclipse.scale * eclipse.moon_radius / near
 
 
 @entry
@@ -77,4 +82,4 @@ def dim_points(eclipse, points, light):
 
 
 #: The table where no Moon is in the way.
-NO_ECLIPSE = EclipseTable(np.zeros((0, 0, 0)), np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0)
+NO_ECLIPSE = EclipseTable(np.zeros((0, 0, 0)), np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 1.0)

@@ -282,7 +282,7 @@ def single_rays(scene, origins, directions, tolerance, scratch, scattered, groun
             continue
         covered = False
         if scene.eclipse.share.size > 0:
-            covered = behind_moon(scene.eclipse, o[0], o[1], o[2], d[0], d[1], d[2])
+            covered = behind_moon(scene.eclipse, optics.disk_axis, o[0], o[1], o[2], d[0], d[1], d[2])
         if not covered and disk_radiance(optics, d[0], d[1], d[2], work.sun):
             for i in range(scattered.shape[1]):
                 direct[ray, i] = work.sun[i] * work.through[i]

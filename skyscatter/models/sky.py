@@ -14,6 +14,9 @@ from skyscatter.record import Record
 from skyscatter.scene import Scene, Site, Star, Sun
 from skyscatter.units import PositiveMetres
 
+#: In the totality of an eclipse lights matter as while the Sun stands there [degree]: planets and bright stars.
+TOTALITY = -3.0
+
 
 class Planet(Record):
     """A sphere.
@@ -176,8 +179,20 @@ class Model(ModelFile):
         scene = self.scene(altitude=altitude)
         sun = sun_position(latitude_deg, longitude_deg, time, scene.altitude)
         site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time))
-        lit = _lights(lights, sun.elevation_deg)
+        elevation = sun.elevation_deg
+        if lights is not None and _in_totality(site, scene.altitude):
+            elevation = min(elevation, TOTALITY)
+        lit = _lights(lights, elevation)
         return scene.model_copy(update={"sun": Sun(**sun._asdict(), site=site), "lights": lit})
+
+
+def _in_totality(site: Site, altitude: float) -> bool:
+    """Whether the Moon covers all of the Sun there."""
+    from skyscatter.celestial.eclipse import solar_eclipse
+    from skyscatter.celestial.frames import Sight
+
+    eclipse = solar_eclipse(Sight(site.latitude_deg, site.longitude_deg, site.time, altitude))
+    return eclipse is not None and eclipse.kind == "total"
 
 
 def _lights(lights: Any, sun_elevation_deg: float) -> SkyLights | None:

@@ -9,15 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.eclipse import eclipse_of
+from skyscatter.solvers.eclipse import eclipse_of, moon_drawn
 from skyscatter.solvers.overhead import Overhead
 from skyscatter.solvers.skylights import FACE_FINER, disk_grid, onto_pixels
 
 #: Baumbach's law: terms of the radiance over the Sun's mean, a coefficient and a power of the distance in radii of the
 #: Sun (Baumbach 1937, Astron. Nachr. 263, 121, with the coefficients of Allen 1973, Astrophysical Quantities, 85).
 TERMS = ((0.0532e-6, 2.5), (1.425e-6, 7.0), (2.565e-6, 17.0))
-#: How far it is drawn [radii of the Sun], and points on that distance at least.
-FURTHEST, POINTS = 5.0, 300
+#: How far it is drawn, there a hundredth of the sky in totality, and how far averaged over pixels [radii of the Sun].
+FURTHEST, AVERAGED = 40.0, 3.0
+#: Points on the radius of what is averaged, at least.
+POINTS = 300
 
 
 def corona_light(distance: ArrayLike) -> Array:
@@ -45,7 +47,7 @@ def corona_light(distance: ArrayLike) -> Array:
 
 
 def corona_pixels(
-    scene: Scene, table: Any, camera: Any, wavelengths: Array
+    scene: Scene, table: Any, camera: Any, grid: Array, wavelengths: Array
 ) -> tuple[NDArray[np.intp], Array] | None:
     """Pixels with the corona, in total eclipses.
 
@@ -55,6 +57,8 @@ def corona_pixels(
     table : SceneTable
         Of that scene.
     camera : Camera
+    grid : ndarray, shape (y, x, 3)
+        Directions through the middles of the pixels, NaN outside the field.
     wavelengths : ndarray, shape (wavelength,)
         [nm]
 
@@ -62,21 +66,39 @@ def corona_pixels(
     -------
     (pixel,) int, (pixel, wavelength)
         Numbers of the pixels in reading order and what it adds to them [W m-2 sr-1 nm-1], dimmed by the air; None where
-        some of the Sun outshines it.
+        some of the Sun outshines it.  Beside the Moon it is averaged over pixels, further out taken at their middles.
     """
     eclipse = eclipse_of(scene)
     if eclipse is None or eclipse.kind != "total":
         return None
     optics, observer = table.optics, scene.observer
-    solid_angle = camera.pixel_solid_angle(observer)
-    smallest = float(np.sqrt(solid_angle[solid_angle > 0].min(initial=1.0)))
-    reach = FURTHEST * float(optics.disk_radius)
-    points, area = disk_grid(optics.disk_axis, reach, max(POINTS, int(FACE_FINER * reach / smallest) + 1))
-    moon = eclipse.vectors[1] / np.linalg.norm(eclipse.vectors[1])
-    away = np.linalg.norm(np.cross(points, optics.disk_axis), axis=1) / np.sin(optics.disk_radius)
-    free = (np.linalg.norm(np.cross(points, moon), axis=1) > np.sin(eclipse.moon_radius)) & (away >= 1.0)
+    moon, moon_radius = moon_drawn(eclipse, optics.disk_axis, float(optics.disk_radius))
     above = Overhead(scene, wavelengths)
-    points, away = points[free], away[free]
     whole = optics.sun_irradiance.sum(axis=0) / (np.pi * np.sin(optics.disk_radius) ** 2)
-    light = corona_light(away)[:, None] * whole * above.transmittance(points) * area
-    return onto_pixels(camera, observer, points, light)
+
+    def radiance(directions: Array) -> Array:
+        away = np.linalg.norm(np.cross(directions, optics.disk_axis), axis=1) / np.sin(optics.disk_radius)
+        covered = np.linalg.norm(np.cross(directions, moon), axis=1) < np.sin(moon_radius)
+        seen = np.where(covered | (away < 1.0), 0.0, corona_light(np.maximum(away, 1.0)))
+        return np.asarray(seen[:, None] * whole * above.transmittance(directions))
+
+    flat = grid.reshape(-1, 3)
+    with np.errstate(invalid="ignore"):
+        away = np.linalg.norm(flat - optics.disk_axis, axis=1)
+    reach = FURTHEST * float(optics.disk_radius)
+    near = np.flatnonzero(away < reach)
+    sides = np.sqrt(camera.pixel_solid_angle(observer).ravel()[near])
+    largest = float(sides.max(initial=0.0))
+    inner = max(AVERAGED * float(optics.disk_radius), 3.0 * largest)
+    smallest = float(sides[sides > 0].min(initial=1.0))
+    # Points beyond the pixels that are averaged, so that these are full.
+    points, area = disk_grid(
+        optics.disk_axis, inner + 2.0 * largest, max(POINTS, int(FACE_FINER * inner / smallest) + 1)
+    )
+    pixels, light = onto_pixels(camera, observer, points, radiance(points) * area)
+    averaged = away[pixels] < inner
+    outer = near[away[near] >= inner]
+    return (
+        np.concatenate([pixels[averaged], outer]),
+        np.concatenate([light[averaged], radiance(np.ascontiguousarray(flat[outer]))]),
+    )

@@ -103,8 +103,21 @@ def eclipse_table(scene: Scene, wavelengths: Array) -> EclipseTable:
     share[(apart <= ratio[:, None] - 1.0)] = 0.0
     sun, moon = eclipse.vectors
     return EclipseTable(
-        np.ascontiguousarray(np.clip(share, 0.0, 1.0)), ratio, position + sun, position + moon, SUN_RADIUS, MOON_RADIUS
+        np.ascontiguousarray(np.clip(share, 0.0, 1.0)), ratio, position + sun, position + moon, SUN_RADIUS, MOON_RADIUS,
+        scene.star.radius / SUN_RADIUS,
     )  # fmt: skip
+
+
+def moon_drawn(eclipse: Eclipse, axis: Array, radius: float) -> tuple[Array, float]:
+    """Direction (3,) and radius [rad] of the Moon before a Sun that is drawn with a radius [rad] about an axis.
+
+    The nominal Sun is smaller by 0.07 per cent than that which times of eclipses tell; a ring that is drawn with one
+    and covered by the other would be off by a hundredth of its light.
+    """
+    scale = radius / eclipse.sun_radius
+    moon = eclipse.vectors[1] / np.linalg.norm(eclipse.vectors[1])
+    drawn = axis + scale * (moon - axis)
+    return drawn / np.linalg.norm(drawn), scale * eclipse.moon_radius
 
 
 def separations(ratio: float) -> Array:

@@ -285,10 +285,11 @@ def _sun_corrections(
         return [], recipe
     table = compile_scene(scene, wl)
     if recipe.get("sun_disk", True):
-        found = sundisk.disk_correction(scene, table, camera, grid), corona.corona_pixels(scene, table, camera, wl)
-        return [one for one in found if one is not None], recipe
+        disk = sundisk.disk_correction(scene, table, camera, grid)
+        around = corona.corona_pixels(scene, table, camera, grid, wl)
+        return [one for one in (disk, around) if one is not None], recipe
     seen = sundisk.disk_along(scene, table, grid, wl)
-    lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table)}
+    lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table, wl)}
     return [] if seen is None else [(seen[0], -seen[1])], lamp
 
 

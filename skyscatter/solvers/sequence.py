@@ -16,6 +16,7 @@ from skyscatter.scene import Scene
 from skyscatter.solvers import orders, skylights, sundisk
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.eclipse import eclipse_of
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
 from skyscatter.solvers.render import render
 from skyscatter.solvers.run import check_wavelengths, worker_count
@@ -206,11 +207,12 @@ class Frames:
 
     def image(self, number: int, camera: Any = None) -> SpectralImage:
         """One frame."""
-        if self.solved is not None:
-            scene = self.scenes[number]
+        scene = self.scenes[number]
+        # A field's light is symmetric about the Sun, in the Moon's shadow none is.
+        if self.solved is not None and eclipse_of(scene) is None:
             air = self._airs.setdefault(scene.altitude, skylights.LitAir(self.solved, scene.altitude))
             return frame(self.solved, scene, camera or self.camera, air)
-        return render(self.scenes[number], camera or self.camera, self.wavelengths, threads=1, **self.options)
+        return render(scene, camera or self.camera, self.wavelengths, threads=1, **self.options)
 
 
 def own_exposure(frames: Frames, number: int) -> float:

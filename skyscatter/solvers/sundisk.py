@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import disk_light, shine
-from skyscatter.solvers.eclipse import eclipse_of
+from skyscatter.solvers.eclipse import eclipse_of, moon_drawn
 
 #: Cells across a picture at first: 5 degrees for a panorama, small enough to judge a cell by its corners.
 FIRST_ACROSS, FIRST_DOWN = 72, 36
@@ -114,14 +114,12 @@ def _sight(scene: Scene, camera: Any, sun: Array, radius: float, horizon: float)
     eclipse = eclipse_of(scene)
     if eclipse is None:
         return Sight(camera, scene.observer, sun, radius, horizon)
-    width = eclipse.separation + radius - eclipse.moon_radius  # of the crescent, or of the ring where it is narrowest
-    if eclipse.kind == "annular":
-        width = radius - eclipse.moon_radius - eclipse.separation
-    edge = float(np.clip(OF_CRESCENT * width / radius, FINEST, ON_EDGE))
-    moon = eclipse.vectors[1]
-    return Sight(
-        camera, scene.observer, sun, radius, horizon, moon / np.linalg.norm(moon), eclipse.moon_radius, edge
-    )  # fmt: skip
+    moon, moon_radius = moon_drawn(eclipse, sun, radius)
+    # Of the crescent, or of the ring where it is narrowest.
+    sign = -1.0 if eclipse.kind == "annular" else 1.0
+    width = eclipse.sun_radius - eclipse.moon_radius + sign * eclipse.separation
+    edge = float(np.clip(OF_CRESCENT * width / eclipse.sun_radius, FINEST, ON_EDGE))
+    return Sight(camera, scene.observer, sun, radius, horizon, moon, moon_radius, edge)
 
 
 def _behind_moon(sight: Sight, directions: Array) -> NDArray[np.bool_]:
@@ -154,7 +152,7 @@ def disk_along(scene: Scene, table: Any, grid: Array, wavelengths: Array) -> tup
     return pixels, light
 
 
-def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
+def sun_lamp(scene: Scene, table: Any, wavelengths: Array) -> dict[str, Any]:
     """The Sun as a lamp beside a picture without its disk, for recipes and other programs.
 
     Parameters
@@ -162,12 +160,15 @@ def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
     scene : Scene
     table : SceneTable
         Of that scene.
+    wavelengths : ndarray, shape (wavelength,)
+        [nm]
 
     Returns
     -------
     dict
         ``azimuth_deg``, ``elevation_deg``, ``direction`` (east, north, up), ``angular_diameter_deg`` and
-        ``irradiance``, on a plane that faces the Sun, after the air [W m-2 nm-1], one number for each wavelength.
+        ``irradiance``, on a plane that faces the Sun, after the air [W m-2 nm-1], one number for each wavelength; in an
+        eclipse what passes the Moon.
     """
     from skyscatter.geometry.vectors import camera_frame
 
@@ -179,14 +180,15 @@ def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
     across = np.cos(turn)[:, None] * right + np.sin(turn)[:, None] * up
     points = np.cos(angle)[..., None] * forward + np.sin(angle)[..., None] * across
     light = disk_light(table, np.asarray(scene.observer.position), points.reshape(-1, 3))
-    light[_behind_moon(_sight(scene, None, sun.direction, radius, 0.0), points.reshape(-1, 3))] = 0.0
     weight = 4 * np.pi * math.sin(radius / 2) ** 2 / light.shape[0] * np.repeat(np.cos(angle).ravel(), LAMP_TURNS)
+    eclipse = eclipse_of(scene)
+    passed = np.ones(wavelengths.size) if eclipse is None else eclipse.light(wavelengths)
     return {
         "azimuth_deg": float(sun.azimuth_deg % 360.0),
         "elevation_deg": float(sun.elevation_deg),
         "direction": [float(x) for x in sun.direction],
         "angular_diameter_deg": math.degrees(2 * radius),
-        "irradiance": [float(x) for x in weight @ light],
+        "irradiance": [float(x) for x in passed * (weight @ light)],
     }
 
 
