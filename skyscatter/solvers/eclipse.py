@@ -9,11 +9,10 @@ import numpy as np
 
 from skyscatter.celestial.coverage import uncovered_area, uncovered_light
 from skyscatter.celestial.eclipse import REACH, SUN_RADIUS, Eclipse, solar_eclipse
-from skyscatter.celestial.frames import Sight
+from skyscatter.celestial.frames import Array, Sight
 from skyscatter.celestial.moon import MOON_RADIUS
 from skyscatter.kernels.eclipse import INNER, NO_ECLIPSE, OUTER, EclipseTable
 from skyscatter.scene import Scene, Site
-from skyscatter.solvers.base import Array
 
 #: How far the Sun of a scene may stand from where its place and time put it [rad]: further off somebody has moved it,
 #: and the Moon does not follow.
