@@ -80,7 +80,7 @@ def refraction(height: ArrayLike) -> Array:
 
 
 def _index(height: Array) -> Array:
-    """n - 1 at 550 nm."""
+    """Refractivity n - 1 at 550 nm."""
     ground = float(refractive_index_bodhaine1999(0.55, CO2_PPM)) - 1.0
     return np.asarray(ground * _air(height))
 
@@ -99,7 +99,7 @@ def _air(height: Array) -> Array:
 
 
 def _bent(lowest: Array) -> tuple[Array, Array, Array, Array]:
-    """Impact parameters (ray,) [m], bendings (ray,) [rad], heights (ray, step) [m] and path lengths between them [m]."""
+    """Impact parameters (ray,) [m], bendings (ray,) [rad], heights (ray, step) [m] and steps of the path there [m]."""
     h = np.linspace(0.0, TOP, 3601)
     r, n = EARTH_RADIUS + h, 1.0 + _index(h)
     y = n * r
@@ -154,11 +154,11 @@ def grazing(wavelengths: ArrayLike) -> Grazing:
     for density, optics in layers:
         depth += (density(height) * path).sum(axis=1)[:, None] * (optics.scattering + optics.absorption)
     high = Gaussian(peak=HIGH_PEAK, width=HIGH_WIDTH, top=60e3)
-    for density, whole, column, exponent in (
+    for share, whole, column, exponent in (
         (np.exp(-height / AEROSOL_SCALE), AEROSOL_DEPTH, AEROSOL_SCALE, ANGSTROM),
         (_tabulated(high)(height), HIGH_DEPTH, high.reference_column(), HIGH_ANGSTROM),
     ):
-        depth += (density * path).sum(axis=1)[:, None] * whole / column * (wl / 550.0) ** -exponent
+        depth += (share * path).sum(axis=1)[:, None] * whole / column * (wl / 550.0) ** -exponent
     clear = np.where(lowest < CLOUDS, CLEAR, 1.0)
     return Grazing(impact, bending, clear[:, None] * np.exp(-depth))
 

@@ -60,7 +60,7 @@ class Moon:
     sun_distance: float  #: of the Moon from the Sun [m]
     earth_direction: Array  #: from the Moon to the Earth's centre (east, north, up at the observer), shape (3,)
     earth_distance: float  #: of the Moon from the Earth's centre [m]
-    shadow_earth: Array  #: from the Moon to where the Earth was when the light passed it (east, north, up) [m], shape (3,)
+    shadow_earth: Array  #: the Earth's centre from the Moon's [m] when the light passed it, (east, north, up)
     axes: Array  #: rows: prime meridian, 90 degrees east and north pole of the Moon (east, north, up); shape (3, 3)
 
 

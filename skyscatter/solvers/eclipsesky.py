@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from skyscatter.solvers import path
@@ -188,7 +189,7 @@ class Side:
     def _width(self) -> float:
         return 0.5 * np.pi - self.sign * self.horizon
 
-    def of(self, elevation: Array) -> Array:
+    def of(self, elevation: Array) -> NDArray[np.intp]:
         """Which elevations [rad] are on this side."""
         return np.flatnonzero(self.sign * (elevation - self.horizon) > 0)
 

@@ -340,9 +340,7 @@ def _add_night(
         picture.add(label, pixels, light, error)
 
 
-def _draw(
-    picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array, above: Overhead
-) -> None:
+def _draw(picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array, above: Overhead) -> None:
     """Draw points of light that stand above the horizon, dimmed by the air, all of their light kept."""
     from skyscatter.celestial.points import draw_points
 

@@ -22,7 +22,7 @@ TOTAL = (42.85, -106.32, "2017-08-21T17:43:50Z")
 PARTIAL = (42.85, -106.32, "2017-08-21T17:20:00Z")
 THIN = (42.85, -106.32, "2017-08-21T17:42:10Z")
 RING = (-48.2051, -70.6549, "2024-10-02T20:25Z")
-#: The Moon leaves the table's place at either side: within the penumbra, at its edge, outside.
+#: Within the full shadow, the half shadow and the one of a ring, and beside.
 PLACES = {"total": TOTAL, "partial": PARTIAL, "ring": RING, "beside": (48.86, 2.35, "2026-08-12T18:00Z")}
 
 
@@ -39,7 +39,7 @@ def test_the_table_is_the_share(name) -> None:
     offsets[:500] *= 0.1
     exact, found = eclipse.light_at(offsets, WL), np.ones((len(offsets), WL.size))
     dim_points(table, it.observer.position + offsets, found)
-    # straight lines over steps of 1/512 of a function whose second derivative is 5: 5e-6; between radii of the Moon 4e-6
+    # straight lines over steps of 1/512 of a function whose second derivative is 5: 5e-6; between the Moon's radii 4e-6
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=2e-5)
     assert np.ptp(exact) > 0.05
     assert np.array_equal(found == 0.0, exact == 0.0)
@@ -136,9 +136,7 @@ def test_totality_shows_the_corona_alone() -> None:
     table, grid = compile_scene(it, WL), view.directions(it.observer)
     found = corona_pixels(it, table, view, grid, WL)
     assert found is not None
-    at = skyscatter.transmittance(
-        it, it.observer.position, it.observer.position + 1e7 * it.sun.direction, WL
-    )
+    at = skyscatter.transmittance(it, it.observer.position, it.observer.position + 1e7 * it.sun.direction, WL)
     total = view.pixel_solid_angle(it.observer).ravel()[found[0]] @ found[1]
     eclipse = eclipse_of(it)
     assert eclipse is not None
@@ -165,3 +163,10 @@ def test_what_walks_leave_out_is_refused() -> None:
         skyscatter.radiance(it, here, up, [550.0], stokes=True)
     with pytest.raises(DomainError, match="1e-3"):
         skyscatter.radiance(it, here, up, [550.0], tolerance=2e-4)
+
+
+def test_fluxes_are_refused() -> None:
+    from skyscatter.cli.main import main
+
+    asked = ["flux", "earth", "--place", "42.85,-106.32", "--time", TOTAL[2], "--wavelengths", "550", "-q"]
+    assert main(asked) != 0
