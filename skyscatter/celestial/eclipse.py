@@ -20,8 +20,8 @@ from skyscatter.geometry.sun import as_utc, iso_utc
 #: Radius of the Sun [m] that times of total eclipses tell, 959.95 arcsec at 1 au (Quaglia et al. 2021, Astrophys. J.
 #: Suppl. 256, 36): 500 km more than the nominal one, a second of totality at either end.
 SUN_RADIUS = 6.9622e8
-#: How far from the observer points of the air are asked for at all [m]; there the Moon stands 0.3 degrees elsewhere.
-REACH = 2e6
+#: How far from the observer points of the air are asked for at all [m].
+REACH = 1e8
 _STEP = 1800.0  # between the moments that a search starts from [s]
 _HALF_DAY = 43200.0  # [s]
 
@@ -52,6 +52,16 @@ class Eclipse:
         """Share of the Sun's diameter that is covered along the line of the middles; above 1 in totality, 0 beside."""
         covered = self.sun_radius + self.moon_radius - self.separation
         return max(0.0, covered / (2.0 * self.sun_radius))
+
+    @property
+    def sun_direction(self) -> Array:
+        """Unit vector towards the Sun's middle (east, north, up)."""
+        return np.asarray(self._sun / np.linalg.norm(self._sun))
+
+    @property
+    def vectors(self) -> tuple[Array, Array]:
+        """From the observer to the middles of Sun and Moon (east, north, up) [m]."""
+        return self._sun, self._moon
 
     @property
     def obscuration(self) -> float:
@@ -104,6 +114,29 @@ class Eclipse:
         """
         return uncovered_light(*self.disks(offsets), wavelengths)
 
+    def reaches(self, centre: ArrayLike, radius: float) -> bool:
+        """Whether some of the Sun may be covered anywhere in a ball.
+
+        Parameters
+        ----------
+        centre : array_like, shape (3,)
+            From the observer (east, north, up) [m].
+        radius : float
+            [m]
+
+        Returns
+        -------
+        bool
+            False where it is certain that the disks stand apart.
+        """
+        middle = np.asarray(centre, dtype=float)
+        separation, moon = self.disks(middle)
+        sun = math.asin(SUN_RADIUS / float(np.linalg.norm(self._sun - middle)))
+        distance = float(np.linalg.norm(self._moon - middle))
+        # The Moon is shifted before the Sun by its parallax, and larger where it is nearer; the Sun's own is 1/390.
+        moved = 1.01 * math.asin(min(radius / distance, 1.0))
+        return bool(separation * sun < sun + moon * sun * distance / max(distance - radius, 1.0) + moved)
+
     def disks(self, offsets: ArrayLike) -> tuple[Array, Array]:
         """Separation of the middles and radius of the Moon, in radii of the Sun, at points as `light_at` takes them."""
         here = np.asarray(offsets, dtype=float)
@@ -135,8 +168,8 @@ def solar_eclipse(sight: Sight, reach: float = 0.0) -> Eclipse | None:
     ----------
     sight : Sight
     reach : float
-        Give an eclipse also where only points this far from the observer [m] may see it, up to 2000 km: the air above
-        them is what makes the observer's sky dim.
+        Give an eclipse also where only points this far from the observer [m] may see it, up to 100 000 km: the air
+        above them is what makes the observer's sky dim.
 
     Returns
     -------
@@ -146,7 +179,7 @@ def solar_eclipse(sight: Sight, reach: float = 0.0) -> Eclipse | None:
     Raises
     ------
     DomainError
-        For a reach outside 0 to 2e6 m.
+        For a reach outside 0 to 1e8 m.
 
     Examples
     --------
@@ -160,10 +193,7 @@ def solar_eclipse(sight: Sight, reach: float = 0.0) -> Eclipse | None:
     if not 0.0 <= reach <= REACH:
         raise DomainError("reach", reach, f"a distance from 0 to {REACH:g} m")
     eclipse = _at(sight)
-    moved = reach / float(np.linalg.norm(eclipse._moon))  # how far the Moon is shifted before the Sun from there [rad]
-    if eclipse.separation >= eclipse.sun_radius + eclipse.moon_radius + 1.01 * moved:
-        return None
-    return eclipse
+    return eclipse if eclipse.reaches(np.zeros(3), reach) else None
 
 
 def contacts(sight: Sight) -> Contacts | None:

@@ -60,6 +60,7 @@ class Moon:
     sun_distance: float  #: of the Moon from the Sun [m]
     earth_direction: Array  #: from the Moon to the Earth's centre (east, north, up at the observer), shape (3,)
     earth_distance: float  #: of the Moon from the Earth's centre [m]
+    shadow_earth: Array  #: the Earth's centre from the Moon's [m] when the light passed it, (east, north, up)
     axes: Array  #: rows: prime meridian, 90 degrees east and north pole of the Moon (east, north, up); shape (3, 3)
 
 
@@ -118,6 +119,8 @@ def moon_at(sight: Sight) -> Moon:
         sun_distance=float(np.linalg.norm(to_sun)),
         earth_direction=-state.turn @ geocentric / np.linalg.norm(geocentric),
         earth_distance=float(np.linalg.norm(geocentric)),
+        # The Earth moves on while light goes from it to the Moon: 20 arcsec, 40 s of an eclipse.
+        shadow_earth=-state.turn @ (geocentric + state.centre_velocity * light_time(distance) * DAY),
         axes=axes @ state.turn.T,
     )
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyscatter.celestial.frames import AU, Array
+from skyscatter.celestial.lunareclipse import near_shadow, sunlight_on_moon
 from skyscatter.celestial.lunarplace import MOON_RADIUS, Moon
-from skyscatter.celestial.rolo import FIRST_PHASE, moon_irradiance, moon_reflectance
+from skyscatter.celestial.rolo import FIRST_PHASE, moon_reflectance, sunlit_irradiance
 from skyscatter.spectra.solar import solar_irradiance
 
 EARTH_RADIUS = 6.371e6  #: [m]
@@ -47,7 +48,8 @@ def moon_radiance(moon: Moon, directions: ArrayLike, wavelengths: ArrayLike) -> 
     Where the Sun shines the radiance goes as cos i / (cos i + cos e), the law of Lommel and Seeliger with the angles of
     incidence i and emission e on a sphere at its true distance, scaled such that the integral over the disk is
     `moon_irradiance`.  So the full Moon is evenly bright up to its limb, and light fades out at the terminator.  Maria
-    and mountains are not shown.
+    and mountains are not shown.  In the Earth's shadow each point has its share of sunlight, bent and reddened by the
+    Earth's air (`skyscatter.celestial.lunareclipse.sunlight_on_moon`).
 
     Where no Sun shines there is the Earth's light: that of a sphere by Lambert's law with `EARTH_ALBEDO` and the
     Earth's phase, bluer than sunlight by `EARTH_COLOUR`, reflected evenly by the disk as the full Moon reflects
@@ -73,10 +75,13 @@ def moon_radiance(moon: Moon, directions: ArrayLike, wavelengths: ArrayLike) -> 
     on_disk = along > math.cos(moon.angular_radius)
     if not on_disk.any():
         return result
-    law, lit = _face(moon, d[on_disk])
+    law, lit, normal = _face(moon, d[on_disk])
     whole = _integral(moon)
-    scale = moon_irradiance(moon, wl) / whole if whole > 0.0 else np.zeros(wl.size)
-    result[on_disk] = np.where(lit[:, None], law[:, None] * scale, earthshine(moon, wl))
+    scale = sunlit_irradiance(moon, wl) / whole if whole > 0.0 else np.zeros(wl.size)
+    light = law[:, None] * scale
+    if near_shadow(moon):
+        light *= sunlight_on_moon(moon, MOON_RADIUS * normal, wl)
+    result[on_disk] = np.where(lit[:, None], light, earthshine(moon, wl))
     return result
 
 
@@ -119,8 +124,8 @@ def earthshine(moon: Moon, wavelengths: ArrayLike) -> Array:
     return np.asarray(light * moon_reflectance(facing, wl) / math.pi)
 
 
-def _face(moon: Moon, directions: Array) -> tuple[Array, Array]:
-    """The law of reflection where lines of sight meet the sphere, and whether the Sun shines there."""
+def _face(moon: Moon, directions: Array) -> tuple[Array, Array, Array]:
+    """The law of reflection where lines of sight meet the sphere, whether the Sun shines there, and the normals."""
     along = directions @ moon.direction
     # Squares of sines, not 1 - cos^2, keep the digits of so small an angle.
     aside = directions - along[:, None] * moon.direction
@@ -129,7 +134,7 @@ def _face(moon: Moon, directions: Array) -> tuple[Array, Array]:
     normal = ((moon.distance * along - root)[:, None] * directions - moon.distance * moon.direction) / MOON_RADIUS
     incidence, emission = normal @ moon.sun_direction, root / MOON_RADIUS
     lit = incidence > 0.0
-    return np.where(lit, incidence / np.where(lit, incidence + emission, 1.0), 0.0), lit
+    return np.where(lit, incidence / np.where(lit, incidence + emission, 1.0), 0.0), lit, normal
 
 
 def _integral(moon: Moon) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyscatter.celestial.frames import AU, Array
+from skyscatter.celestial.lunareclipse import left_of_moonlight, near_shadow
 from skyscatter.celestial.lunarplace import Moon
 from skyscatter.datafiles import read_table
 from skyscatter.spectra.solar import solar_irradiance
@@ -42,7 +43,8 @@ def moon_irradiance(moon: Moon, wavelengths: ArrayLike) -> Array:
     -----
     Reflectance by `moon_reflectance`; Kieffer & Stone 2005, equations 7 and 8.  Their model is consistent to 1 % over
     phases and librations, its scale uncertain by 5 to 10 %: photometers find the Moon brighter by 4 to 9 % (Roman et
-    al. 2020, Remote Sens. 12, 1902).  Sunlight is not dimmed by the Earth's shadow: see to eclipses elsewhere.
+    al. 2020, Remote Sens. 12, 1902).  In the Earth's shadow it is dimmed and reddened as the sunlight on it, see
+    `skyscatter.celestial.lunareclipse.left_of_moonlight`.
 
     Examples
     --------
@@ -56,6 +58,13 @@ def moon_irradiance(moon: Moon, wavelengths: ArrayLike) -> Array:
     >>> round(float(ratio[0]), -4)
     400000.0
     """
+    wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
+    light = sunlit_irradiance(moon, wl)
+    return light * left_of_moonlight(moon, wl) if near_shadow(moon) else light
+
+
+def sunlit_irradiance(moon: Moon, wavelengths: ArrayLike) -> Array:
+    """As `moon_irradiance`, as if no Earth were before the Sun."""
     wl = np.atleast_1d(np.asarray(wavelengths, dtype=float))
     nearer = (AU / moon.sun_distance) ** 2 * (MEAN_DISTANCE / moon.distance) ** 2
     return np.asarray(moon_reflectance(moon, wl) * solar_irradiance(wl) * SOLID_ANGLE / math.pi * nearer)

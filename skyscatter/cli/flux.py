@@ -148,8 +148,12 @@ def run(request: Request, arguments: list[str]) -> int:
 
 def _scene(request: Request, model: Any) -> tuple[Any, NDArray[np.float64]]:
     """Scene, and elevations of its Sun [degree]."""
+    from skyscatter.solvers.eclipse import eclipse_of
+
     if request.place is not None and request.time is not None:
         scene = model.scene_at(*request.place, request.time)
+        if eclipse_of(scene) is not None:
+            raise DomainError("time", request.time, "is in an eclipse of the Sun, whose light no field holds; see sky")
         return scene, np.array([scene.sun.elevation_deg])
     assert request.elevations is not None
     return model.scene(), request.elevations

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from skyscatter.kernels.directions import turn
+from skyscatter.kernels.eclipse import dim
 from skyscatter.kernels.jit import entry, kernel
 from skyscatter.kernels.lookup import columns_along, densities, start_columns, trace_line
 from skyscatter.kernels.optics import (
@@ -52,6 +53,8 @@ def add_sunlight(scene, ground, r, at_ground, order, work, walk, polar, total, b
     x_sun = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
     if (at_ground and x_sun <= 0.0) or not light_at(scene, r, x_sun, work):
         return
+    if scene.eclipse.share.size > 0:
+        dim(scene.eclipse, x[0], x[1], x[2], work.sun)
     if not at_ground:
         phase_at(optics.phase, d[0] * s[0] + d[1] * s[1] + d[2] * s[2], work.phase)
         weigh_phase(work.phase, optics.sigma_s, work.weighted)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
+from skyscatter.kernels.eclipse import EclipseTable
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.lookup import ColumnTable
@@ -56,6 +57,7 @@ class SceneTable(NamedTuple):
     columns: ColumnTable
     optics: OpticsTable
     breaks: np.ndarray  #: altitudes at which some density or its slope jumps [m]
+    eclipse: EclipseTable  #: what the Moon covers of the Sun
 
 
 @entry

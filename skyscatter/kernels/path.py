@@ -25,6 +25,7 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.directions import turn
+from skyscatter.kernels.eclipse import dim
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.lookup import (
     columns_along,
@@ -239,6 +240,13 @@ def light_at(scene, r, x_sun, work):
 
 
 @kernel
+def cover(scene, line, t, walk, work):
+    """What the Moon leaves of the sunlight ``work.sun`` at a distance t of the leg on which a walk sets out."""
+    x, d, go = walk.position, walk.direction, t - line.start
+    dim(scene.eclipse, x[0] + go * d[0], x[1] + go * d[1], x[2] + go * d[2], work.sun)
+
+
+@kernel
 def pick_sun(optics, u):
     """Number of a point of the solar disk, drawn by its share of the irradiance."""
     below = 0.0
@@ -276,6 +284,8 @@ def march(scene, line, node, u, guided, leg, work, walk, polar):
         if not light_at(scene, r, q + (t - line.start) * a, work):
             for i in range(wavelengths):
                 work.sun[i] = 0.0
+        elif scene.eclipse.share.size > 0:
+            cover(scene, line, t, walk, work)
         mix_components(work.density, work.weighted, work.towards)
         for i in range(wavelengths):
             walk.gain[i] += width * work.through[i] * work.towards[i] * work.sun[i]
@@ -307,6 +317,8 @@ def _march_end(scene, line, node, x_sun, guided, leg, work, walk):
     elif mu_s <= 0.0 or not light_at(scene, scene.columns.radius, x_sun, work):
         for i in range(optics.albedo.size):
             work.sun[i] = 0.0
+    elif scene.eclipse.share.size > 0:
+        cover(scene, line, line.leave, walk, work)
     for i in range(optics.albedo.size):
         reach = leg.through[i] * leg.albedo[i]
         irradiance = work.sun[i] * mu_s * optics.sun_irradiance[node, i] / optics.sun_chance[node]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from skyscatter.kernels.eclipse import behind_moon, dim
 from skyscatter.kernels.jit import entry, kernel, merged
 from skyscatter.kernels.lookup import (
     columns_along,
@@ -71,7 +72,7 @@ def sunlight(scene, r, x_sun, nodes, work, out):
 
 
 @merged
-def _source(scene, line, t, origin_sun, along_sun, x_sun, work):
+def _source(scene, line, o, d, t, origin_sun, along_sun, x_sun, work):
     """T(t) J(t) into ``work.source``."""
     optics = scene.optics
     r = columns_along(scene.columns, line, t, work.from_start, work.across, work.along)
@@ -81,6 +82,9 @@ def _source(scene, line, t, origin_sun, along_sun, x_sun, work):
         x_sun[m] = origin_sun[m] + (t - line.start) * along_sun[m]
     nodes = 1 if x_sun[0] > HIGH_SUN * r else x_sun.size
     sunlight(scene, r, x_sun, nodes, work, work.source)
+    if scene.eclipse.share.size > 0:
+        go = t - line.start
+        dim(scene.eclipse, o[0] + go * d[0], o[1] + go * d[1], o[2] + go * d[2], work.source)
     mix_components(work.density, optics.sigma_s, work.scattering)
     mix_components(work.density, work.weighted, work.towards)
     for i in range(work.source.size):
@@ -92,13 +96,13 @@ def _source(scene, line, t, origin_sun, along_sun, x_sun, work):
 
 
 @merged
-def _integrate(scene, line, a, b, origin_sun, along_sun, x_sun, work):
+def _integrate(scene, line, o, d, a, b, origin_sun, along_sun, x_sun, work):
     """Both rules of the pair over [a, b], into ``work.fine`` and ``work.coarse``."""
     work.fine[:] = 0.0
     work.coarse[:] = 0.0
     half = 0.5 * (b - a)
     for k in range(KRONROD_X.size):
-        _source(scene, line, 0.5 * (a + b) + half * KRONROD_X[k], origin_sun, along_sun, x_sun, work)
+        _source(scene, line, o, d, 0.5 * (a + b) + half * KRONROD_X[k], origin_sun, along_sun, x_sun, work)
         for i in range(work.fine.size):
             work.fine[i] += half * KRONROD_W[k] * work.source[i]
             work.coarse[i] += half * GAUSS_W[k] * work.source[i]
@@ -155,7 +159,7 @@ def _agree(fine, coarse, limit):
 
 
 @merged
-def _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, out):
+def _scattered(scene, line, o, d, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, out):
     """Singly scattered and emitted radiance along the line, into `out` (wavelength,).
 
     A first pass over whole pieces gives the scale against which their errors count; the pieces that fail are then
@@ -172,7 +176,7 @@ def _scattered(scene, line, origin_sun, along_sun, tolerance, x_sun, work, first
         else:
             waiting -= 1
             a, b = stack[waiting, 0], stack[waiting, 1]
-        _integrate(scene, line, a, b, origin_sun, along_sun, x_sun, work)
+        _integrate(scene, line, o, d, a, b, origin_sun, along_sun, x_sun, work)
         if k < pieces:
             for i in range(out.size):
                 first[k, 0, i], first[k, 1, i] = work.fine[i], work.coarse[i]
@@ -261,18 +265,25 @@ def single_rays(scene, origins, directions, tolerance, scratch, scattered, groun
             phase_at(optics.phase, d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2], work.phase)
             weigh_phase(work.phase, optics.sigma_s, work.weighted)
             _scattered(
-                scene, line, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack, scattered[ray]
-            )
+                scene, line, o, d, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack,
+                scattered[ray],
+            )  # fmt: skip
             columns_along(scene.columns, line, line.leave, work.from_start, work.across, work.along)
         transmittance(work.along, optics.sigma_t, work.through)
         if line.hits_ground:
             for m in range(x_sun.size):
                 x_sun[m] = origin_sun[m] + (line.leave - line.start) * along_sun[m]
             ground_light(scene, x_sun, work, ground[ray])
+            if scene.eclipse.share.size > 0:
+                go = line.leave - line.start
+                dim(scene.eclipse, o[0] + go * d[0], o[1] + go * d[1], o[2] + go * d[2], ground[ray])
             for i in range(scattered.shape[1]):
                 ground[ray, i] *= work.through[i]
             continue
-        if disk_radiance(optics, d[0], d[1], d[2], work.sun):
+        covered = False
+        if scene.eclipse.share.size > 0:
+            covered = behind_moon(scene.eclipse, optics.disk_axis, o[0], o[1], o[2], d[0], d[1], d[2])
+        if not covered and disk_radiance(optics, d[0], d[1], d[2], work.sun):
             for i in range(scattered.shape[1]):
                 direct[ray, i] = work.sun[i] * work.through[i]
         for i in range(scattered.shape[1]):

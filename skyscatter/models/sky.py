@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import model_validator
 
+from skyscatter.celestial.frames import Sight
 from skyscatter.celestial.lights import SkyLights, chosen, shining
 from skyscatter.errors import DomainError
 from skyscatter.ground import Ground
@@ -15,6 +16,9 @@ from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
 from skyscatter.scene import AU, Scene, Site, Star, Sun
 from skyscatter.units import PositiveMetres
+
+#: In the totality of an eclipse lights matter as while the Sun stands there [degree]: planets and bright stars.
+TOTALITY = -3.0
 
 
 class Planet(Record):
@@ -181,7 +185,10 @@ class Model(ModelFile):
             raise DomainError("planet", self.planet.name, rule)
         site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time), body=body)
         sun = _sun_at(site, time, scene.altitude)
-        lit = _lights(lights, sun.elevation_deg, body)
+        elevation = sun.elevation_deg
+        if lights is not None and _in_totality(site, scene.altitude):
+            elevation = min(elevation, TOTALITY)
+        lit = _lights(lights, elevation, body)
         if lit is not None and body != "Earth" and "airglow" in lit.shine:
             raise DomainError("lights", "airglow", f"that of {body} is not known; leave it out")
         return scene.model_copy(update={"sun": sun, "lights": lit})
@@ -200,6 +207,15 @@ def _sun_at(site: Site, time: Any, altitude: float) -> Sun:
         distance_au=site.sight(altitude).sun.distance / AU,
         site=site,
     )
+
+
+def _in_totality(site: Site, altitude: float) -> bool:
+    """Whether the Moon covers all of the Sun there."""
+    from skyscatter.celestial.eclipse import solar_eclipse
+
+    sight = site.sight(altitude)
+    eclipse = solar_eclipse(sight) if isinstance(sight, Sight) else None
+    return eclipse is not None and eclipse.kind == "total"
 
 
 def _lights(lights: Any, sun_elevation_deg: float, body: str) -> SkyLights | None:

@@ -59,9 +59,11 @@ def prepare_tables(
 ) -> Tables:
     """The tables of a scene; the rest of the arguments is for solvers that do more before the first ray."""
     from skyscatter.solvers.compile import compile_ground, compile_scene, matrix_tables
+    from skyscatter.solvers.eclipse import eclipse_table
 
     matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if options.stokes else None
-    return Tables(compile_scene(scene, wavelengths), compile_ground(scene.ground, wavelengths), matrix)
+    table = compile_scene(scene, wavelengths)._replace(eclipse=eclipse_table(scene, wavelengths))
+    return Tables(table, compile_ground(scene.ground, wavelengths), matrix)
 
 
 @dataclass

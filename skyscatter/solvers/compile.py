@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from skyscatter.ground import Ground
 from skyscatter.kernels.columns import FieldTable
+from skyscatter.kernels.eclipse import NO_ECLIPSE
 from skyscatter.kernels.lookup import ColumnTable, build_column_table
 from skyscatter.kernels.optics import GroundTable, OpticsTable, SceneTable
 from skyscatter.media.medium import Medium
@@ -98,7 +99,10 @@ def disk_points(axis: Array, radius: float) -> tuple[Array, Array, Array]:
 
 
 def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
-    """Tables of a scene at wavelengths [nm]; the costly parts are kept between calls."""
+    """Tables of a scene at wavelengths [nm], with all of its sunlight; the costly parts are kept between calls.
+
+    Eclipses are for those solvers that can follow them: `skyscatter.solvers.eclipse.eclipse_table`.
+    """
     fields, columns = field_tables(scene.medium)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, tuple(float(w) for w in wavelengths))
     distance, star = scene.star_distance, scene.star
@@ -130,7 +134,7 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
         glows=bool(np.any(emission) or np.any(background)),
         background=background,
     )
-    return SceneTable(columns, optics, fields.breaks)
+    return SceneTable(columns, optics, fields.breaks, NO_ECLIPSE)
 
 
 def compile_ground(ground: Ground, wavelengths: Array) -> GroundTable:

@@ -149,7 +149,8 @@ def solve(
     Parameters
     ----------
     scene : Scene
-        Its medium, ground and star; where the Sun and the observer stand is asked for later.
+        Its medium, ground and star; where the Sun and the observer stand is asked for later.  No Moon stands before it:
+        in eclipses `skyscatter.radiance` and `skyscatter.render` follow the shadow.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.  Sunlight is averaged over the cell of each, half-way to its neighbours; a
         single one stands for itself.

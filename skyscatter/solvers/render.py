@@ -258,31 +258,37 @@ def _picture(
         added.add(grid, cube, layers, state.recipe)
         return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers, sky=added.sky)
     error = spread(state.standard_error)
-    correction, recipe = sun_correction(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
-    for values in (cube, *(layers[name] for name in ("direct",) if name in layers)) if correction else ():
-        values.reshape(-1, wl.size)[correction[0]] += correction[1]
+    corrections, recipe = sun_corrections(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
+    for pixels, light in corrections:
+        for values in (cube, *(layers[name] for name in ("direct",) if name in layers)):
+            values.reshape(-1, wl.size)[pixels] += light
     if scene.lights is not None and state.done.all():
         _skylights().add_to(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
     return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
 
 
-def sun_correction(
+def sun_corrections(
     scene: Scene, camera: Any, grid: Array, table: Any, wl: Array, recipe: dict[str, Any]
-) -> tuple[Any, dict[str, Any]]:
+) -> tuple[list[tuple[NDArray[np.intp], Array]], dict[str, Any]]:
     """Pixels with the Sun, and what averaging its disk over them, or leaving it out, adds to the radiance there.
+
+    In a total eclipse its corona too.
 
     Without the disk the recipe gains the lamp in its place.
     """
-    from skyscatter.solvers import sundisk
+    from skyscatter.solvers import corona, sundisk
 
     with_disk = recipe.get("sun_disk", True)
     if scene.lights is not None and not _skylights().sun_shines(scene):
-        dark = {} if with_disk else {"sun_lamp": {**sundisk.sun_lamp(scene, table), "irradiance": [0.0] * wl.size}}
-        return None, recipe | dark
+        dark = {} if with_disk else {"sun_lamp": {**sundisk.sun_lamp(scene, table, wl), "irradiance": [0.0] * wl.size}}
+        return [], recipe | dark
     if with_disk:
-        return sundisk.disk_correction(scene, table, camera, grid), recipe
+        disk = sundisk.disk_correction(scene, table, camera, grid)
+        around = corona.corona_pixels(scene, table, camera, grid, wl)
+        return [one for one in (disk, around) if one is not None], recipe
     seen = sundisk.disk_along(scene, table, grid, wl)
-    return seen and (seen[0], -seen[1]), {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table)}
+    lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table, wl)}
+    return [] if seen is None else [(seen[0], -seen[1])], lamp
 
 
 def picture_of(store: str | os.PathLike[str]) -> SpectralImage:

@@ -68,8 +68,20 @@ def load_solver(name: str, scene: AnyScene) -> Any:
     modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
     if name not in modules:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
+    if name == "orders" and isinstance(scene, Scene) and _eclipsed(scene):
+        expect("path")
+        return import_module("skyscatter.solvers.eclipsed")
     expect(modules[name])
     return import_module(f"skyscatter.solvers.{modules[name]}")
+
+
+def _eclipsed(scene: Scene) -> bool:
+    """Whether a scene is in an eclipse of the Sun; nothing is loaded for scenes without a place and a time."""
+    if scene.sun.site is None:
+        return False
+    from skyscatter.solvers.eclipse import eclipse_of
+
+    return eclipse_of(scene) is not None
 
 
 def solve_rays(

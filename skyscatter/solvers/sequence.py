@@ -17,8 +17,9 @@ from skyscatter.solvers import orders, skylights
 from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.checks import check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.eclipse import eclipse_of
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
-from skyscatter.solvers.render import render, sun_correction
+from skyscatter.solvers.render import render, sun_corrections
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.tasks.door import opened
 from skyscatter.tasks.sharing import Sharing
@@ -155,9 +156,9 @@ def frame(
     else:
         for array in (cube, *cubes.values()):
             array[inside] = 0.0
-    correction, recipe = sun_correction(scene, camera, grid, table, field.wavelengths, recipe)
-    if correction is not None:
-        cube.reshape(-1, cube.shape[-1])[correction[0]] += correction[1]
+    corrections, recipe = sun_corrections(scene, camera, grid, table, field.wavelengths, recipe)
+    for pixels, light in corrections:
+        cube.reshape(-1, cube.shape[-1])[pixels] += light
     heavens = skylights.heavens_of(scene, field.wavelengths)
     if heavens is not None:
         lit = air or skylights.LitAir(field, scene.altitude)
@@ -229,11 +230,12 @@ class Frames:
 
     def image(self, number: int, camera: Any = None) -> SpectralImage:
         """One frame."""
-        if self.solved is not None:
-            scene = self.scenes[number]
+        scene = self.scenes[number]
+        # A field's light is symmetric about the Sun, in the Moon's shadow none is.
+        if self.solved is not None and eclipse_of(scene) is None:
             air = self._airs.setdefault(scene.altitude, skylights.LitAir(self.solved, scene.altitude))
             return frame(self.solved, scene, camera or self.camera, air, self.options.get("sun_disk", True))
-        return render(self.scenes[number], camera or self.camera, self.wavelengths, threads=1, **self.options)
+        return render(scene, camera or self.camera, self.wavelengths, threads=1, **self.options)
 
 
 def own_exposure(frames: Frames, number: int) -> float:

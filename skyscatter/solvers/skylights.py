@@ -314,19 +314,37 @@ def _add_moon_face(picture: Picture, scene: Scene, moon: Moon, above: Overhead) 
     points, area = disk_grid(moon.direction, moon.angular_radius, count)
     for k in range(0, len(points), BLOCK):
         some = points[k : k + BLOCK]
-        x, y = camera.pixel(some, observer)
-        seen = np.isfinite(x) & np.isfinite(y)
-        some = some[seen]
-        column = np.minimum(np.floor(x[seen] + 0.5).astype(np.intp), camera.width - 1)
-        row = np.minimum(np.floor(y[seen] + 0.5).astype(np.intp), camera.height - 1)
-        pixels, member = np.unique(row * camera.width + column, return_inverse=True)
-        if not pixels.size:
-            continue
         light = moon_radiance(moon, some, above.wavelengths) * above.transmittance(some) * area
-        total = np.zeros((pixels.size, light.shape[1]))
-        np.add.at(total, member, light)
-        kept = solid_angle[pixels] > 0
-        picture.add("moon", pixels[kept], total[kept] / solid_angle[pixels[kept], None])
+        picture.add("moon", *onto_pixels(camera, observer, some, light))
+
+
+def onto_pixels(camera: Any, observer: Any, points: Array, light: Array) -> tuple[NDArray[np.intp], Array]:
+    """Points of light as radiance of the pixels that they fall into.
+
+    Parameters
+    ----------
+    camera : Camera
+    observer : Observer
+    points : ndarray, shape (point, 3)
+        Directions.
+    light : ndarray, shape (point, wavelength)
+        Irradiances [W m-2 nm-1].
+
+    Returns
+    -------
+    (pixel,) int, (pixel, wavelength)
+        Numbers of the pixels in reading order, rising, and radiances [W m-2 sr-1 nm-1].
+    """
+    x, y = camera.pixel(points, observer)
+    seen = np.isfinite(x) & np.isfinite(y)
+    column = np.minimum(np.floor(x[seen] + 0.5).astype(np.intp), camera.width - 1)
+    row = np.minimum(np.floor(y[seen] + 0.5).astype(np.intp), camera.height - 1)
+    pixels, member = np.unique(row * camera.width + column, return_inverse=True)
+    total = np.zeros((pixels.size, light.shape[1]))
+    np.add.at(total, member, light[seen])
+    solid_angle = camera.pixel_solid_angle(observer).ravel()[pixels]
+    kept = solid_angle > 0
+    return pixels[kept], total[kept] / solid_angle[kept, None]
 
 
 def disk_grid(axis: Array, radius: float, count: int) -> tuple[Array, float]:

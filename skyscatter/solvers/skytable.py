@@ -172,7 +172,7 @@ class SkyTable:
         flat = (nodes * TURNS, self.beyond.shape[1])
         scattered = joined @ (self.parts.rest if parts else self.smooth).reshape(flat)
         last = self.phase.shape[1] - 1
-        cell, share = _angle_cells(directions @ self.sun, last)
+        cell, share = angle_cells(directions @ self.sun, last)
         cells = _sparse(cell, share, last + 1)
         angles = self.lost.shape[1] // nodes
         inner = np.flatnonzero(cell[:, 1] < angles)
@@ -339,7 +339,7 @@ def _solved(
         here = (-1, TURNS, wavelengths)
         lit = np.empty((rays[some].size // 3, components, wavelengths), np.float32)
         scattered, multiple, ground, direct = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit)
-        cell, share = _angle_cells(toward[some].ravel(), fine.problem.whole.shape[2] - 1)
+        cell, share = angle_cells(toward[some].ravel(), fine.problem.whole.shape[2] - 1)
         cells = _sparse(cell, share, fine.problem.whole.shape[2])
         inner = cell[:, 1] < lost.shape[2]
         node = np.repeat(np.arange(some.start, some.stop), TURNS)[inner]
@@ -469,7 +469,7 @@ def _cubics(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
     return number, weights
 
 
-def _angle_cells(cosine: Array, last: int) -> tuple[NDArray[np.int64], Array]:
+def angle_cells(cosine: Array, last: int) -> tuple[NDArray[np.int64], Array]:
     """As `skyscatter.kernels.tabulated.angle_cell`: the two angles of a table beside each, and their weights."""
     at = np.clip(cosine, -1.0, 1.0)
     k = np.minimum((np.sqrt(np.maximum(0.5 * (1.0 - at), 0.0)) * last).astype(np.int64), last - 1)

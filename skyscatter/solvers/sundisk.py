@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import disk_light, shine
+from skyscatter.solvers.eclipse import eclipse_of, moon_drawn
 
 #: Cells across a picture at first: 5 degrees for a panorama, small enough to judge a cell by its corners.
 FIRST_ACROSS, FIRST_DOWN = 72, 36
@@ -26,6 +27,8 @@ MARGIN = 1.1
 #: within a cell, which misses a^2 / 6 of the light; and between them, as a share of the distance from the edge, from
 #: which the light rises as a root.
 WITHIN, ON_EDGE, RISE = 1 / 12, 1 / 120, 1 / 4
+#: The same in an eclipse, as a share of the width of what is seen of the Sun, and at least as a share of its radius.
+OF_CRESCENT, FINEST = 1 / 12, 1 / 2000
 #: A pixel smaller than its limit by this factor is as bright as along its middle.
 EVEN = 1 / 3
 #: Cells at most.  Only a picture of the whole sky whose rim, one point of the sky, meets the Sun asks for more.
@@ -51,6 +54,8 @@ class Cells(NamedTuple):
     solid_angle: Array  #: (cell,) [sr]
     distance: Array  #: (cell,) from the middle of the disk [rad]
     height: Array  #: (cell,) above the horizon [rad]
+    moon: Array  #: (cell,) distance from the Moon's limb, negative behind the Moon [rad]
+    from_moon: Array  #: (cell, 3) direction away from its middle, of any length
 
 
 class Sight(NamedTuple):
@@ -61,6 +66,9 @@ class Sight(NamedTuple):
     sun: Array  #: (3,) direction
     radius: float  #: of the disk [rad]
     horizon: float  #: elevation of the horizon, at most 0 [rad]
+    moon: Array | None = None  #: (3,) direction of the Moon in an eclipse
+    moon_radius: float = 0.0  #: of its disk [rad]
+    edge: float = ON_EDGE  #: largest half diagonal of cells on an edge, as a share of the Sun's radius
 
 
 def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple[NDArray[np.intp], Array] | None:
@@ -85,7 +93,7 @@ def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple
         return None
     position = np.asarray(scene.observer.position)
     dip = math.acos(min(table.columns.radius / float(np.linalg.norm(position)), 1.0))
-    sight = Sight(camera, scene.observer, table.optics.disk_axis, radius, -dip)
+    sight = _sight(scene, camera, table.optics.disk_axis, radius, -dip)
     cells = cut_cells(sight)
     # A pixel that lies within the disk is as bright as along its middle.
     pixels, kept = _pixels(sight, cells, np.isfinite(grid[..., 0]))
@@ -97,7 +105,29 @@ def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple
     touched, first = np.unique(pixels[order], return_index=True)
     light = np.add.reduceat(_light(sight, _chosen(cells, order), table, position), first, axis=0)
     light /= camera.pixel_solid_angle(scene.observer).ravel()[touched, None]
-    return touched, light - disk_light(table, position, grid.reshape(-1, 3)[touched])
+    middles = grid.reshape(-1, 3)[touched]
+    return touched, light - disk_light(table, position, middles) * ~_behind_moon(sight, middles)[:, None]
+
+
+def _sight(scene: Scene, camera: Any, sun: Array, radius: float, horizon: float) -> Sight:
+    """What is looked at; in an eclipse with the Moon."""
+    eclipse = eclipse_of(scene)
+    if eclipse is None:
+        return Sight(camera, scene.observer, sun, radius, horizon)
+    moon, moon_radius = moon_drawn(eclipse, sun, radius)
+    # Of the crescent, or of the ring where it is narrowest.
+    sign = -1.0 if eclipse.kind == "annular" else 1.0
+    width = eclipse.sun_radius - eclipse.moon_radius + sign * eclipse.separation
+    edge = float(np.clip(OF_CRESCENT * width / eclipse.sun_radius, FINEST, ON_EDGE))
+    return Sight(camera, scene.observer, sun, radius, horizon, moon, moon_radius, edge)
+
+
+def _behind_moon(sight: Sight, directions: Array) -> NDArray[np.bool_]:
+    """Which directions the Moon is in the way of."""
+    if sight.moon is None:
+        return np.zeros(len(directions), bool)
+    sine = np.linalg.norm(np.cross(directions, sight.moon), axis=1)
+    return (sine < math.sin(sight.moon_radius)) & (directions @ sight.moon > 0)
 
 
 def disk_along(scene: Scene, table: Any, grid: Array, wavelengths: Array) -> tuple[NDArray[np.intp], Array] | None:
@@ -122,7 +152,7 @@ def disk_along(scene: Scene, table: Any, grid: Array, wavelengths: Array) -> tup
     return pixels, light
 
 
-def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
+def sun_lamp(scene: Scene, table: Any, wavelengths: Array) -> dict[str, Any]:
     """The Sun as a lamp beside a picture without its disk, for recipes and other programs.
 
     Parameters
@@ -130,12 +160,15 @@ def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
     scene : Scene
     table : SceneTable
         Of that scene.
+    wavelengths : ndarray, shape (wavelength,)
+        [nm]
 
     Returns
     -------
     dict
         ``azimuth_deg``, ``elevation_deg``, ``direction`` (east, north, up), ``angular_diameter_deg`` and
-        ``irradiance``, on a plane that faces the Sun, after the air [W m-2 nm-1], one number for each wavelength.
+        ``irradiance``, on a plane that faces the Sun, after the air [W m-2 nm-1], one number for each wavelength; in an
+        eclipse what passes the Moon.
     """
     from skyscatter.geometry.vectors import camera_frame
 
@@ -148,12 +181,14 @@ def sun_lamp(scene: Scene, table: Any) -> dict[str, Any]:
     points = np.cos(angle)[..., None] * forward + np.sin(angle)[..., None] * across
     light = disk_light(table, np.asarray(scene.observer.position), points.reshape(-1, 3))
     weight = 4 * np.pi * math.sin(radius / 2) ** 2 / light.shape[0] * np.repeat(np.cos(angle).ravel(), LAMP_TURNS)
+    eclipse = eclipse_of(scene)
+    passed = np.ones(wavelengths.size) if eclipse is None else eclipse.light(wavelengths)
     return {
         "azimuth_deg": float(sun.azimuth_deg % 360.0),
         "elevation_deg": float(sun.elevation_deg),
         "direction": [float(x) for x in sun.direction],
         "angular_diameter_deg": math.degrees(2 * radius),
-        "irradiance": [float(x) for x in weight @ light],
+        "irradiance": [float(x) for x in passed * (weight @ light)],
     }
 
 
@@ -167,7 +202,7 @@ def cut_cells(sight: Sight) -> Cells:
     done = []
     while len(waiting.half):
         near = (waiting.distance - waiting.half < sight.radius) & (waiting.height + waiting.half > sight.horizon)
-        waiting = _chosen(waiting, near & (waiting.solid_angle > 0))
+        waiting = _chosen(waiting, near & (waiting.solid_angle > 0) & (waiting.moon + waiting.half > 0))
         split = _unfinished(sight, waiting) & (len(waiting.half) < MOST_CELLS)
         done.append(_chosen(waiting, ~split))
         waiting = _measure(sight, *_halves(sight, _chosen(waiting, split)))
@@ -190,20 +225,26 @@ def _measure(sight: Sight, start: Array, side: Array) -> Cells:
     distance = np.arctan2(np.linalg.norm(np.cross(middle, sight.sun), axis=-1), middle @ sight.sun)
     position = np.asarray(sight.observer.position)
     height = np.arcsin(np.clip(middle @ (position / np.linalg.norm(position)), -1.0, 1.0))
+    from_moon, moon = np.zeros_like(middle), np.full(len(middle), np.inf)
+    if sight.moon is not None:
+        from_moon = middle - sight.moon
+        moon = 2 * np.arcsin(np.minimum(np.linalg.norm(from_moon, axis=-1) / 2, 1.0)) - sight.moon_radius
     return Cells(
-        start, side, middle, across, MARGIN * half, np.linalg.norm(diagonals, axis=-1) / 2, distance, height
+        start, side, middle, across, MARGIN * half, np.linalg.norm(diagonals, axis=-1) / 2, distance, height, moon,
+        from_moon,
     )  # fmt: skip
 
 
 def _on_edge(sight: Sight, cells: Cells) -> NDArray[np.bool_]:
     """Whether the edge of the disk or the horizon may cross a cell."""
-    return (cells.distance + cells.half > sight.radius) | (cells.height - cells.half < sight.horizon)
+    limbs = (cells.distance + cells.half > sight.radius) | (np.abs(cells.moon) < cells.half)
+    return np.asarray(limbs | (cells.height - cells.half < sight.horizon))
 
 
 def _limit(sight: Sight, cells: Cells) -> Array:
     """Largest half diagonal that a cell may have for what it shows [rad]."""
     from_edge = np.minimum(sight.radius - cells.distance, cells.height - sight.horizon) / sight.radius
-    share = np.where(_on_edge(sight, cells), ON_EDGE, np.clip(RISE * from_edge, ON_EDGE, WITHIN))
+    share = np.where(_on_edge(sight, cells), sight.edge, np.clip(RISE * from_edge, sight.edge, WITHIN))
     return np.asarray(sight.radius * share)
 
 
@@ -283,6 +324,8 @@ def _points_on_edge(sight: Sight, cells: Cells, up: Array) -> tuple[Array, Array
     share, low, high = _below(cells.distance, sight.radius, _width(cells, cells.middle - sight.sun))
     distance = (low + high) / 2
     above, low, high = _below(-cells.height, -sight.horizon, _width(cells, upwards))
+    if sight.moon is not None:
+        share = share * (1.0 - _below(cells.moon, 0.0, _width(cells, cells.from_moon))[0])
     weight = np.outer(GAUSS[1], cells.solid_angle * share * above)
     return weight, np.broadcast_to(distance, weight.shape), -(low + np.outer(GAUSS[0], high - low))
 

@@ -10,7 +10,7 @@ import pytest
 
 from skyscatter.celestial.frames import AU, Sight
 from skyscatter.celestial.moon import earthshine, moon_at, moon_irradiance, moon_radiance, moon_reflectance
-from skyscatter.celestial.rolo import lommel_seeliger
+from skyscatter.celestial.rolo import lommel_seeliger, sunlit_irradiance
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.spectra.solar import solar_irradiance
 from skyscatter.spectra.vega import BAND_NODES, magnitude
@@ -96,7 +96,7 @@ def test_irradiance_follows_from_reflectance() -> None:
         phase_angle_deg=7.0, observer_longitude_deg=0.0, observer_latitude_deg=0.0, sun_longitude_deg=7.0,
         distance=3.844e8, sun_distance=AU,
     )  # fmt: skip
-    light = moon_irradiance(moon, BANDS)
+    light = sunlit_irradiance(moon, BANDS)
     # eight decimals of the table
     assert light == pytest.approx(np.array(RIMO[0][1]) * 6.4177e-5 / np.pi * solar_irradiance(BANDS), rel=1e-6)
 
@@ -124,7 +124,7 @@ def test_magnitude_and_colour_of_the_moon(phase) -> None:
         phase_angle_deg=phase, observer_longitude_deg=0.0, observer_latitude_deg=0.0, sun_longitude_deg=phase,
         distance=3.844e8, sun_distance=AU,
     )  # fmt: skip
-    light = moon_irradiance(moon, BAND_NODES)
+    light = sunlit_irradiance(moon, BAND_NODES)
     # the scales of the two are known to 5 % or so; a mean law
     assert magnitude(light, "V") == pytest.approx(-12.73 + 0.026 * phase + 4e-9 * phase**4, abs=0.1)
     assert magnitude(light, "B") - magnitude(light, "V") == pytest.approx(0.92, abs=0.08)

@@ -1,0 +1,229 @@
+"""Skies in eclipses of the Sun: closed forms, a quadrature of its own, plain walks, and nodes against walks."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import skyscatter
+from skyscatter import Component, Ground, Medium, Scene, Star
+from skyscatter.kernels.eclipse import INNER, OUTER, EclipseTable
+from skyscatter.media.fields import Exponential
+from skyscatter.optics.rayleigh import RayleighPowerLaw
+from skyscatter.solvers import eclipsed, path, single
+from skyscatter.solvers.base import Answer, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.eclipse import eclipse_of, eclipse_table
+
+Array = NDArray[np.float64]
+
+WL = np.array([420.0, 550.0, 680.0])
+PLACE, TOTAL, PARTIAL = (42.85, -106.32), "2017-08-21T17:43:50Z", "2017-08-21T17:20:00Z"
+EARTH = 6371e3
+
+
+def direction(elevation: float, azimuth: float) -> list[float]:
+    e, a = np.radians([elevation, azimuth])
+    return [float(np.cos(e) * np.sin(a)), float(np.cos(e) * np.cos(a)), float(np.sin(e))]
+
+
+SKY = np.array([direction(*at) for at in ((90, 0), (40, 200), (10, 60), (2, 300), (-20, 140))])
+
+
+@lru_cache
+def scene(time: str, model: str = "earth-simple") -> Scene:
+    return skyscatter.load_model(model).scene_at(*PLACE, time)
+
+
+def rays_of(it: Scene, directions: Array = SKY) -> Rays:
+    d = np.array(directions, float)
+    return Rays(np.tile(it.observer.position, (len(d), 1)), d, np.arange(len(d), dtype=np.int64))
+
+
+def tables_of(it: Scene, eclipse: EclipseTable | None = None) -> Tables:
+    tables = prepare_tables(it, rays_of(it), WL, Options(), 1, None)
+    return tables if eclipse is None else tables._replace(scene=tables.scene._replace(eclipse=eclipse))
+
+
+def even(it: Scene, share: float) -> EclipseTable:
+    """A Moon a hundred times the Sun's size that lets a share of the light pass, the same all over the sky."""
+    sun, place = it.sun.direction, it.observer.position
+    shares = np.full((3, INNER + OUTER + 1, WL.size), share)
+    # 27 degrees wide, so that all points have it before the Sun
+    return EclipseTable(
+        shares, np.array([50.0, 100.0, 150.0]), place + 1.5e11 * sun, place + 4e8 * sun, 6.96e8, 1.8e8, 1.0
+    )
+
+
+def z_of(one: Answer, other: Answer, parts: tuple[float, float] = (1.0, 1.0)) -> Array:
+    return (one.radiance - other.radiance) / np.hypot(parts[0] * one.error, parts[1] * other.error)
+
+
+def test_an_even_share_scales_the_light() -> None:
+    it = scene("2017-08-22T17:43:50Z")  # no eclipse
+    rays, share = rays_of(it), 0.37
+    plain, dimmed = tables_of(it), tables_of(it, even(it, share))
+    once = [single.single_parts(t.scene, t.ground, rays, 1e-4) for t in (plain, dimmed)]
+    for full, part in zip(once[0][:2], once[1][:2], strict=True):
+        np.testing.assert_allclose(part, share * full, rtol=1e-12)  # the last digits of a product
+    flights = Options(samples=2000, sampling="free-flight")
+    free = [path.solve(t, rays, flights) for t in (plain, dimmed)]
+    # the same walks to the last one: their draws do not ask for sunlight
+    np.testing.assert_allclose(free[1].radiance, share * free[0].radiance, rtol=1e-11)
+    walks = [path.solve(t, rays, Options(samples=4096, seed=n)) for n, t in enumerate((plain, dimmed))]
+    scaled = Answer(share * walks[0].radiance, share * walks[0].error)
+    # 15 numbers, of which neighbouring wavelengths go together: 4 standard errors by 16 batches are one in 1000
+    assert np.abs(z_of(walks[1], scaled)).max() < 4.0
+
+
+def test_what_is_covered_and_what_is_not_make_the_whole() -> None:
+    it = scene(TOTAL)
+    table = eclipse_table(it, WL)
+    rays = rays_of(it)
+    masks = (table, table._replace(share=1.0 - table.share), tables_of(scene("2017-08-22T17:43:50Z")).scene.eclipse)
+    tables = [tables_of(it, mask) for mask in masks]
+    once = [single.single_parts(t.scene, t.ground, rays, 1e-5) for t in tables]
+    for shaded, rest, whole in zip(once[0][:2], once[1][:2], once[2][:2], strict=True):
+        # three quadratures of 1e-5 each; beyond 3500 km, where no Moon is before the Sun, no air is in sight
+        np.testing.assert_allclose(shaded + rest, whole, rtol=1e-4, atol=1e-12)
+    walks = [path.solve(t, rays, Options(samples=4096, seed=n)) for n, t in enumerate(tables)]
+    total = Answer(walks[0].radiance + walks[1].radiance, np.hypot(walks[0].error, walks[1].error))
+    assert np.abs(z_of(total, walks[2])).max() < 4.0  # as above
+
+
+H, TOP, SCATTERING = 8e3, 100e3, 1.2e-5
+
+
+def simple(time: str) -> Scene:
+    """Exponential air under a point Sun over black ground."""
+    air = Component(
+        name="air",
+        density=Exponential(scale_height=H, top=TOP),
+        optics=RayleighPowerLaw(coefficient=SCATTERING, wavelength=550.0),
+    )
+    sun = scene(time).sun
+    return Scene(
+        medium=Medium(planet_radius=EARTH, components=(air,)), ground=Ground(albedo=0.0),
+        star=Star(spectrum=1.0, radius=0.0), sun=sun,
+    )  # fmt: skip
+
+
+def column(start: Array, towards: Array, length: Array, nodes: int = 200) -> Array:
+    """Density integrated along lines, by Gauss-Legendre points that crowd at the start."""
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    u, weight = 0.5 * (x + 1.0), 0.5 * w
+    t = length[:, None] * u**3
+    points = start[:, None, :] + t[..., None] * towards
+    density = np.exp(-(np.linalg.norm(points, axis=-1) - EARTH) / H)
+    return np.asarray((density * 3.0 * u**2 * weight).sum(axis=1) * length)
+
+
+def to_top(start: Array, towards: Array) -> Array:
+    along = start @ towards
+    return np.asarray(-along + np.sqrt(along**2 + (EARTH + TOP) ** 2 - np.sum(start**2, axis=-1)))
+
+
+@pytest.mark.parametrize("time", [TOTAL, PARTIAL])
+@pytest.mark.parametrize("at", [(90.0, 0.0), (12.0, 60.0), (2.0, 250.0)])
+def test_first_order_against_a_quadrature(time, at) -> None:
+    it = simple(time)
+    eclipse = eclipse_of(it)
+    assert eclipse is not None
+    ray, sun, place = np.array(direction(*at)), it.sun.direction, it.observer.position
+    # The ray in 400 pieces with 6 Gauss points, finer near by.
+    edges = to_top(place[None], ray)[0] * np.linspace(0.0, 1.0, 401) ** 2
+    x, w = np.polynomial.legendre.leggauss(6)
+    t = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x).ravel()
+    weight = (0.5 * np.diff(edges)[:, None] * w).ravel()
+    points = place + t[:, None] * ray
+    depth = column(np.tile(place, (t.size, 1)), ray, t) + column(points, sun, to_top(points, sun))
+    sigma = SCATTERING * (550.0 / WL) ** 4
+    cosine = float(ray @ sun)
+    phase = 3.0 / (16.0 * np.pi) * (1.0 + cosine**2)
+    density = np.exp(-(np.linalg.norm(points, axis=1) - EARTH) / H)[:, None]
+    shares = eclipse.light_at(points - place, WL)
+    expected = weight @ (density * sigma * phase * np.exp(-depth[:, None] * sigma) * shares)
+    expected *= (it.star.distance / it.star_distance) ** 2
+    found = skyscatter.radiance(it, place, ray, WL, "single", tolerance=1e-5).radiance
+    # the solver's tolerance and its tables; the share between entries is off by 5e-6, of the 1e-2 at the end of a low
+    # ray in totality a thousandth; at the zenith there shares of 1e-5 are all that is
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-5 * 5.0 * sigma.max() * H * phase)
+
+
+def test_walks_against_plain_ones_in_totality() -> None:
+    it = scene(TOTAL, "earth")
+    rays, tables = rays_of(it), tables_of(it)
+    marched = path.solve(tables, rays, Options(samples=8192))
+    free = path.solve(tables, rays, Options(samples=200_000, sampling="free-flight"))
+    # 15 numbers, correlated over wavelengths; the bar of 3 standard errors, of a t distribution of 15 degrees
+    assert np.abs(z_of(marched, free)).max() < 4.0
+    assert np.sqrt(np.mean(z_of(marched, free) ** 2)) < 1.6  # five independent rays: one in 100 has more
+    assert (marched.error < 0.2 * marched.radiance).all()
+    assert (free.error < 0.1 * free.radiance).all()
+
+
+def test_how_dark_totality_is() -> None:
+    """Three to four orders of magnitude darker at the zenith (Emde & Mayer 2007), less towards the horizon."""
+    it = scene(TOTAL, "earth")
+    full = it.model_copy(update={"sun": it.sun.model_copy(update={"site": None})})
+    dark, bright = (path.solve(tables_of(of), rays_of(of), Options(samples=4096)) for of in (it, full))
+    ratio = dark.radiance / bright.radiance
+    assert (ratio[0] > 1e-4).all()
+    assert (ratio[0] < 1e-3).all()
+    # the horizon all around is the brightest: beneath 2 degrees ten times as much is left of the red as at the zenith
+    assert ratio[3, 2] > 5.0 * ratio[0, 2]
+    # and redder than it was, where the light has come a long way through the air
+    assert ratio[3, 2] > 1.2 * ratio[3, 0]
+
+
+@pytest.mark.parametrize("time", [TOTAL, PARTIAL])
+def test_nodes_agree_with_walks(time) -> None:
+    """What is joined over the sky, against rays that have walks of their own, in units of the stated errors."""
+    it = scene(time)
+    camera = skyscatter.Fisheye(width=40, height=40)
+    grid = camera.directions(it.observer).reshape(-1, 3)
+    rays = rays_of(it, grid[np.isfinite(grid[:, 0])])
+    options = Options(tolerance=0.04, parts=True)
+    context = eclipsed.prepare(it, rays, WL, options, 1, None)
+    assert context.sky is not None
+    assert context.sky.once is not None
+    joined = eclipsed.solve(context, rays, options)
+    some = np.arange(7, len(rays.origins), len(rays.origins) // 24)
+    own = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some] + 10**6)
+    walked = path.solve(context.tables, own, Options(samples=2048, parts=True))
+    found = Answer(joined.radiance[some], joined.error[some])
+    z = z_of(found, walked)
+    assert np.sqrt(np.mean(z**2)) < 1.4  # 25 rays, neighbours in part by the same nodes
+    assert np.abs(z).max() < 4.5
+    assert np.median(found.error / found.radiance) < 0.05
+    for name in ("scattered", "ground"):
+        # cubics between nodes, which the error holds; in totality light scattered once is nothing at the zenith
+        scale = walked.layers[name].max(axis=0)
+        np.testing.assert_allclose(joined.layers[name][some], walked.layers[name], rtol=1e-2, atol=3e-3 * scale.max())
+
+
+def test_few_rays_have_walks_of_their_own() -> None:
+    it = scene(TOTAL)
+    found = skyscatter.radiance(it, it.observer.position, SKY[:2], WL, tolerance=0.1, max_order=3, parts=True)
+    assert found.error_kind == "estimated"
+    assert (found.error > 0.0).all()
+    assert (found.samples > 0).all()
+    full = path.solve(tables_of(it), rays_of(it, SKY[:2]), Options(samples=4096, max_order=3))
+    assert np.abs(z_of(found, full)).max() < 4.0  # as above
+
+
+def test_a_picture_of_a_partial_phase_is_dimmed_evenly() -> None:
+    """Far from totality the sky keeps its look: it is dimmed as the Sun is, but for the slope of the shadow."""
+    it = scene(PARTIAL)
+    full = it.model_copy(update={"sun": it.sun.model_copy(update={"site": None})})
+    camera = skyscatter.Fisheye(width=24, height=24)
+    dim, bright = (skyscatter.render(of, camera, WL, tolerance=0.02) for of in (it, full))
+    eclipse = eclipse_of(it)
+    assert eclipse is not None
+    ratio = dim.radiance / bright.radiance / eclipse.light(WL)
+    # 100 km of air on each side, over which the share of 0.3 changes by 0.03 each way; noise of 2 %
+    assert np.nanmin(ratio) > 0.8
+    assert np.nanmax(ratio) < 1.25
+    assert dim.error is not None
