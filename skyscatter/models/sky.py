@@ -7,11 +7,13 @@ from typing import Any, ClassVar
 from pydantic import model_validator
 
 from skyscatter.celestial.lights import SkyLights, chosen, shining
+from skyscatter.errors import DomainError
 from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
 from skyscatter.scene import Scene, Site, Star, Sun
+from skyscatter.surfaces.townmap import AnyTown
 from skyscatter.units import PositiveMetres
 
 
@@ -56,6 +58,8 @@ class Model(ModelFile):
         Its light; the Sun when not given.
     components : tuple of Component
         The atmosphere.
+    towns : tuple of Town or TownMap, optional
+        Lamps on the ground, whose light the air scatters.
 
     Examples
     --------
@@ -80,6 +84,7 @@ class Model(ModelFile):
     ground: Ground = Ground()
     star: Star = Star()
     components: tuple[Component, ...]
+    towns: tuple[AnyTown, ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Model:
@@ -133,7 +138,10 @@ class Model(ModelFile):
         0.98
         """
         sun = Sun(elevation_deg=sun_elevation_deg, azimuth_deg=sun_azimuth_deg, distance_au=sun_distance_au)
-        return Scene(medium=self.medium, ground=self.ground, star=self.star, sun=sun, altitude=altitude)
+        return self._seen(sun=sun, altitude=altitude, towns=self.towns)
+
+    def _seen(self, **fields: Any) -> Scene:
+        return Scene(medium=self.medium, ground=self.ground, star=self.star, **fields)
 
     def scene_at(
         self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0, lights: Any = None
@@ -173,11 +181,16 @@ class Model(ModelFile):
         """
         from skyscatter.geometry.sun import iso_utc, sun_position
 
-        scene = self.scene(altitude=altitude)
+        scene = self._seen(altitude=altitude)
         sun = sun_position(latitude_deg, longitude_deg, time, scene.altitude)
         site = Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=iso_utc(time))
         lit = _lights(lights, sun.elevation_deg)
-        return scene.model_copy(update={"sun": Sun(**sun._asdict(), site=site), "lights": lit})
+        if lit is not None and "towns" in lit.shine and not self.towns:
+            if not (isinstance(lights, str) or callable(lights) or isinstance(lights, SkyLights)):
+                raise DomainError("lights", "towns", "the model has none; give it towns, or leave them out")
+            lit = lit.model_copy(update={"shine": tuple(name for name in lit.shine if name != "towns")})
+        place = {"sun": Sun(**sun._asdict(), site=site), "lights": lit, "towns": self.towns}
+        return scene.model_copy(update=place)
 
 
 def _lights(lights: Any, sun_elevation_deg: float) -> SkyLights | None:

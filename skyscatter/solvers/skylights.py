@@ -50,7 +50,7 @@ def sun_shines(scene: Scene) -> bool:
 
 def heavens_of(scene: Scene, wavelengths: Array) -> Heavens | None:
     """What shines on a scene; None where that is its Sun alone."""
-    if scene.lights is None or scene.sun.site is None or not set(scene.lights.shine) - {"sun"}:
+    if scene.lights is None or scene.sun.site is None or not set(scene.lights.shine) - {"sun", "towns"}:
         return None
     site = scene.sun.site
     return Heavens(scene.lights, Sight(site.latitude_deg, site.longitude_deg, site.time, scene.altitude), wavelengths)
