@@ -51,7 +51,7 @@ def lobe_at(lobe, cosine):
 def lamp_source(scene, line, origin, direction, t, lobe, lamp, work):
     """What a point of a ray sends on of the lamp's light over its power [m-3 sr-1], times D^2, into ``work.source``.
 
-    The density, the scattering coefficient and the transmittance to the start of the line are left in `work`.
+    The density and the transmittances to the start of the line and to the lamp are left in `work`.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def lamp_source(scene, line, origin, direction, t, lobe, lamp, work):
     intensity = lobe_at(lobe, cosine) if cosine > 0.0 else 0.0
     if not intensity > 0.0:
         for i in range(work.source.size):
-            work.source[i] = 0.0
+            work.source[i], work.sun[i] = 0.0, 0.0
         return square
     outward_columns(columns, 0.0, min(cosine, 1.0), work.to_sun)
     mu = min(max((a * x + b * y + c * z) / (r * far), 0.0), 1.0)

@@ -3,9 +3,9 @@
 The walks are those of `skyscatter.kernels.path` but for where they look for light: at points of every leg the lamp is
 looked at.  Two sets of points share the work by the balance heuristic: one in each stratum of the leg, and some that
 crowd where the leg is near the lamp, evenly in the angle under which it sees the leg.  Directions are drawn by the phase
-function, by a guide that knows that skies are brightest near the horizon, and around the lamp evenly in the angle from
-it: light that a lamp sends into air around it is seen to grow as one over that angle (Georgiev et al. 2013, ACM
-Transactions on Graphics 32, 164).  Together they leave no pole of the order 1 / D^2.
+function, and around the lamp: light that a lamp sends into air around it is seen to grow as one over the angle from it,
+and to fall faster than that where it is far (Georgiev et al. 2013, ACM Transactions on Graphics 32, 164).  Together they
+leave no pole of the order 1 / D^2.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from skyscatter.kernels.path import (
     choose,
     depart,
     draw,
-    guide_weights,
     lift_to_ground,
     make_leg,
     make_walk,
@@ -48,15 +47,15 @@ from skyscatter.kernels.work import make_work
 
 #: Strata of a leg, and points of it that crowd at the lamp.
 LEG_STRATA, NEAR_POINTS = 6, 4
+#: Share of the draw of vertices that does not ask whether the lamp's light comes through to a point.
+DARK_SHARE = 0.05
 #: Distance [m] from the lamp within which the guide of the vertices takes the air as evenly lit.
 NEAR = 1000.0
-#: Share of the directions that are drawn around the lamp.
-LAMP_SHARE = 0.25
-#: Differences from the lamp in the zenith's cosine and in azimuth [rad] below which the guide of directions is even.
-LEVEL, BESIDE = 0.03, 0.1
-BESIDE_LOG = math.log((math.pi + BESIDE) / BESIDE)
-#: Share drawn by an isotropic phase function on guided legs, and what it grows by with the mean cosine.
-PHASE_SHARE, PHASE_GROWTH = 0.15, 0.3
+#: Angle from the lamp [rad] below which the guide of directions takes the lamp's light as growing as one over it.
+EVEN_ANGLE = 0.1
+ANGLE_LOG = math.log((math.pi + EVEN_ANGLE) / EVEN_ANGLE)
+#: Share of the directions drawn by an isotropic phase function, and what it grows by with the mean cosine.
+PHASE_SHARE, PHASE_GROWTH = 0.25, 0.35
 
 
 @inlined
@@ -94,7 +93,7 @@ def march_to_lamp(scene, line, lobe, lamp, u, v, guided, leg, work, walk):
             mix_components(work.density, scene.optics.sigma_s, work.scattering)
             lit = width / (math.sqrt(square) + NEAR)
             for i in range(walk.gain.size):
-                leg.chance[k, i] = lit * work.through[i] * work.scattering[i]
+                leg.chance[k, i] = lit * work.through[i] * work.scattering[i] * (DARK_SHARE + work.sun[i])
                 leg.total[i] += leg.chance[k, i]
     if guided:
         _share_out(line, lamp, leg, walk)
@@ -109,7 +108,7 @@ def _share_out(line, lamp, leg, walk):
     for n in range(3):
         square += (walk.position[n] + s * walk.direction[n] - lamp[n]) ** 2
     for i in range(leg.total.size):
-        leg.chance[strata, i] = leg.through[i] * leg.albedo[i] / (math.sqrt(square) + NEAR)
+        leg.chance[strata, i] = 0.3 * leg.through[i] * leg.albedo[i] / (math.sqrt(square) + NEAR)
         leg.total[i] += leg.chance[strata, i]
         for k in range(strata + 1):
             leg.chance[k, i] = leg.chance[k, i] / leg.total[i] if leg.total[i] > 0.0 else 0.0
@@ -132,113 +131,46 @@ def face_lamp(radius, position, lamp, out):
 
 
 @inlined
-def around_lamp(d, to_lamp):
-    """Density [sr-1] of a direction that is drawn evenly in its angle from the lamp."""
+def density_near_lamp(d, to_lamp):
+    """Density [sr-1] with which `turn_to_lamp` draws a direction."""
     a = d[1] * to_lamp[2] - d[2] * to_lamp[1]
     b = d[2] * to_lamp[0] - d[0] * to_lamp[2]
     c = d[0] * to_lamp[1] - d[1] * to_lamp[0]
-    return 1.0 / (2.0 * math.pi * math.pi * max(math.sqrt(a * a + b * b + c * c), 1e-9))
-
-
-@kernel
-def set_axes(radius, position, lamp, axes):
-    """Where the lamp is seen from a place: `face_lamp`, the vertical, the horizontal towards it and the one beside."""
-    face_lamp(radius, position, lamp, axes[0])
-    r = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
-    rise, norm = 0.0, 0.0
-    for n in range(3):
-        axes[1, n] = position[n] / r
-        rise += axes[1, n] * axes[0, n]
-    axes[4, 0] = rise
-    for n in range(3):
-        axes[2, n] = axes[0, n] - rise * axes[1, n]
-        norm += axes[2, n] ** 2
-    if norm < 1e-12:  # the lamp is straight below
-        for n in range(3):
-            axes[2, n] = axes[1, n]
-        turn(axes[2], 0.0, 0.0)
-        norm = 1.0
-    for n in range(3):
-        axes[2, n] /= math.sqrt(norm)
-    up, along, side = axes[1], axes[2], axes[3]
-    side[0] = up[1] * along[2] - up[2] * along[1]
-    side[1] = up[2] * along[0] - up[0] * along[2]
-    side[2] = up[0] * along[1] - up[1] * along[0]
+    sine = max(math.sqrt(a * a + b * b + c * c), 1e-9)
+    angle = math.atan2(sine, d[0] * to_lamp[0] + d[1] * to_lamp[1] + d[2] * to_lamp[2])
+    return 1.0 / (2.0 * math.pi * sine * (angle + EVEN_ANGLE) * ANGLE_LOG)
 
 
 @inlined
-def width_log(share, rise):
-    """Integral of the guide over the cosines above or below the lamp, and their range."""
-    reach = max(1.0 - rise if share else 1.0 + rise, 1e-3)
-    return math.log((reach + LEVEL) / LEVEL), reach
+def turn_to_lamp(d, to_lamp, u, v):
+    """A direction near the lamp: its angle a from it by 1 / (a + EVEN_ANGLE)."""
+    d[0], d[1], d[2] = to_lamp[0], to_lamp[1], to_lamp[2]
+    turn(d, math.cos(min(EVEN_ANGLE * math.exp(ANGLE_LOG * u) - EVEN_ANGLE, math.pi)), 2.0 * math.pi * v)
 
 
 @kernel
-def draw_towards(axes, up, u, v, d):
-    """A direction by the guide: above or below the lamp, near its elevation and near its azimuth."""
-    rise = axes[4, 0]
-    above = u < up
-    u = u / up if above else (u - up) / (1.0 - up)
-    logarithm, _ = width_log(above, rise)
-    away = LEVEL * math.exp(logarithm * u) - LEVEL
-    cosine = min(max(rise + (away if above else -away), -1.0), 1.0)
-    azimuth = math.copysign(BESIDE * math.exp(BESIDE_LOG * abs(2.0 * v - 1.0)) - BESIDE, 2.0 * v - 1.0)
-    level = math.sqrt(max((1.0 - cosine) * (1.0 + cosine), 0.0))
-    for n in range(3):
-        flat = math.cos(azimuth) * axes[2, n] + math.sin(azimuth) * axes[3, n]
-        d[n] = cosine * axes[1, n] + level * flat
-
-
-@inlined
-def density_towards(axes, up, down, d):
-    """Density [sr-1] with which `draw_towards` draws a direction."""
-    cosine, along, side = 0.0, 0.0, 0.0
-    for n in range(3):
-        cosine += axes[1, n] * d[n]
-        along += axes[2, n] * d[n]
-        side += axes[3, n] * d[n]
-    away = cosine - axes[4, 0]
-    logarithm, reach = width_log(away > 0.0, axes[4, 0])
-    share = up if away > 0.0 else down
-    azimuth = abs(math.atan2(side, along))
-    density = share / ((abs(away) + LEVEL) * logarithm * 2.0 * (azimuth + BESIDE) * BESIDE_LOG)
-    return density if abs(away) <= reach else 0.0
-
-
-@kernel
-def scatter_near_lamp(scene, lamp, hero, u, v, guided, work, walk, axes):
+def scatter_near_lamp(scene, lamp, hero, u, v, work, walk, to_lamp):
     """New direction of the walk after scattering where it is; the choice of the way is integrated out."""
     optics, x, d = scene.optics, walk.position, walk.direction
     r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    h = r - scene.columns.radius
-    densities(scene.columns, h, work.density)
+    densities(scene.columns, r - scene.columns.radius, work.density)
     mix_components(work.density, optics.sigma_s, work.scattering)
-    up, down = guide_weights(scene, h, work)
-    set_axes(scene.columns.radius, x, lamp, axes)
+    face_lamp(scene.columns.radius, x, lamp, to_lamp)
     by_phase = PHASE_SHARE + PHASE_GROWTH * mixture_cosine(optics, work)
-    by_lamp = LAMP_SHARE
-    if not guided:
-        by_phase = by_phase / (by_phase + by_lamp)
-        by_lamp = 1.0 - by_phase
     old_x, old_y, old_z = d[0], d[1], d[2]
     if u < by_phase:
         turn_by_phase(optics, hero, u / by_phase, v, work, d)
-    elif u < by_phase + by_lamp or not guided:
-        d[0], d[1], d[2] = axes[0, 0], axes[0, 1], axes[0, 2]
-        turn(d, math.cos(math.pi * min((u - by_phase) / by_lamp, 1.0)), 2.0 * math.pi * v)
     else:
-        draw_towards(axes, up, min((u - by_phase - by_lamp) / (1.0 - by_phase - by_lamp), 1.0), v, d)
-    density = by_lamp * around_lamp(d, axes[0])
-    if guided:
-        density += (1.0 - by_phase - by_lamp) * density_towards(axes, up, down, d)
+        turn_to_lamp(d, to_lamp, min((u - by_phase) / (1.0 - by_phase), 1.0), v)
     mean_phase(optics, old_x * d[0] + old_y * d[1] + old_z * d[2], work, work.towards)
+    density = (1.0 - by_phase) * density_near_lamp(d, to_lamp)
     for i in range(walk.value.size):
         walk.value[i] *= work.towards[i]
         walk.chance[i] *= by_phase * work.towards[i] + density
 
 
 @merged
-def wander_to_lamp(scene, ground, lobe, lamp, line, camera, max_order, leg, work, camera_work, walk, axes, total):
+def wander_to_lamp(scene, ground, lobe, lamp, line, camera, max_order, leg, work, camera_work, walk, to_lamp, total):
     """Follow a walk from the camera to its end and add up the lamp's light of the second and higher orders."""
     hero = min(int(walk.even[0] * walk.value.size), walk.value.size - 1)
     for i in range(walk.value.size):
@@ -251,7 +183,7 @@ def wander_to_lamp(scene, ground, lobe, lamp, line, camera, max_order, leg, work
         guided = order <= GUIDED_LEGS
         u, v = draw(walk, order, 0), draw(walk, order, 1)
         if found == AIR:
-            scatter_near_lamp(scene, lamp, hero, u, v, guided, work, walk, axes)
+            scatter_near_lamp(scene, lamp, hero, u, v, work, walk, to_lamp)
         else:
             lift_to_ground(scene, walk)
             reflect(walk, u, v)
@@ -297,7 +229,7 @@ def walk_rays(
     mean, error : (ray, wavelength), output
         Radiance over the lamp's power [m-2 sr-1], and its standard error.
     """
-    work, camera_work, camera, leg, walk, sums, shift, axes = scratch
+    work, camera_work, camera, leg, walk, sums, shift, to_lamp = scratch
     for ray in range(origins.shape[0]):
         o, d, lamp = origins[ray], directions[ray], lamps[ray]
         for i in range(mean.shape[1]):
@@ -320,7 +252,7 @@ def walk_rays(
                 even_point(shift[b], n, walk.even)
                 depart(walk, o, d)
                 wander_to_lamp(
-                    scene, ground, lobe, lamp, line, camera, max_order, leg, work, camera_work, walk, axes, sums[b]
+                    scene, ground, lobe, lamp, line, camera, max_order, leg, work, camera_work, walk, to_lamp, sums[b]
                 )
         statistics(sums, BATCHES, samples // BATCHES, mean[ray], error[ray])
 
@@ -335,5 +267,5 @@ def make_walk_scratch(components: int, wavelengths: int) -> tuple[Any, ...]:
         make_walk(wavelengths),
         np.zeros((BATCHES, wavelengths)),
         np.zeros((BATCHES, EVEN_DIMENSIONS), np.uint32),
-        np.zeros((5, 3)),
+        np.zeros(3),
     )
