@@ -20,6 +20,8 @@ from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_ran
 from skyscatter.solvers.render import render
 from skyscatter.solvers.run import check_wavelengths, worker_count
 from skyscatter.solvers.state import Checkpoint
+from skyscatter.solvers.townlamps import towns_shine
+from skyscatter.solvers.towns import add_towns
 from skyscatter.tasks.door import opened
 from skyscatter.tasks.task import Shared, Task
 
@@ -98,7 +100,7 @@ def field_for(
 
 def same_air(one: Scene, other: Scene) -> bool:
     """Whether one field serves two scenes."""
-    apart = {"sun", "altitude", "lights"}
+    apart = {"sun", "altitude", "lights", "towns"}
     return one.model_dump(mode="json", exclude=apart) == other.model_dump(mode="json", exclude=apart)
 
 
@@ -146,6 +148,8 @@ def frame(field: RadianceField, scene: Scene, camera: Any, air: skylights.LitAir
         scatters = skylights.light_window(scene, heavens, np.ascontiguousarray(grid[inside])) is not None
         picture = skylights.Picture(cube, None, {}, grid, camera)
         skylights.add_lights(picture, scene, heavens, lit if scatters else None, 1)
+    if towns_shine(scene):
+        add_towns(skylights.Picture(cube, None, {}, grid, camera), scene, field.wavelengths)
     recipe = {"scene": scene.model_dump(mode="json", exclude_none=True), "camera": camera.model_dump(mode="json")}
     return SpectralImage(cube, field.wavelengths, recipe=recipe | {"solver": "orders"})
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
 from skyscatter.surfaces.power import spectrum_shape
@@ -28,6 +29,19 @@ class Lamps(NamedTuple):
     distance: Array  #: (lamp,) along the ground [m]
     azimuth: Array  #: (lamp,) from north through east [rad]
     weight: Array  #: (lamp,)
+
+
+def towns_shine(scene: Scene) -> bool:
+    """Whether towns are among the lights of a scene."""
+    return bool(scene.towns) and (scene.lights is None or "towns" in scene.lights.shine)
+
+
+def check_towns(scene: Scene, stokes: bool = False) -> None:
+    """Refuse what towns cannot have."""
+    if scene.ground.map is not None and towns_shine(scene):
+        raise DomainError("ground.map", "given", "towns light even ground only; leave out the map, or the towns")
+    if stokes and towns_shine(scene):
+        raise DomainError("stokes", True, "the light of towns has no polarisation yet; leave out one of them")
 
 
 def lamps_of(scene: Scene, wavelengths: Array) -> Iterator[Lamps]:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 NANOWATT = 1e-5
 #: Ends of the band of the VIIRS day/night band [nm]: Miller et al. (2013), Remote Sensing 5, 6717, table 1.
 BAND = 500.0, 900.0
-#: Mean length of a degree of a great circle is the planet's; this is a little more than any [m].
+#: Metres in a degree of a great circle on the Earth, by which a part of a map is chosen; a little too many.
 DEGREE = 111_700.0
 
 
@@ -121,7 +121,8 @@ class TownMap(Record):
         watts = NANOWATT * self.factor * radiance * area / float(self.lobe.value(1.0)) / self.share_of_band
         near = np.isfinite(watts) & (watts > 0)
         own, other = np.radians(latitude_deg), np.radians(latitude)
-        cosine = np.sin(own) * np.sin(other) + np.cos(own) * np.cos(other) * np.cos(np.radians(longitude - longitude_deg))
+        turn = np.radians(longitude - longitude_deg)
+        cosine = np.sin(own) * np.sin(other) + np.cos(own) * np.cos(other) * np.cos(turn)
         near &= planet_radius * np.arccos(np.clip(cosine, -1.0, 1.0)) <= self.reach
         return latitude[near], longitude[near], watts[near]
 
@@ -173,7 +174,8 @@ def _window(dataset: Any, latitude: float, longitude: float, reach: float) -> An
     try:
         return box.round_offsets("floor").round_lengths("ceil").intersection(whole)
     except Exception as error:
-        raise DomainError("file", dataset.name, f"does not reach {latitude:g}, {longitude:g}; take another map") from error
+        rule = f"does not reach {latitude:g}, {longitude:g}; take another map"
+        raise DomainError("file", dataset.name, rule) from error
 
 
 AnyTown = Annotated[Town | TownMap, Field(discriminator="kind")]

@@ -91,12 +91,10 @@ class Town(Powered):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        on_earth = (self.latitude_deg is not None, self.longitude_deg is not None)
-        from_observer = (self.distance is not None, self.azimuth_deg is not None)
-        if any(on_earth) != all(on_earth) or any(from_observer) != all(from_observer) or all(on_earth + from_observer):
-            raise DomainError(self.name, "its place", "give latitude_deg and longitude_deg, or distance and azimuth_deg")
-        if not any(on_earth + from_observer):
-            raise DomainError(self.name, "no place", "give latitude_deg and longitude_deg, or distance and azimuth_deg")
+        given = [value is not None for value in (self.latitude_deg, self.longitude_deg, self.distance, self.azimuth_deg)]
+        if given not in ([True, True, False, False], [False, False, True, True]):
+            rule = "give either latitude_deg and longitude_deg, or distance and azimuth_deg"
+            raise DomainError(f"{self.name}, its place", "unclear" if any(given) else None, rule)
         check_lobe(self.lobe)
         return self
 

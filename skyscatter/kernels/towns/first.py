@@ -5,9 +5,10 @@ Along a ray of the distance t the source is
     J(t) = sum_c n_c sigma_s,c p_c(angle)  I(z) T_lamp / D^2,                                                  (1)
 
 with D the distance to the lamp, I its radiant intensity over its power under the zenith angle z, and T_lamp the
-transmittance between them.  With t = t_0 + D_0 tan(a), t_0 where the ray is nearest to the lamp and D_0 how near, dt / D^2
-= da / D_0: what is left has no pole, however close the ray passes (Kulla & Fajardo 2012, Computer Graphics Forum 31,
-1519).  A lamp stands on the sphere itself, so the planet is in the way exactly where it would shine below its horizon.
+transmittance between them.  With t = t_0 + D_0 tan(a), t_0 where the ray is nearest to the lamp and D_0 how near,
+dt / D^2 = da / D_0: what is left has no pole, however close the ray passes (Kulla & Fajardo 2012, Computer Graphics
+Forum 31, 1519).  A lamp stands on the sphere itself: the planet is in the way exactly where it would shine below its
+horizon.
 """
 
 from __future__ import annotations
@@ -145,10 +146,10 @@ def _integrate(scene, line, origin, direction, a, b, middle, near, lobe, lamp, w
 @kernel
 def _agrees(total, fine, coarse, tolerance):
     """Whether the rules agree, measured by what has been found so far."""
+    worst = 0.0
     for i in range(total.size):
-        if abs(fine[i] - coarse[i]) > tolerance * (total[i] + fine[i]):
-            return False
-    return True
+        worst = max(worst, abs(fine[i] - coarse[i]) - tolerance * (total[i] + fine[i]))
+    return worst <= 0.0
 
 
 @entry

@@ -2,9 +2,9 @@
 
 The walks are those of `skyscatter.kernels.path` but for where they look for light: at points of every leg the lamp is
 looked at.  Two sets of points share the work by the balance heuristic: one in each stratum of the leg, and some that
-crowd where the leg is near the lamp, evenly in the angle under which it sees the leg.  Directions are drawn by the phase
-function, and around the lamp: light that a lamp sends into air around it is seen to grow as one over the angle from it,
-and to fall faster than that where it is far (Georgiev et al. 2013, ACM Transactions on Graphics 32, 164).  Together they
+crowd where the leg is near the lamp, evenly in the angle under which it sees the leg.  Directions are drawn by the
+phase function, and around the lamp: light that a lamp sends into the air around it is seen to grow as one over the
+angle from it, or faster where it is far (Georgiev et al. 2013, ACM Transactions on Graphics 32, 164).  Together they
 leave no pole of the order 1 / D^2.
 """
 
