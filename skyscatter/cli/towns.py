@@ -140,5 +140,6 @@ def _is_number(text: str) -> bool:
 
 def _first(error: Exception) -> str:
     """What a complaint of pydantic says first."""
-    problems = getattr(error, "errors", list)()
-    return str(problems[0]["msg"]) if problems else str(error).splitlines()[0]
+    from pydantic import ValidationError
+
+    return str(error.errors()[0]["msg"] if isinstance(error, ValidationError) else error).splitlines()[0]

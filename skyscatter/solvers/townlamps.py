@@ -18,6 +18,8 @@ from skyscatter.surfaces.towns import Town
 POINTS = 600
 #: Lamps that are nearer count as at this distance [m].
 LEAST = 30.0
+#: Height of observers up to which nodes and walks follow what they see [m]: from above lamps look otherwise.
+HIGHEST = 20e3
 GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
@@ -40,6 +42,9 @@ def check_towns(scene: Scene, stokes: bool = False) -> None:
     """Refuse what towns cannot have."""
     if scene.ground.map is not None and towns_shine(scene):
         raise DomainError("ground.map", "given", "towns light even ground only; leave out the map, or the towns")
+    if scene.altitude > HIGHEST and towns_shine(scene):
+        rule = f"towns light the skies of observers up to {HIGHEST / 1e3:g} km; leave out --town, or come down"
+        raise DomainError("altitude", scene.altitude, rule)
     if stokes and towns_shine(scene):
         raise DomainError("stokes", True, "the light of towns has no polarisation yet; leave out one of them")
 

@@ -91,7 +91,8 @@ class Town(Powered):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        given = [value is not None for value in (self.latitude_deg, self.longitude_deg, self.distance, self.azimuth_deg)]
+        place = self.latitude_deg, self.longitude_deg, self.distance, self.azimuth_deg
+        given = [value is not None for value in place]
         if given not in ([True, True, False, False], [False, False, True, True]):
             rule = "give either latitude_deg and longitude_deg, or distance and azimuth_deg"
             raise DomainError(f"{self.name}, its place", "unclear" if any(given) else None, rule)
