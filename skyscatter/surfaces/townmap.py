@@ -91,8 +91,9 @@ class TownMap(Record):
         """Share of the light that the satellite sees, in its band."""
         table = self.spectrum_table
         nodes, values = np.asarray(table.wavelengths), np.asarray(table.values)
-        inside = np.union1d(nodes[(nodes > BAND[0]) & (nodes < BAND[1])], BAND)
-        seen = np.interp(inside, nodes, values, left=0.0, right=0.0)
+        ends = np.clip(BAND, nodes[0], nodes[-1])
+        inside = np.union1d(nodes[(nodes > ends[0]) & (nodes < ends[1])], ends)
+        seen = np.interp(inside, nodes, values)
         return float(np.trapezoid(seen, inside) / np.trapezoid(values, nodes))
 
     def read(self, latitude_deg: float, longitude_deg: float, planet_radius: float) -> tuple[Array, Array, Array]:
@@ -143,9 +144,9 @@ def _near(file: str, latitude: float, longitude: float, reach: float, radius: fl
                 raise DomainError("file", file, "says not where it lies; give a GeoTIFF with a coordinate system")
             window = _window(dataset, latitude, longitude, reach)
             values = dataset.read(1, window=window, masked=True).astype(float).filled(np.nan)
-            shift = dataset.window_transform(window)
             row, column = np.nonzero(values > 0)
-            x, y = _places(shift, column, row)
+            shift = dataset.transform
+            x, y = _places(shift, column + window.col_off, row + window.row_off)
             area = np.full(x.shape, abs(shift.a * shift.e - shift.b * shift.d))
             if dataset.crs.is_geographic:
                 return values[row, column], y, x, area * np.radians(1.0) ** 2 * radius**2 * np.cos(np.radians(y))
@@ -163,19 +164,23 @@ def _places(shift: Any, column: Any, row: Any) -> tuple[Array, Array]:
 
 def _window(dataset: Any, latitude: float, longitude: float, reach: float) -> Any:
     """The part of a file in which pixels near a place lie; all of it, where that is not plain."""
-    from rasterio.windows import Window, from_bounds
+    from rasterio.windows import Window
 
-    whole = Window(0, 0, dataset.width, dataset.height)
-    high = reach / DEGREE
-    if not dataset.crs.is_geographic or abs(latitude) + high > 85:
-        return whole
+    high, shift = reach / DEGREE, dataset.transform
+    if not dataset.crs.is_geographic or abs(latitude) + high > 85 or shift.b != 0 or shift.d != 0:
+        return Window(0, 0, dataset.width, dataset.height)
     wide = high / np.cos(np.radians(abs(latitude) + high))
-    box = from_bounds(longitude - wide, latitude - high, longitude + wide, latitude + high, dataset.transform)
-    try:
-        return box.round_offsets("floor").round_lengths("ceil").intersection(whole)
-    except Exception as error:
+    columns, rows = (
+        np.clip([np.floor(min(ends)), np.ceil(max(ends))], 0, size).astype(int)
+        for ends, size in (
+            ([(longitude + side * wide - shift.c) / shift.a for side in (-1, 1)], dataset.width),
+            ([(latitude + side * high - shift.f) / shift.e for side in (-1, 1)], dataset.height),
+        )
+    )
+    if columns[0] == columns[1] or rows[0] == rows[1]:
         rule = f"does not reach {latitude:g}, {longitude:g}; take another map"
-        raise DomainError("file", dataset.name, rule) from error
+        raise DomainError("file", dataset.name, rule)
+    return Window(int(columns[0]), int(rows[0]), int(np.diff(columns)[0]), int(np.diff(rows)[0]))
 
 
 AnyTown = Annotated[Town | TownMap, Field(discriminator="kind")]
