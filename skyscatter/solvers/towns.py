@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.kernels.forms import expect
 from skyscatter.kernels.path import BATCHES
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
@@ -234,6 +235,7 @@ def _solved(
     scene: Scene, wavelengths: Array, samples: int, seed: int, max_order: int | None, progress: Progress
 ) -> TownGlow | None:
     check_towns(scene)
+    expect("towns")
     groups: dict[bytes, list[Lamps]] = {}
     for lamps in lamps_of(scene, wavelengths):
         groups.setdefault(lamps.lobe.tobytes(), []).append(lamps)
