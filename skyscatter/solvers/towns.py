@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyscatter.celestial.points import draw_points
 from skyscatter.kernels.forms import expect
 from skyscatter.kernels.path import BATCHES
 from skyscatter.progress import say
@@ -29,6 +30,7 @@ from skyscatter.solvers.run import check_wavelengths
 from skyscatter.solvers.skylights import Picture
 from skyscatter.solvers.townlamps import Lamps, check_towns, lamps_of
 from skyscatter.solvers.townlight import MOST_ORDERS, Lamplight
+from skyscatter.solvers.townseen import lamps_seen
 from skyscatter.solvers.townsky import TURNS, TownGlow, cell_means
 from skyscatter.workers import steady_algebra
 
@@ -47,7 +49,7 @@ Progress = Callable[[float], None] | None
 
 
 def add_towns(picture: Picture, scene: Scene, wavelengths: Array, *, progress: Progress = None) -> None:
-    """Add the light of a scene's towns to a picture, in place."""
+    """Add the light of a scene's towns to a picture, in place; lamps that are in sight as well."""
     if progress is not None:
         say("light of towns")
     glow = kept_glow(scene_of_towns(scene), tuple(float(w) for w in wavelengths))
@@ -55,6 +57,11 @@ def add_towns(picture: Picture, scene: Scene, wavelengths: Array, *, progress: P
         return
     for pixels, rays in picture.blocks():
         picture.add("towns", pixels, *glow.at(rays))
+    directions, irradiance = lamps_seen(scene, wavelengths)
+    if len(directions):
+        drawn = draw_points(picture.camera, scene.observer, directions, irradiance).reshape(-1, wavelengths.size)
+        lit = np.flatnonzero(drawn.any(axis=1))
+        picture.add("towns", lit, drawn[lit])
 
 
 def scene_of_towns(scene: Scene) -> Scene:

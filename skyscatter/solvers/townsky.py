@@ -11,7 +11,7 @@ from skyscatter.solvers.base import Array
 
 #: Nodes of elevation above the horizon and below it, and of azimuth from a lamp over 180 degrees, at which light is
 #: scattered once; they crowd at the horizon and at the lamp by these powers.
-ABOVE, BELOW, AZIMUTHS = 36, 12, 41
+ABOVE, BELOW, AZIMUTHS = 36, 20, 41
 CROWDED, CROWDED_AZIMUTH = 2.5, 2.6
 #: The same of light that is scattered more often.
 WALKED_ABOVE, WALKED_BELOW, WALKED_AZIMUTHS = 12, 6, 8

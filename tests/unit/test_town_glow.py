@@ -13,6 +13,7 @@ from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.townlamps import lamps_of
 from skyscatter.solvers.townlight import Lamplight
 from skyscatter.solvers.towns import rings_of, town_glow
+from skyscatter.solvers.townseen import lamps_seen
 from skyscatter.solvers.townsky import TURNS, cell_rule
 from skyscatter.surfaces import CityLobe, PointLamp, Town
 
@@ -172,6 +173,29 @@ def test_black_ground_gives_nothing_back() -> None:
     dark, light = (glowing(scene(town, albedo=a), directions, samples=64)[0][:, 0] for a in (0.0, 0.5))
     assert dark[0] < 1e-6 * light[0]
     assert light[1] > 1.02 * dark[1]  # the sky too is brighter over bright ground
+
+
+def test_lamps_in_sight_keep_their_light() -> None:
+    """From 3 km a town 30 km away is seen, from the ground it is not; a picture holds its irradiance."""
+    town = Town(distance="30 km", azimuth_deg=20, radius=0, power=2.0)
+    night = scene(town, altitude=3000.0)
+    directions, irradiance = lamps_seen(night, GREEN)
+    lamp = EARTH * np.array([0.0, 0.0, 1.0])
+    angle = 30e3 / EARTH
+    eye = (EARTH + 3000.0) * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    far = float(np.linalg.norm(eye - lamp))
+    cosine = float((eye - lamp)[2]) / far
+    start = night.observer.position
+    through = skyscatter.transmittance(night, start, start + far * (1 - 1e-6) * directions[0], GREEN)
+    expected = 2.0 * CityLobe().value(cosine) / far**2 * through
+    assert irradiance[0] == pytest.approx(expected, rel=1e-4)  # the way was cut short by a millionth
+    assert np.degrees(np.arctan2(directions[0, 0], directions[0, 1])) == pytest.approx(20.0)
+    assert not len(lamps_seen(scene(town), GREEN)[0])
+    camera = skyscatter.Perspective(azimuth_deg=20, elevation_deg=-5, fov_deg=20, width=32, height=32)
+    glow = glowing(night, camera.directions(night.observer).reshape(-1, 3), samples=512)[0].reshape(32, 32, 1)
+    image = skyscatter.render(night, camera, GREEN, solver="single")
+    drawn = ((image.radiance - glow) * camera.pixel_solid_angle(night.observer)[..., None]).sum()
+    assert drawn == pytest.approx(irradiance.sum(), rel=1e-6)  # rounding of a sum of other light
 
 
 def test_no_town_is_no_light() -> None:

@@ -171,7 +171,8 @@ def test_a_map_is_as_bright_as_its_radiance_says(tmp_path: Path) -> None:
 def test_a_map_in_metres_is_the_same(tmp_path: Path) -> None:
     from affine import Affine
 
-    write_map(tmp_path / "m.tif", [[0.0, 7.0]], crs="EPSG:32632", transform=Affine(500.0, 0.0, 650e3, 0.0, -500.0, 5207e3))
+    place = Affine(500.0, 0.0, 650e3, 0.0, -500.0, 5207e3)
+    write_map(tmp_path / "m.tif", [[0.0, 7.0]], crs="EPSG:32632", transform=place)
     latitude, longitude, watts = TownMap(file=str(tmp_path / "m.tif"), lobe=LambertLobe()).read(47.0, 11.0, 6371e3)
     assert latitude == pytest.approx([47.0], abs=0.02)
     assert longitude == pytest.approx([10.98], abs=0.02)
