@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from bases import complaint
 
 import skyscatter
+from skyscatter.cli.main import main
 from skyscatter.cli.towns import parse_map, parse_town
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.solvers.sequence import field_for, frame
@@ -140,6 +142,24 @@ def test_refusals_of_the_command(text: str, told: str) -> None:
     with pytest.raises(DomainError, match=told) as caught:
         parse_town(text, on_earth=False)
     assert "\n" not in str(caught.value)
+
+
+def test_the_command_lights_its_sky(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With a place by the lights' names, without one beside the Sun; --without towns leaves them out."""
+    out = tmp_path / "sky.nc"
+    common = ["sky", "earth-simple", "--view", "panorama:180", "--size", "16x8", "--wavelengths", "550", "-q"]
+    common += ["-o", str(out)]
+    dark = "towns,stars,planets,starlight,zodiacal,airglow,moon"
+    night = ["--place", "47,11", "--time", NIGHT]
+    assert main([*common, *night, "--lights", "towns", "--town", "20km,90,1e8lm", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["lights"] == ["towns"]
+    lit = skyscatter.SpectralImage.load(out).radiance
+    assert main([*common, "--sun-elevation", "-60", "--solver", "single", "--town", "20km,90,1e8lm"]) == 0
+    assert skyscatter.SpectralImage.load(out).radiance == pytest.approx(lit, rel=1e-6)
+    assert main([*common, *night, "--without", dark, "--town", "20km,90,1e8lm"]) == 0
+    assert not skyscatter.SpectralImage.load(out).radiance.any()
+    assert main([*common, "--town", "48.1,11.6,1e8lm"]) == 2
+    assert capsys.readouterr().err.strip().count("\n") == 0
 
 
 def write_map(path: Path, values: Any, **more: Any) -> None:
