@@ -18,6 +18,7 @@ from skyscatter.media.medium import Medium
 from skyscatter.record import Record
 from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, disk_mean, limb_darkening, solar_irradiance
 from skyscatter.spectra.table import Radiance, StarSpectrum, evaluate
+from skyscatter.surfaces.townmap import AnyTown
 from skyscatter.units import (
     AstronomicalUnits,
     Degrees,
@@ -205,6 +206,8 @@ class Scene(Record):
     lights : SkyLights, optional
         Moon, planets, stars and the rest of the sky's light, for pictures of a place and a time (`site` of the
         Sun); the Sun alone when not given.
+    towns : tuple of Town or TownMap, optional
+        Lamps on the ground, whose light the air scatters; with `lights` they shine where these name towns.
 
     Examples
     --------
@@ -225,9 +228,14 @@ class Scene(Record):
     altitude: NonNegativeMetres = default(0.0)
     background: Radiance = default(0.0)
     lights: SkyLights | None = None
+    towns: tuple[AnyTown, ...] | None = None
 
     @model_validator(mode="after")
     def _check_lights(self) -> Scene:
+        for town in self.towns or ():
+            if town.on_earth and self.sun.site is None:
+                rule = "lies somewhere on Earth, so the observer must too: give a place and a time"
+                raise DomainError("towns", town.name, rule)
         if self.lights is not None and self.sun.site is None:
             raise DomainError("lights", ", ".join(self.lights.shine), "need a place and a time; see Model.scene_at")
         return self

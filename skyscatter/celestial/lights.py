@@ -10,9 +10,11 @@ from pydantic import Field, field_validator
 from skyscatter.errors import DomainError
 from skyscatter.record import Record, nearest
 
-Light = Literal["sun", "moon", "planets", "stars", "starlight", "zodiacal", "airglow"]
+Light = Literal["sun", "moon", "planets", "stars", "starlight", "zodiacal", "airglow", "towns"]
 #: All lights, in the order in which they are added up.
-LIGHTS: tuple[Light, ...] = ("sun", "moon", "planets", "stars", "starlight", "zodiacal", "airglow")
+LIGHTS: tuple[Light, ...] = (
+    "sun", "moon", "planets", "stars", "starlight", "zodiacal", "airglow", "towns",
+)  # fmt: skip
 #: Elevation of the Sun [degree] below which planets and stars are drawn, and below which the night's own light counts:
 #: above it, it is less than a tenth of a per cent of twilight.
 POINTS_BELOW, NIGHT_BELOW = 0.0, -6.0
@@ -25,7 +27,7 @@ class SkyLights(Record):
     ----------
     shine : tuple of str
         Some of sun, moon, planets, stars (those of the catalogue, V < 7), starlight (of all fainter ones, the Milky
-        Way), zodiacal and airglow.
+        Way), zodiacal, airglow and towns (those that the scene has).
     solar_flux : float
         Radio flux of the Sun at 10.7 cm [1e-22 W m-2 Hz-1], with which the airglow grows: 70 in quiet years, 200 and
         more in active ones.
@@ -58,7 +60,7 @@ def shining(sun_elevation_deg: float, body: str = "Earth") -> tuple[Light, ...]:
     --------
     >>> from skyscatter.celestial.lights import shining
     >>> shining(30.0), shining(-3.0), len(shining(-30.0))
-    (('sun', 'moon'), ('sun', 'moon', 'planets', 'stars'), 7)
+    (('sun', 'moon'), ('sun', 'moon', 'planets', 'stars'), 8)
     """
     last = 2 if sun_elevation_deg > POINTS_BELOW else 4 if sun_elevation_deg > NIGHT_BELOW else len(LIGHTS)
     return tuple(name for name in LIGHTS[:last] if body == "Earth" or name != "airglow")

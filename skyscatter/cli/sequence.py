@@ -16,6 +16,7 @@ import numpy as np
 from skyscatter.cli import common, parse
 from skyscatter.cli.framefiles import FrameFolder, film_writer
 from skyscatter.cli.parse import FILMS
+from skyscatter.cli.towns import with_towns
 from skyscatter.errors import DomainError
 
 #: A date, and a time and an offset where they are given.
@@ -163,10 +164,11 @@ def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
         loaded: list[Any] = [skyscatter.load_model(name) for name in sequence.models]
         for name, model in zip(sequence.models, loaded, strict=True):
             common.check_command(model, name, "sky")
-        scenes = [_scene(request, model) for model in loaded]
+        scenes = [_scene(request, with_towns(model, request.towns)) for model in loaded]
         return f"{len(scenes)} models", tuple(scenes)
     air: Any = skyscatter.load_model(request.model)
     common.check_command(air, request.model, "sky")
+    air = with_towns(air, request.towns)
     if sequence.times:
         where = (request.altitude, request.lights)
         return air.name, tuple(air.scene_at(*request.place, t, *where) for t in sequence.times)

@@ -15,6 +15,7 @@ from skyscatter.cli import common, parse, sequence
 from skyscatter.cli.common import DEFAULT_TONE
 from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
 from skyscatter.cli.lights import LightChoice, Lights, SolarFlux, Stars, Without, centre_of, light_choice
+from skyscatter.cli.towns import TownMaps, Towns, asked_towns, with_towns
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
@@ -51,6 +52,7 @@ class Request(common.RunRequest):
     shown_wavelength: float | None
     shown_filter: str | None
     lights: LightChoice
+    towns: tuple[Any, ...]
     marks: dict[str, bool]
 
 
@@ -90,6 +92,8 @@ def sky(
     without: Without = None,
     solar_flux: SolarFlux = None,
     stars: Stars = None,
+    town: Towns = None,
+    town_map: TownMaps = None,
     altitude: Annotated[
         str | None,
         typer.Option(
@@ -220,6 +224,7 @@ def sky(
         shown_wavelength=shown_wavelength,
         shown_filter=shown_filter,
         lights=light_choice(place, lights, without, solar_flux, stars),
+        towns=asked_towns(town, town_map, place is not None),
         marks={name: True for name, wanted in (("labels", label), ("lines", lines)) if wanted},
         outputs=outputs,
         file_options=common.file_options(
@@ -336,6 +341,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
 
     model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "sky")
+    model = with_towns(model, request.towns)
     if request.place is None or request.time is None:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude

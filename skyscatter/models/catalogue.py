@@ -16,6 +16,7 @@ from skyscatter.surfaces.lamps import AnyLamp
 from skyscatter.surfaces.lobes import AnyLobe
 from skyscatter.surfaces.materials import AnyMaterial
 from skyscatter.surfaces.meshes import AnyShape
+from skyscatter.surfaces.townmap import AnyTown
 
 
 def sorts() -> dict[str, type[Record]]:
@@ -27,7 +28,7 @@ def groups() -> dict[str, dict[str, type[Record]]]:
     """All kinds, by what they serve."""
     unions = {
         "optics": AnyOptics, "phase functions": AnyPhase, "lamps": AnyLamp, "lobes": AnyLobe,
-        "materials": AnyMaterial, "shapes": AnyShape, "cameras": Camera,
+        "materials": AnyMaterial, "shapes": AnyShape, "cameras": Camera, "towns": AnyTown,
     }  # fmt: skip
     fields = {"densities of skies": densities("sky"), "densities in space": densities("render")}
     return fields | {title: kinds_of(union) for title, union in unions.items()}

@@ -97,6 +97,11 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "tabulated": '{ kind = "tabulated", angles_deg = [0, 30, 60, 90], intensities = [100, 80, 30, 0] }',
         "city": '{ kind = "city", ground_albedo = "15%" }',
     },
+    "towns": {
+        "town": '{ kind = "town", latitude_deg = 48.14, longitude_deg = 11.58, radius = "10 km", lumens = 4e8, '
+        'spectrum = "high-pressure-sodium" }',
+        "map": '{ kind = "map", file = "VNL_2023.tif", spectrum = "led-4000k" }',
+    },
     "materials": {
         "interface": '{ kind = "interface" }',
         "lambert": '{ kind = "lambert", albedo = "30%" }',

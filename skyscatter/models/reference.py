@@ -188,6 +188,7 @@ def _anchor(title: str) -> str:
 KEYS = {
     "densities of skies": "density", "densities in space": "density", "optics": "optics", "phase functions": "phase",
     "lamps": "lamp", "lobes": "lobe", "materials": "material", "shapes": "shape", "cameras": "camera",
+    "towns": "town",
 }  # fmt: skip
 
 

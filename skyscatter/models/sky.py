@@ -15,6 +15,7 @@ from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
 from skyscatter.scene import AU, Scene, Site, Star, Sun
+from skyscatter.surfaces.townmap import AnyTown
 from skyscatter.units import PositiveMetres
 
 #: In the totality of an eclipse lights matter as while the Sun stands there [degree]: planets and bright stars.
@@ -62,6 +63,8 @@ class Model(ModelFile):
         Its light; the Sun when not given.
     components : tuple of Component
         The atmosphere.
+    towns : tuple of Town or TownMap, optional
+        Lamps on the ground, whose light the air scatters.
 
     Examples
     --------
@@ -86,6 +89,7 @@ class Model(ModelFile):
     ground: Ground = Ground()
     star: Star = Star()
     components: tuple[Component, ...]
+    towns: tuple[AnyTown, ...] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Model:
@@ -139,7 +143,10 @@ class Model(ModelFile):
         0.98
         """
         sun = Sun(elevation_deg=sun_elevation_deg, azimuth_deg=sun_azimuth_deg, distance_au=sun_distance_au)
-        return Scene(medium=self.medium, ground=self.ground, star=self.star, sun=sun, altitude=altitude)
+        return self._seen(sun=sun, altitude=altitude, towns=self.towns)
+
+    def _seen(self, **fields: Any) -> Scene:
+        return Scene(medium=self.medium, ground=self.ground, star=self.star, **fields)
 
     def scene_at(
         self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0, lights: Any = None
@@ -179,7 +186,7 @@ class Model(ModelFile):
         """
         from skyscatter.geometry.sun import iso_utc
 
-        scene, body = self.scene(altitude=altitude), self.planet.name.capitalize()
+        scene, body = self._seen(altitude=altitude), self.planet.name.capitalize()
         if body not in ("Earth", "Mars"):
             rule = "a place and a time mean Earth or Mars; give the elevation of the Sun"
             raise DomainError("planet", self.planet.name, rule)
@@ -191,7 +198,11 @@ class Model(ModelFile):
         lit = _lights(lights, elevation, body)
         if lit is not None and body != "Earth" and "airglow" in lit.shine:
             raise DomainError("lights", "airglow", f"that of {body} is not known; leave it out")
-        return scene.model_copy(update={"sun": sun, "lights": lit})
+        if lit is not None and "towns" in lit.shine and not self.towns:
+            if not (isinstance(lights, str) or callable(lights) or isinstance(lights, SkyLights)):
+                raise DomainError("lights", "towns", "the model has none; give it towns, or leave them out")
+            lit = lit.model_copy(update={"shine": tuple(name for name in lit.shine if name != "towns")})
+        return scene.model_copy(update={"sun": sun, "lights": lit, "towns": self.towns})
 
 
 def _sun_at(site: Site, time: Any, altitude: float) -> Sun:

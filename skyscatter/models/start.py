@@ -19,7 +19,7 @@ _KIND = re.compile(r'(\w+)(?: = \{ kind)? = "([\w-]+)".*')
 #: Groups of kinds by the name of the field that takes them.
 _GROUPS = {
     "density": ("densities of skies", "densities in space"), "optics": ("optics",), "camera": ("cameras",),
-    "shape": ("shapes",), "material": ("materials",), "lamps": ("lamps",),
+    "shape": ("shapes",), "material": ("materials",), "lamps": ("lamps",), "towns": ("towns",),
 }  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from skyscatter.solvers.checks import check_wavelengths, is_space
 from skyscatter.solvers.corrections import Corrections, seen
 from skyscatter.solvers.run import Interrupted, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
+from skyscatter.solvers.townlamps import check_towns, towns_shine
 from skyscatter.workers import steady_algebra
 
 if TYPE_CHECKING:
@@ -132,6 +133,8 @@ def render(
         samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
         radius, estimator, direct,
     )  # fmt: skip
+    if isinstance(scene, Scene) and scene.towns:
+        check_towns(scene, stokes)
     needed = check_picture(camera.width, camera.height, wl.size, options.layers, subpixels**2)
     if progress is not None:
         remark(f"some {format_bytes(needed)} of memory")
@@ -264,7 +267,21 @@ def _picture(
             values.reshape(-1, wl.size)[pixels] += light
     if scene.lights is not None and state.done.all():
         _skylights().add_to(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
+    if scene.towns and state.done.all():
+        _add_towns(scene, camera, grid, wl, (cube, error, layers), recipe["options"], progress)
     return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
+
+
+def _add_towns(
+    scene: Scene, camera: Any, grid: Array, wl: Array, arrays: tuple[Array, Array, dict[str, Array]],
+    options: dict[str, Any], progress: Callable[[float], None] | None,
+) -> None:  # fmt: skip
+    """Add the light of towns to a picture's radiance, error and layers, in place."""
+    from skyscatter.solvers.towns import add_towns
+
+    if towns_shine(scene):
+        picture = _skylights().Picture(*arrays, grid, camera, bool(options.get("parts")))
+        add_towns(picture, scene, wl, progress=progress)
 
 
 def sun_corrections(

@@ -21,6 +21,8 @@ from skyscatter.solvers.eclipse import eclipse_of
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
 from skyscatter.solvers.render import render, sun_corrections
 from skyscatter.solvers.state import Checkpoint
+from skyscatter.solvers.townlamps import towns_shine
+from skyscatter.solvers.towns import add_towns
 from skyscatter.tasks.door import opened
 from skyscatter.tasks.sharing import Sharing
 from skyscatter.tasks.store import Store
@@ -104,7 +106,7 @@ def field_for(
 
 def same_air(one: Scene, other: Scene) -> bool:
     """Whether one field serves two scenes."""
-    apart = {"sun", "altitude", "lights"}
+    apart = {"sun", "altitude", "lights", "towns"}
     return one.model_dump(mode="json", exclude=apart) == other.model_dump(mode="json", exclude=apart)
 
 
@@ -165,6 +167,8 @@ def frame(
         scatters = skylights.light_window(scene, heavens, np.ascontiguousarray(grid[inside])) is not None
         picture = skylights.Picture(cube, None, cubes, grid, camera)
         skylights.add_lights(picture, scene, heavens, lit if scatters else None, 1)
+    if towns_shine(scene):
+        add_towns(skylights.Picture(cube, None, cubes, grid, camera), scene, field.wavelengths)
     return SpectralImage(cube, field.wavelengths, recipe=recipe, layers=cubes)
 
 

@@ -58,7 +58,7 @@ def sun_shines(scene: Scene) -> bool:
 def heavens_of(scene: Scene, wavelengths: Array) -> Heavens | None:
     """What shines on a scene; None where that is its Sun alone."""
     sight = scene.sight
-    if scene.lights is None or sight is None or not set(scene.lights.shine) - {"sun"}:
+    if scene.lights is None or sight is None or not set(scene.lights.shine) - {"sun", "towns"}:
         return None
     return Heavens(scene.lights, sight, wavelengths)
 

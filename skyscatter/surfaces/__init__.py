@@ -43,6 +43,8 @@ _HOME = {
     "SurfaceScene": "skyscatter.surfaces.scene",
     "Surroundings": "skyscatter.surfaces.lamps",
     "TabulatedLobe": "skyscatter.surfaces.lobes",
+    "Town": "skyscatter.surfaces.towns",
+    "TownMap": "skyscatter.surfaces.townmap",
     "Viewpoint": "skyscatter.surfaces.scene",
     "Turned": "skyscatter.surfaces.meshes",
     "lamp_names": "skyscatter.surfaces.power",
@@ -85,6 +87,8 @@ if TYPE_CHECKING:
     from skyscatter.surfaces.shapes import Plane as Plane
     from skyscatter.surfaces.shapes import Rectangle as Rectangle
     from skyscatter.surfaces.shapes import Sphere as Sphere
+    from skyscatter.surfaces.townmap import TownMap as TownMap
+    from skyscatter.surfaces.towns import Town as Town
 
 
 if not TYPE_CHECKING:  # it would accept any name

@@ -24,6 +24,7 @@ CONSTANTS = {
     "kernels/surfaces": ("flights", None),
     "kernels/raster": ("simulate", "HEAVY = 0.2"),
     "kernels/adjoint": ("march", "ON_FACE = 1e-8"),
+    "kernels/towns": ("first", "CLOSEST = 1.0"),
 }
 
 

@@ -113,10 +113,11 @@ def test_every_light_alone_sums_to_all_together() -> None:
     scene = skyscatter.sky_at(PARANAL, "2026-04-02T03:00Z")  # with the Moon
     camera, wavelengths = skyscatter.Fisheye(width=24, height=24), [450.0, 550.0, 650.0]
     assert scene.lights is not None
-    assert set(scene.lights.shine) == set(LIGHTS)
+    names = LIGHTS[:-1]  # no towns
+    assert scene.lights.shine == names
     together = skyscatter.render(scene, camera, wavelengths, parts=True)
     total = np.zeros_like(together.radiance)
-    for name in LIGHTS:
+    for name in names:
         alone = skyscatter.sky_at(PARANAL, "2026-04-02T03:00Z", lights=[name])
         found = skyscatter.render(alone, camera, wavelengths).radiance
         total += found

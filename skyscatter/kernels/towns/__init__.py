@@ -1,0 +1,1 @@
+"""Lamps on the ground of a planet, as its air shows them."""
