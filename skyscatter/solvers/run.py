@@ -25,6 +25,7 @@ from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
 from skyscatter.solvers.tiles import spread, tiles_of
+from skyscatter.solvers.townlamps import check_towns, towns_shine
 from skyscatter.tasks.door import opened
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.store import Store
@@ -388,17 +389,25 @@ def radiance(
     )  # fmt: skip
     state = RenderState.empty({}, len(rays.origins), wl.size)
     lights: Any = None
-    if isinstance(scene, Scene) and scene.lights is not None:
+    towns = isinstance(scene, Scene) and towns_shine(scene)
+    if isinstance(scene, Scene) and (scene.lights is not None or towns):
         from skyscatter.solvers import skylights
 
         options.check()
+        check_towns(scene, stokes)
+        skylights.check_place(scene, rays.origins)
         lights = skylights
     if lights is not None and not lights.sun_shines(scene):
         lights.dark(state, stokes, parts, orders)
     elif not solve_rays(scene, rays, wl, solver, options, state, threads, progress, executor=executor):
         raise KeyboardInterrupt
     if lights is not None:
-        lights.add_along(scene, rays.origins, rays.directions, wl, state, options, threads, progress)
+        lights.add_along(scene, rays.directions, wl, state, options, threads, progress)
+    if towns and isinstance(scene, Scene):
+        from skyscatter.solvers.towns import add_towns
+
+        arrays = state.radiance, state.standard_error, state.layers
+        add_towns(lights.Picture(*arrays, rays.directions, None, parts), scene, wl, progress=progress)
     return Answer(
         state.radiance.reshape(*shape, wl.size),
         state.standard_error.reshape(*shape, wl.size),

@@ -207,7 +207,6 @@ def add_to(
 
 def add_along(
     scene: Scene,
-    origins: Array,
     directions: Array,
     wavelengths: Array,
     answer: RenderState,
@@ -215,21 +214,19 @@ def add_along(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Add the lights beside the Sun to the radiance along rays from the observer, in place.
+    """Add the lights beside the Sun to the radiance along rays from the observer, in place."""
+    arrays = answer.radiance, answer.standard_error, answer.layers
+    asked = {"stokes": options.stokes, "parts": options.parts}
+    add_to(scene, None, directions, wavelengths, arrays, asked, threads, progress)
 
-    Raises
-    ------
-    DomainError
-        For rays that begin elsewhere: lights stand where the scene's observer sees them.
-    """
+
+def check_place(scene: Scene, origins: Array) -> None:
+    """Refuse rays that do not begin at the observer of a scene."""
     here = scene.observer.position
     away = np.linalg.norm(origins - here, axis=-1)
     if np.any(away > SAME_PLACE * here[2]):
         rule = "lights of the sky are those that the scene's observer sees; begin at scene.observer.position"
         raise DomainError("origins", f"{away.max():.6g} m away", rule)
-    arrays = answer.radiance, answer.standard_error, answer.layers
-    asked = {"stokes": options.stokes, "parts": options.parts}
-    add_to(scene, None, directions, wavelengths, arrays, asked, threads, progress)
 
 
 def dark(state: RenderState, stokes: bool, parts: bool, orders: int) -> RenderState:

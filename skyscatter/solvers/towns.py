@@ -26,7 +26,7 @@ from skyscatter.kernels.path import BATCHES
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.run import check_wavelengths
+from skyscatter.solvers.checks import check_wavelengths
 from skyscatter.solvers.skylights import Picture
 from skyscatter.solvers.townlamps import Lamps, check_towns, lamps_of
 from skyscatter.solvers.townlight import MOST_ORDERS, Lamplight
@@ -49,7 +49,7 @@ Progress = Callable[[float], None] | None
 
 
 def add_towns(picture: Picture, scene: Scene, wavelengths: Array, *, progress: Progress = None) -> None:
-    """Add the light of a scene's towns to a picture, in place; lamps that are in sight as well."""
+    """Add the light of a scene's towns to a picture or to rays, in place; to pictures lamps in sight as well."""
     if progress is not None:
         say("light of towns")
     glow = kept_glow(scene_of_towns(scene), tuple(float(w) for w in wavelengths))
@@ -58,7 +58,7 @@ def add_towns(picture: Picture, scene: Scene, wavelengths: Array, *, progress: P
     for pixels, rays in picture.blocks():
         picture.add("towns", pixels, *glow.at(rays))
     directions, irradiance = lamps_seen(scene, wavelengths)
-    if len(directions):
+    if len(directions) and picture.camera is not None:
         drawn = draw_points(picture.camera, scene.observer, directions, irradiance).reshape(-1, wavelengths.size)
         lit = np.flatnonzero(drawn.any(axis=1))
         picture.add("towns", lit, drawn[lit])

@@ -86,6 +86,18 @@ def test_a_picture_has_a_layer_of_towns() -> None:
     assert found.layers["towns"] == pytest.approx(layer, rel=1e-12)  # the same seeds
 
 
+def test_rays_have_the_glow_of_pictures() -> None:
+    night = at_night(Town(distance="20 km", azimuth_deg=90, lumens=1e7, spectrum=SPECTRUM))
+    camera = skyscatter.Fisheye(width=9, height=9)
+    image = skyscatter.render(night, camera, [550.0, 600.0], parts=True)
+    found = skyscatter.radiance(night, night.observer.position, [0, 0, 1], [550.0, 600.0], parts=True)
+    np.testing.assert_allclose(found.layers["towns"], image.layers["towns"][4, 4], rtol=1e-9)  # one table
+    assert np.all(found.radiance > 0)
+    assert np.all(found.error > 0)
+    with pytest.raises(DomainError, match="observer"):
+        skyscatter.radiance(night, night.observer.position + np.array([0, 0, 9.0]), [0, 0, 1], [550.0])
+
+
 def test_frames_of_a_sequence_have_towns() -> None:
     town = Town(distance="20 km", azimuth_deg=90, lumens=1e8, spectrum=SPECTRUM)
     camera = skyscatter.Panorama(width=16, height=8)
