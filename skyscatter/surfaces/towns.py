@@ -82,7 +82,9 @@ class Town(Powered):
         Examples
         --------
         >>> from skyscatter.surfaces import Town
-    
+        >>> town = Town.of_people(1e6, latitude_deg=48.14, longitude_deg=11.58, spectrum="led-4000k")
+        >>> round(town.lumens / 1e6, 1)  # million lm
+        277.5
         """
         lobe = lobe or CityLobe()
         lumens = LUMENS_A_HEAD * people * lobe.escaping
