@@ -207,7 +207,8 @@ class Scene(Record):
         Moon, planets, stars and the rest of the sky's light, for pictures of a place and a time (`site` of the
         Sun); the Sun alone when not given.
     towns : tuple of Town or TownMap, optional
-        Lamps on the ground, whose light the air scatters; with `lights` they shine where these name towns.
+        Lamps on the ground, whose light the air scatters, for pictures; with `lights` they shine where these name
+        towns.
 
     Examples
     --------

@@ -64,7 +64,7 @@ class Model(ModelFile):
     components : tuple of Component
         The atmosphere.
     towns : tuple of Town or TownMap, optional
-        Lamps on the ground, whose light the air scatters.
+        Lamps on the ground, whose light the air scatters, for pictures.
 
     Examples
     --------

@@ -16,9 +16,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skyscatter.celestial.points import draw_points
 from skyscatter.kernels.forms import expect
@@ -249,7 +250,9 @@ def _solved(
     if not groups:
         return None
     count = sum(distance_nodes(*_amounts(some)).size for some in groups.values())
-    total, variance, done = np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), 0
+    light_waves: Any = 0.0
+    error_waves: Any = 0.0
+    done = 0
     for some in groups.values():
         light = Lamplight(scene, wavelengths, some[0].lobe, seed, max_order or MOST_ORDERS)
         rings = rings_of(some)
@@ -257,16 +260,12 @@ def _solved(
         for ring in rings:
             turned = np.fft.rfft(ring.power, axis=0)
             often, relative = walked.at(ring.distance)
-            total = total + _convolved(cell_means(light.table(ring.distance) + often, True), turned)
-            variance = variance + _convolved(cell_means(often * relative, False), turned) ** 2
+            light_waves += np.fft.rfft(cell_means(light.table(ring.distance) + often, True), axis=1) * turned
+            # Rings share walks, and then they err together: their errors add up in size, which bounds all others.
+            error_waves += np.fft.rfft(cell_means(often * relative, False), axis=1) * turned
             done += 1
             if progress is not None:
                 progress(min(done / count, 1.0))
+    total, error = (np.maximum(np.fft.irfft(waves, n=TURNS, axis=1), 0.0) for waves in (light_waves, error_waves))
     total = np.maximum(total, 1e-12 * np.maximum(np.max(total, axis=(0, 1)), 1e-280))
-    return TownGlow(light.horizon, np.log(total), np.sqrt(variance) / total + JOINED)
-
-
-def _convolved(means: Array, turned: NDArray[np.complex128]) -> Array:
-    """Sum over the azimuths of lamps, whose Fourier coefficients are given; never negative."""
-    found = np.fft.irfft(np.fft.rfft(means, axis=1) * turned, n=TURNS, axis=1)
-    return np.asarray(np.maximum(found, 0.0))
+    return TownGlow(light.horizon, np.log(total), error / total + JOINED)

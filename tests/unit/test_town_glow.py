@@ -175,6 +175,19 @@ def test_black_ground_gives_nothing_back() -> None:
     assert light[1] > 1.02 * dark[1]  # the sky too is brighter over bright ground
 
 
+def test_the_sky_has_no_seams() -> None:
+    """Neither nodes nor cells are seen: second differences over a tenth of a degree are those of a smooth curve."""
+    glow = town_glow(scene(Town(distance="20 km", azimuth_deg=0, radius="3 km", power=1.0)), GREEN, samples=64)
+    assert glow is not None
+    turn = np.arange(-40.0, 40.0, 0.1)  # across the cell at which the azimuth begins anew
+    around = [np.log(glow.at(rays(e, turn))[0][:, 0]) for e in (5.0, 40.0)]
+    up = np.arange(2.0, 178.0, 0.1)  # over the zenith and down on the other side
+    over = [np.log(glow.at(rays(up, a))[0][:, 0]) for a in (0.0, 70.0)]
+    # At 5 degrees the disk, 17 degrees wide, makes curvatures of some 0.01 per square degree: 1e-4 here; splines through
+    # walks with noise add to it.  A step of 0.1 %, which no eye sees, would be ten times that.
+    assert max(np.abs(np.diff(line, 2)).max() for line in (*around, *over)) < 1e-3
+
+
 def test_lamps_in_sight_keep_their_light() -> None:
     """From 3 km a town 30 km away is seen, from the ground it is not; a picture holds its irradiance."""
     town = Town(distance="30 km", azimuth_deg=20, radius=0, power=2.0)
