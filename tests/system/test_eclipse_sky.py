@@ -264,3 +264,38 @@ def test_from_space_the_shadow_is_a_spot() -> None:
     around = image.radiance[..., 0][(down > np.cos(np.radians(6.0))) & (down < np.cos(np.radians(4.0)))]
     # pixels of 700 km in the middle of a shadow that is 3500 km wide on each side
     assert middle.max() < 0.3 * np.median(around)
+
+
+def test_the_command_shows_totality_by_itself(tmp_path) -> None:
+    from skyscatter.cli.main import main
+
+    place, size = ["--place", "42.85,-106.32"], ["--size", "48x24", "--view", "landscape:143,360"]
+    made = {}
+    for time in (TOTAL, "2017-08-22T17:43:50Z"):
+        out = tmp_path / f"sky{len(made)}.nc"
+        more = ["--wavelengths", "450,550,650", "--tolerance", "0.1", "-o", str(out), "-q"]
+        assert main(["sky", "earth-simple", *place, "--time", time, *size, *more]) == 0
+        made[time] = skyscatter.SpectralImage.load(out)
+    dark, bright = (image.radiance for image in made.values())
+    assert np.median(dark[:12] / bright[:12]) < 2e-3
+    # a sunset all around: above the horizon redder than high up in every direction
+    red = dark[..., 2] / dark[..., 0]
+    horizon = int(np.argmax(dark[..., 2].mean(axis=1)))
+    assert (red[horizon] > 1.5 * np.median(red[:3])).all()
+    exposures = [image.auto_exposure() for image in made.values()]
+    assert 6.0 < exposures[1] - exposures[0] < 14.0  # 10 stops are a factor of a thousand
+
+
+def test_the_sky_in_an_eclipse_of_the_moon() -> None:
+    model = skyscatter.load_model("earth-simple")
+    camera = skyscatter.Fisheye(width=12, height=12)
+    images = [
+        skyscatter.render(model.scene_at(40.0, -100.0, time, lights=("moon",)), camera, WL, tolerance=0.05)
+        for time in ("2025-03-14T03:30Z", "2025-03-14T06:58Z")
+    ]
+    full, eclipsed = (np.nansum(image.radiance, axis=(0, 1)) for image in images)
+    ratio = eclipsed / full
+    # an eclipsed Moon has 1e-5 to 1e-3 of its light; it stands higher than before the eclipse, too
+    assert (ratio > 1e-6).all()
+    assert (ratio < 3e-3).all()
+    assert ratio[2] > 5.0 * ratio[0]
