@@ -95,7 +95,8 @@ class Star(Record):
 
 
 class Site(Record):
-    """The place on Earth and the time that a Sun position was computed for; files say it, solvers do not use it.
+    """The place on Earth and the time that a Sun position was computed for: files say it, the sky's other lights and
+    eclipses follow from it.
 
     Parameters
     ----------

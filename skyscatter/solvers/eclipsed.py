@@ -19,8 +19,9 @@ from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers import path
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
-from skyscatter.solvers.eclipsesky import NODES, RINGS_ABOVE, EclipsedSky, sky_of
+from skyscatter.solvers.eclipsesky import EclipsedSky, sky_of
 from skyscatter.solvers.single import single_parts
+from skyscatter.solvers.skyfit import NODES, RINGS_ABOVE
 
 #: Relative accuracy that is aimed at if nothing is said, and the noise of a node and of a ray by itself in units of it.
 #: A fit over the sky leaves a third of the noise of its nodes.
