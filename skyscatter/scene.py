@@ -98,7 +98,8 @@ class Star(Record):
 
 
 class Site(Record):
-    """The place on a planet and the time that a Sun position was computed for.
+    """The place on a planet and the time that a Sun position was computed for: files say it, the sky's other lights and
+    eclipses follow from it.
 
     Parameters
     ----------

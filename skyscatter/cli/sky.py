@@ -183,8 +183,8 @@ def sky(
     """Render the sky of a model.
 
     The Sun stands where --place and --time put it, or at --sun-elevation and --sun-azimuth.  With a place and a time
-    the Moon, planets, stars, the Milky Way, zodiacal light and airglow shine too, where they matter.  Ctrl-C keeps what
-    is finished, a picture as NAME.partial.EXT, and says how to go on.
+    the Moon, planets, stars, the Milky Way, zodiacal light and airglow shine too, where they matter,
+    and eclipses are seen.  Ctrl-C keeps what is finished, a picture as NAME.partial.EXT, and says how to go on.
 
     --times, --sun-elevations and lists of models make a sequence from one solved field: numbered files, or a film
     where the output is .mp4, .webm or .gif.  Its exposure follows smoothly.  Repeat the command to go on with one;

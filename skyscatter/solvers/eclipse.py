@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from skyscatter.celestial.coverage import uncovered_area, uncovered_light
+from skyscatter.celestial.earthshadow import EARTH_RADIUS
 from skyscatter.celestial.eclipse import REACH, SUN_RADIUS, Eclipse, solar_eclipse
 from skyscatter.celestial.frames import Array, Sight
 from skyscatter.celestial.moon import MOON_RADIUS
@@ -17,6 +18,8 @@ from skyscatter.scene import Scene, Site
 #: How far the Sun of a scene may stand from where its place and time put it [rad]: further off somebody has moved it,
 #: and the Moon does not follow.
 MOVED = 1e-4
+#: How far the radius of a planet may be from the Earth's [its share], to be the Earth; places and times mean Earth.
+ROUND = 0.01
 #: Margin of the Moon's apparent radii in a table.
 MARGIN = 1e-3
 
@@ -45,7 +48,7 @@ def eclipse_of(scene: Scene) -> Eclipse | None:
     True
     """
     site = scene.sun.site
-    if site is None:
+    if site is None or abs(scene.medium.radius / EARTH_RADIUS - 1.0) > ROUND:
         return None
     eclipse = _eclipse_at(site, scene.altitude, scene.medium.radius, scene.medium.top)
     if eclipse is None or float(np.linalg.norm(eclipse.sun_direction - scene.sun.direction)) > MOVED:

@@ -9,6 +9,7 @@ walks of their own.  The stated error is that of the walks, and of what is misse
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,15 @@ from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers import path
 from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
-from skyscatter.solvers.eclipsesky import NODES, RINGS_ABOVE, EclipsedSky, sky_of
+from skyscatter.solvers.eclipsesky import EclipsedSky, sky_of
 from skyscatter.solvers.single import single_parts
+from skyscatter.solvers.skyfit import NODES, RINGS_ABOVE
 
 #: Relative accuracy that is aimed at if nothing is said, and the noise of a node and of a ray by itself in units of it.
 #: A fit over the sky leaves a third of the noise of its nodes.
 DEFAULT_TOLERANCE, NODE_NOISE = 0.02, 2.5
+#: Walks of a ray by itself, at least.
+FIRST_WALKS = 128
 #: Rays from which on nodes are worth it.
 FEWEST = 2 * NODES * RINGS_ABOVE
 #: Height above which observers look down on the shadow, which is not smooth then [m].
@@ -80,11 +84,18 @@ def prepare(
     return Context(tables, sky_of(tables, position, rays.directions, walking(options), threads, tick))
 
 
+def _walked(tables: Tables, rays: Rays, options: Options) -> Answer:
+    """Every ray by walks of its own; some at first in any case, for the error of very few says little."""
+    kept = path.no_walks(tables, len(rays.origins), options)
+    path.solve(tables, rays, replace(options, noise=None, samples=FIRST_WALKS), kept)
+    return path.solve(tables, rays, options, kept)
+
+
 def solve(context: Context, rays: Rays, options: Options) -> Answer:
     """Radiance of all orders; see `skyscatter.radiance`."""
     tables, sky = context
     if sky is None:
-        return path.solve(tables, rays, walking(options))
+        return _walked(tables, rays, walking(options))
     first, direct = None, np.zeros((len(rays.origins), tables.scene.optics.albedo.size))
     if sky.once is None:
         scattered, ground, direct = single_parts(tables.scene, tables.ground, rays, path.DEFAULT_TOLERANCE)

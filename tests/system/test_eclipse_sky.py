@@ -185,7 +185,7 @@ def test_nodes_agree_with_walks(time) -> None:
     camera = skyscatter.Fisheye(width=40, height=40)
     grid = camera.directions(it.observer).reshape(-1, 3)
     rays = rays_of(it, grid[np.isfinite(grid[:, 0])])
-    options = Options(tolerance=0.04, parts=True)
+    options = Options(tolerance=0.06, parts=True)
     context = eclipsed.prepare(it, rays, WL, options, 1, None)
     assert context.sky is not None
     assert context.sky.once is not None
@@ -197,7 +197,7 @@ def test_nodes_agree_with_walks(time) -> None:
     z = z_of(found, walked)
     assert np.sqrt(np.mean(z**2)) < 1.4  # 25 rays, neighbours in part by the same nodes
     assert np.abs(z).max() < 4.5
-    assert np.median(found.error / found.radiance) < 0.05
+    assert np.median(found.error / found.radiance) < 0.07
     for name in ("scattered", "ground"):
         # cubics between nodes, which the error holds; in totality light scattered once is nothing at the zenith
         scale = walked.layers[name].max(axis=0)
@@ -227,3 +227,75 @@ def test_a_picture_of_a_partial_phase_is_dimmed_evenly() -> None:
     assert np.nanmin(ratio) > 0.8
     assert np.nanmax(ratio) < 1.25
     assert dim.error is not None
+
+
+def test_polarised_walks_follow_the_shadow() -> None:
+    it = scene(TOTAL)
+    here, sky = it.observer.position, SKY[:3]
+    marched = skyscatter.radiance(it, here, sky, WL, "path", samples=4096, stokes=True)
+    free = skyscatter.radiance(it, here, sky, WL, "path", samples=60_000, stokes=True, sampling="free-flight", seed=1)
+    z = (marched.stokes - free.stokes)[..., :3] / np.hypot(marched.stokes_error, free.stokes_error)[..., :3]
+    # 27 numbers, neighbouring wavelengths alike: 4.5 by 16 batches are one in 2000
+    assert np.abs(z).max() < 4.5
+    # light at 40 degrees comes from the bright horizon all around and is polarised, but less than by day
+    degree = np.hypot(free.layers["Q"], free.layers["U"]) / free.radiance
+    assert degree[1].max() > 0.05
+
+
+def test_other_seeds_lie_within_the_stated_error() -> None:
+    it = scene(TOTAL)
+    camera = skyscatter.Fisheye(width=30, height=30)
+    one, other = (skyscatter.render(it, camera, WL, tolerance=0.1, seed=seed) for seed in (1, 2))
+    assert one.error is not None
+    z = (one.radiance - other.radiance) / np.hypot(one.error, other.error)
+    # neighbouring pixels go together: some 60 independent numbers a wavelength
+    assert 0.5 < np.sqrt(np.nanmean(z**2)) < 1.4
+    again = skyscatter.render(it, camera, WL, tolerance=0.1, seed=1, threads=2)
+    assert np.array_equal(one.radiance, again.radiance, equal_nan=True)
+
+
+def test_from_space_the_shadow_is_a_spot() -> None:
+    it = skyscatter.load_model("earth-simple").scene_at(*PLACE, TOTAL, altitude="36000 km")
+    camera = skyscatter.PlanetView(width=24, height=24)
+    grid = camera.directions(it.observer)
+    image = skyscatter.render(it, camera, WL[1:2], "single")
+    down = -grid[..., 2]
+    middle = image.radiance[..., 0][down >= np.sort(down[np.isfinite(down)])[-4]]
+    around = image.radiance[..., 0][(down > np.cos(np.radians(6.0))) & (down < np.cos(np.radians(4.0)))]
+    # pixels of 700 km in the middle of a shadow that is 3500 km wide on each side
+    assert middle.max() < 0.3 * np.median(around)
+
+
+def test_the_command_shows_totality_by_itself(tmp_path) -> None:
+    from skyscatter.cli.main import main
+
+    place, size = ["--place", "42.85,-106.32"], ["--size", "48x24", "--view", "landscape:143,360"]
+    made = {}
+    for time in (TOTAL, "2017-08-22T17:43:50Z"):
+        out = tmp_path / f"sky{len(made)}.nc"
+        more = ["--wavelengths", "450,550,650", "--tolerance", "0.1", "-o", str(out), "-q"]
+        assert main(["sky", "earth-simple", *place, "--time", time, *size, *more]) == 0
+        made[time] = skyscatter.SpectralImage.load(out)
+    dark, bright = (image.radiance for image in made.values())
+    assert np.median(dark[:12] / bright[:12]) < 2e-3
+    # a sunset all around: above the horizon redder than high up in every direction
+    red = dark[..., 2] / dark[..., 0]
+    horizon = int(np.argmax(dark[..., 2].mean(axis=1)))
+    assert (red[horizon] > 1.5 * np.median(red[:3])).all()
+    exposures = [image.auto_exposure() for image in made.values()]
+    assert 6.0 < exposures[1] - exposures[0] < 14.0  # 10 stops are a factor of a thousand
+
+
+def test_the_sky_in_an_eclipse_of_the_moon() -> None:
+    model = skyscatter.load_model("earth-simple")
+    camera = skyscatter.Fisheye(width=12, height=12)
+    images = [
+        skyscatter.render(model.scene_at(40.0, -100.0, time, lights=("moon",)), camera, WL, tolerance=0.05)
+        for time in ("2025-03-14T03:30Z", "2025-03-14T06:58Z")
+    ]
+    full, eclipsed = (np.nansum(image.radiance, axis=(0, 1)) for image in images)
+    ratio = eclipsed / full
+    # an eclipsed Moon has 1e-5 to 1e-3 of its light; it stands higher than before the eclipse, too
+    assert (ratio > 1e-6).all()
+    assert (ratio < 3e-3).all()
+    assert ratio[2] > 5.0 * ratio[0]

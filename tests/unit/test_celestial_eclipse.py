@@ -21,6 +21,8 @@ PUBLISHED = {
     # Predictions for Iceland (solmyrkvi2026.is and the table in the Icelandic Wikipedia); places by the map
     "Isafjordur": (66.075, -23.135, "2026-08-12", "16:43:17", "17:44:06", "17:45:37", "18:43:56", 1.005),
     "Latrabjarg": (65.5025, -24.531, "2026-08-12", "16:43:39", "17:44:28", "17:46:41", "18:44:55", 1.014),
+    # G. Bernhard's measurements at Smith Rock, Oregon (biospherical.com, "2017 total solar eclipse"); 870 m high
+    "Smith Rock": (44.36295, -121.139667, "2017-08-21", "16:06:29", "17:19:42", "17:21:11", "18:41:03", None),
     "Straumnes": (66.433, -23.133, "2026-08-12", None, "17:43:28", None, None, None),
 }
 D17, D26 = "2017-08-21", "2026-08-12"
