@@ -145,6 +145,28 @@ def test_error_bars_cover() -> None:
     assert np.mean(within) > 0.90
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("distance", [20e3, 60e3])
+def test_error_bars_cover_in_haze(distance: float) -> None:
+    """Where a far town's light has been scattered many times, by as many walks as there are made then."""
+    night = skyscatter.load_model("earth-hazy").scene(sun_elevation_deg=-90)
+    found = [
+        Lamplight(night, GREEN, CITY, seed).often(distance, rays([1.0, 10, 45, -60], [10.0, 90, 180, 0]), 4096)
+        for seed in range(20)
+    ]
+    mean, error = (np.array(part)[:, :, 0] for part in zip(*found, strict=True))
+    z = (mean - mean.mean(axis=0)) / np.hypot(error, mean.std(axis=0) / np.sqrt(20))
+    assert np.mean(np.abs(z) < 2) > 0.87  # 95 % of 80, less three standard deviations of that share
+
+
+def test_thick_air_has_more_walks_and_a_warning() -> None:
+    night = skyscatter.load_model("earth-hazy").model_copy(
+        update={"towns": (Town(distance="60 km", azimuth_deg=0, power=1.0),)}
+    )
+    with pytest.warns(UserWarning, match="may state too small an error"):
+        town_glow(night.scene(sun_elevation_deg=-90), GREEN, samples=16)
+
+
 def test_walker_s_law() -> None:
     """Brightness over a town falls as its distance to the power -2.5 (Walker 1977, PASP 89, 405), 10 to 50 km."""
     distances = np.array([10e3, 17e3, 30e3, 50e3])
