@@ -164,11 +164,11 @@ def scenes_of(request: Any, sequence: FrameList) -> tuple[str, tuple[Any, ...]]:
         loaded: list[Any] = [skyscatter.load_model(name) for name in sequence.models]
         for name, model in zip(sequence.models, loaded, strict=True):
             common.check_command(model, name, "sky")
-        scenes = [_scene(request, with_towns(model, request.towns)) for model in loaded]
+        scenes = [_scene(request, with_towns(model, request.towns, request.lights.lights)) for model in loaded]
         return f"{len(scenes)} models", tuple(scenes)
     air: Any = skyscatter.load_model(request.model)
     common.check_command(air, request.model, "sky")
-    air = with_towns(air, request.towns)
+    air = with_towns(air, request.towns, request.lights.lights)
     if sequence.times:
         where = (request.altitude, request.lights)
         return air.name, tuple(air.scene_at(*request.place, t, *where) for t in sequence.times)

@@ -341,7 +341,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
 
     model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "sky")
-    model = with_towns(model, request.towns)
+    model = with_towns(model, request.towns, request.lights.lights)
     if request.place is None or request.time is None:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude

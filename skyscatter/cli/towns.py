@@ -49,8 +49,12 @@ def asked_towns(towns: list[str] | None, maps: list[str] | None, on_earth: bool)
     return tuple(found)
 
 
-def with_towns(model: Model, towns: tuple[AnyTown, ...]) -> Model:
-    """A model with these towns beside its own."""
+def with_towns(model: Model, towns: tuple[AnyTown, ...], lights: tuple[str, ...] | None) -> Model:
+    """A model with these towns beside its own; `lights` are those that were asked for by name."""
+    if lights is not None and towns and "towns" not in lights:
+        raise DomainError("town", towns[0].name, "--lights leaves towns out; add towns to that list")
+    if lights is not None and "towns" in lights and not (towns or model.towns):
+        raise DomainError("lights", "towns", "there are none; give --town or --town-map, or a model with towns")
     return model.model_copy(update={"towns": (*(model.towns or ()), *towns)}) if towns else model
 
 

@@ -145,6 +145,28 @@ def test_error_bars_cover() -> None:
     assert np.mean(within) > 0.90
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("distance", [20e3, 60e3])
+def test_error_bars_cover_in_haze(distance: float) -> None:
+    """Where a far town's light has been scattered many times, by as many walks as there are made then."""
+    night = skyscatter.load_model("earth-hazy").scene(sun_elevation_deg=-90)
+    found = [
+        Lamplight(night, GREEN, CITY, seed).often(distance, rays([1.0, 10, 45, -60], [10.0, 90, 180, 0]), 4096)
+        for seed in range(20)
+    ]
+    mean, error = (np.array(part)[:, :, 0] for part in zip(*found, strict=True))
+    z = (mean - mean.mean(axis=0)) / np.hypot(error, mean.std(axis=0) / np.sqrt(20))
+    assert np.mean(np.abs(z) < 2) > 0.87  # 95 % of 80, less three standard deviations of that share
+
+
+def test_thick_air_has_more_walks_and_a_warning() -> None:
+    night = skyscatter.load_model("earth-hazy").model_copy(
+        update={"towns": (Town(distance="60 km", azimuth_deg=0, power=1.0),)}
+    )
+    with pytest.warns(UserWarning, match="may state too small an error"):
+        town_glow(night.scene(sun_elevation_deg=-90), GREEN, samples=16)
+
+
 def test_walker_s_law() -> None:
     """Brightness over a town falls as its distance to the power -2.5 (Walker 1977, PASP 89, 405), 10 to 50 km."""
     distances = np.array([10e3, 17e3, 30e3, 50e3])
@@ -183,8 +205,8 @@ def test_the_sky_has_no_seams() -> None:
     around = [np.log(glow.at(rays(e, turn))[0][:, 0]) for e in (5.0, 40.0)]
     up = np.arange(2.0, 178.0, 0.1)  # over the zenith and down on the other side
     over = [np.log(glow.at(rays(up, a))[0][:, 0]) for a in (0.0, 70.0)]
-    # At 5 degrees the disk, 17 degrees wide, makes curvatures of some 0.01 per square degree: 1e-4 here; splines through
-    # walks with noise add to it.  A step of 0.1 %, which no eye sees, would be ten times that.
+    # At 2 degrees the light falls by curvatures of 0.09 per square degree: 9e-4 here, at 5 degrees 1e-4.  Splines
+    # through walks with noise bend at the zenith by as much.  A step of 0.1 %, which no eye sees, would be found.
     assert max(np.abs(np.diff(line, 2)).max() for line in (*around, *over)) < 1e-3
 
 

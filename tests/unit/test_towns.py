@@ -170,8 +170,11 @@ def test_the_command_lights_its_sky(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert skyscatter.SpectralImage.load(out).radiance == pytest.approx(lit, rel=1e-6)
     assert main([*common, *night, "--without", dark, "--town", "20km,90,1e8lm"]) == 0
     assert not skyscatter.SpectralImage.load(out).radiance.any()
-    assert main([*common, "--town", "48.1,11.6,1e8lm"]) == 2
-    assert capsys.readouterr().err.strip().count("\n") == 0
+    refused = (["--town", "48.1,11.6,1e8lm"], [*night, "--lights", "towns"])
+    for words in (*refused, [*night, "--lights", "stars", "--town", "20km,90,1e8lm"]):
+        capsys.readouterr()
+        assert main([*common, *words]) == 2
+        assert capsys.readouterr().err.strip().count("\n") == 0
 
 
 def write_map(path: Path, values: Any, **more: Any) -> None:
