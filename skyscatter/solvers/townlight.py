@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from skyscatter.kernels.towns.walks import make_walk_scratch, walk_rays
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.compile import compile_ground, compile_scene
+from skyscatter.solvers.townfit import smoothed
 from skyscatter.solvers.townsky import (
     ABOVE,
     AZIMUTHS,
@@ -57,6 +58,7 @@ class Lamplight:
     lobe: Array
     seed: int = 0
     max_order: int = MOST_ORDERS
+    _tables: dict[float, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def horizon(self) -> float:
@@ -105,25 +107,31 @@ class Lamplight:
 
     def table(self, distance: float) -> Array:
         """Light that is scattered once at the nodes, (elevation, azimuth, wavelength)."""
-        azimuth = azimuths(AZIMUTHS, CROWDED_AZIMUTH)
-        rays = rays_at(elevations(self.horizon, BELOW, ABOVE, CROWDED), azimuth)
-        return self.once(distance, rays).reshape(BELOW + ABOVE, AZIMUTHS, -1)
+        if distance not in self._tables:
+            azimuth = azimuths(AZIMUTHS, CROWDED_AZIMUTH)
+            rays = rays_at(elevations(self.horizon, BELOW, ABOVE, CROWDED), azimuth)
+            self._tables[distance] = self.once(distance, rays).reshape(BELOW + ABOVE, AZIMUTHS, -1)
+        return self._tables[distance]
 
     def walked(self, distance: float, samples: int) -> tuple[Array, Array]:
         """Logarithm of all other light, and its relative standard error, at the same nodes."""
+        sides = [self._side(distance, samples, below) for below in (True, False)]
+        logarithm, relative = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+        floor = np.log(1e-9) + logarithm.max(axis=(0, 1))  # from black ground nothing comes
+        return joined(np.maximum(logarithm, floor), smooth=True), joined(relative, smooth=False)
+
+    def _side(self, distance: float, samples: int, below: bool) -> tuple[Array, Array]:
+        """The same at the nodes of walks below the horizon, or above it."""
         azimuth = azimuths(WALKED_AZIMUTHS, WALKED_CROWDED_AZIMUTH)
         elevation = elevations(self.horizon, WALKED_BELOW, WALKED_ABOVE, WALKED_CROWDED)
+        elevation = elevation[:WALKED_BELOW] if below else elevation[WALKED_BELOW:]
+        shape = (elevation.size, azimuth.size, self.wavelengths.size)
         # Whoever stands on the ground has it at the feet, alike in all directions.
-        first = WALKED_BELOW if self.scene.altitude == 0 else 0
-        rays = rays_at(elevation[first:], azimuth)
-        mean, error = np.zeros((2, elevation.size, azimuth.size, self.wavelengths.size))
-        found = self.often(distance, rays, samples)
-        mean[first:], error[first:] = (part.reshape(-1, *mean.shape[1:]) for part in found)
-        if first:
-            mean[:first], error[:first] = self.often(distance, -np.eye(3)[2:], 4 * samples)
-        # All azimuths are one at the zenith and the nadir.
-        for row in (-1, WALKED_BELOW - 1)[: 1 if first else 2]:
-            mean[row], error[row] = mean[row].mean(axis=0), np.sqrt((error[row] ** 2).mean(axis=0) / azimuth.size)
-        floor = 1e-9 * np.maximum(mean.max(axis=(0, 1)), 1e-280)  # where ground is black nothing comes from below
-        relative = np.divide(error, mean, out=np.zeros_like(mean), where=mean > 0)
-        return joined(np.log(np.maximum(mean, floor)), smooth=True), joined(relative, smooth=False)
+        at_feet = below and self.scene.altitude == 0
+        rays = -np.eye(3)[2:] if at_feet else rays_at(elevation, azimuth)
+        mean, error = self.often(distance, rays, 4 * samples if at_feet else samples)
+        if at_feet or not np.all(mean.max(axis=0) > 0):
+            level = np.maximum(mean.mean(axis=0), 1e-290)
+            spread = np.sqrt((error**2).mean(axis=0)) / level
+            return np.broadcast_to(np.log(level), shape), np.broadcast_to(spread, shape)
+        return smoothed(mean.reshape(shape), error.reshape(shape))
