@@ -113,14 +113,14 @@ class Lamplight:
             self._tables[distance] = self.once(distance, rays).reshape(BELOW + ABOVE, AZIMUTHS, -1)
         return self._tables[distance]
 
-    def walked(self, distance: float, samples: int) -> tuple[Array, Array]:
-        """Logarithm of all other light, and its relative standard error, at the same nodes."""
+    def walked(self, distance: float, samples: int) -> tuple[Array, Array, float]:
+        """Logarithm of all other light, its relative standard error at the same nodes, and that of the walks alone."""
         sides = [self._side(distance, samples, below) for below in (True, False)]
-        logarithm, relative = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+        logarithm, relative = (np.concatenate(parts) for parts in zip(*(side[:2] for side in sides), strict=True))
         floor = np.log(1e-9) + logarithm.max(axis=(0, 1))  # from black ground nothing comes
-        return joined(np.maximum(logarithm, floor), smooth=True), joined(relative, smooth=False)
+        return joined(np.maximum(logarithm, floor), smooth=True), joined(relative, smooth=False), sides[1][2]
 
-    def _side(self, distance: float, samples: int, below: bool) -> tuple[Array, Array]:
+    def _side(self, distance: float, samples: int, below: bool) -> tuple[Array, Array, float]:
         """The same at the nodes of walks below the horizon, or above it."""
         azimuth = azimuths(WALKED_AZIMUTHS, WALKED_CROWDED_AZIMUTH)
         elevation = elevations(self.horizon, WALKED_BELOW, WALKED_ABOVE, WALKED_CROWDED)
@@ -130,8 +130,9 @@ class Lamplight:
         at_feet = below and self.scene.altitude == 0
         rays = -np.eye(3)[2:] if at_feet else rays_at(elevation, azimuth)
         mean, error = self.often(distance, rays, 4 * samples if at_feet else samples)
+        noise = float(np.median(np.divide(error, mean, out=np.zeros_like(mean), where=mean > 0)))
         if at_feet or not np.all(mean.max(axis=0) > 0):
             level = np.maximum(mean.mean(axis=0), 1e-290)
             spread = np.sqrt((error**2).mean(axis=0)) / level
-            return np.broadcast_to(np.log(level), shape), np.broadcast_to(spread, shape)
-        return smoothed(mean.reshape(shape), error.reshape(shape))
+            return np.broadcast_to(np.log(level), shape), np.broadcast_to(spread, shape), noise
+        return *smoothed(mean.reshape(shape), error.reshape(shape)), noise

@@ -39,8 +39,8 @@ from skyscatter.workers import steady_algebra
 #: Walks for each node of the distance that matters most; others have fewer, as they matter less, but so many at least.
 WALKS, FEWEST = 1024, 32
 #: Relative standard error of light scattered more than once above which there are more walks, up to so many times as
-#: many; and above which that error itself is unsure: of 256 walks through haze, seen from 60 km, with an error of 40 %,
-#: only 80 % lie within two of them.
+#: many; and error of the walks to one node above which it is itself unsure: of 256 walks through haze, seen from 60 km,
+#: with an error of 40 %, only 80 % lie within two of them.
 NOISE, MOST, UNSURE = 0.06, 4.0, 0.2
 #: Share of the light by which tables and splines may miss it, which the error holds.
 JOINED = 0.005
@@ -166,14 +166,13 @@ class Walked:
             worth = np.bincount(nearest, [ring.worth for ring in self.rings], self.nodes.size)
             share = worth[number] / worth.max()
             walks = max(int(self.samples * np.sqrt(share)) // BATCHES * BATCHES, FEWEST)
-            self.found[number] = self.light.walked(float(self.nodes[number]), walks)
+            *found, noise = self.light.walked(float(self.nodes[number]), walks)
             # Through thick air light is scattered often and walks differ more: as many of them as that asks for.
-            noise = float(np.median(self.found[number][1][BELOW:]))
-            more = min((noise / NOISE) ** 2 * share, MOST)
+            more = min((float(np.median(found[1][BELOW:])) / NOISE) ** 2 * share, MOST)
             if more > 1.5:
                 walks = int(walks * more) // BATCHES * BATCHES
-                self.found[number] = self.light.walked(float(self.nodes[number]), walks)
-                noise = float(np.median(self.found[number][1][BELOW:]))
+                *found, noise = self.light.walked(float(self.nodes[number]), walks)
+            self.found[number] = found[0], found[1]
             if noise > UNSURE and share > 0.5:
                 self._warn(float(self.nodes[number]), noise)
         return self.found[number]

@@ -1,0 +1,58 @@
+"""Noise taken off the light of lamps at nodes over the sky."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skyscatter.solvers.townfit import smoothed
+
+ELEVATION, AZIMUTH = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 8), indexing="ij")
+#: Bright at the horizon on the lamp's side, as towns are, and one light at the zenith.
+TRUTH = np.exp(-3 * ELEVATION - (1 - ELEVATION) * 4 * AZIMUTH**3.6)[..., None] * np.array([1.0, 0.3])
+
+
+def noisy(relative: float, seed: int):
+    """Means of walks whose errors are skewed as those of walks are."""
+    rng = np.random.default_rng(seed)
+    width = np.sqrt(np.log1p(relative**2))
+    draw = np.exp(width * rng.standard_normal((*TRUTH.shape[:2], 1)) - width**2 / 2)
+    return TRUTH * draw, relative * TRUTH * draw
+
+
+def test_what_has_no_noise_stays() -> None:
+    found = smoothed(TRUTH, 1e-4 * TRUTH)
+    # Nodes count as known to 1 %; what the smoothing may take of so smooth a light is less.
+    np.testing.assert_allclose(np.exp(found.logarithm), TRUTH, rtol=0.01)
+
+
+@pytest.mark.parametrize("relative", [0.1, 0.3])
+def test_noise_goes_and_the_error_covers(relative: float) -> None:
+    seeds = range(30)
+    ratio, error = [], []
+    for seed in seeds:
+        found = smoothed(*noisy(relative, seed))
+        ratio.append(np.exp(found.logarithm) / TRUTH)
+        error.append(found.relative)
+    ratios, errors = np.array(ratio), np.array(error)
+    # A third of the noise or less is left in the mean, and no bias beyond a quarter of it.
+    assert np.sqrt(np.mean((ratios - 1) ** 2)) < 0.5 * relative
+    assert abs(ratios.mean() - 1) < 0.25 * relative
+    inside = np.mean(np.abs(ratios - 1) < 2 * errors)
+    # 95 % of some 30 times 12 independent numbers, less three standard deviations of that share.
+    assert inside > 0.91
+    assert errors.mean() < relative
+
+
+def test_all_azimuths_are_one_at_the_zenith() -> None:
+    found = smoothed(*noisy(0.3, 5))
+    assert np.ptp(found.logarithm[-1], axis=0) == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_no_light_at_a_node_is_no_end() -> None:
+    mean, error = noisy(0.2, 7)
+    mean[3, 4], error[3, 4] = 0.0, 0.0
+    found = smoothed(mean, error)
+    assert np.all(np.isfinite(found.logarithm))
+    # Its neighbours tell what is there.
+    np.testing.assert_allclose(np.exp(found.logarithm[3, 4]), TRUTH[3, 4], rtol=0.5)
