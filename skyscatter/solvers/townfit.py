@@ -25,8 +25,8 @@ STRENGTHS = 10.0 ** np.arange(-1.0, 5.1, 1.0)
 ROUNDS = 5
 #: Relative standard error that no node is better than, so that none decides alone.
 LEAST = 0.01
-#: The strengths are found from the same noise, and that of walks is skewed: without this factor 88 % of values lie within
-#: two of the errors where walks have 30 % of noise; with it 97 %, and 99 % where they have 10 %.
+#: The strengths are found from the same noise, and that of walks is skewed: without this factor 88 % of values lie
+#: within two of the errors where walks have 30 % of noise; with it 97 %, and 99 % where they have 10 %.
 WIDER = 1.25
 #: How firmly all azimuths are one at the zenith.
 FIRM = 1e6
