@@ -230,6 +230,15 @@ def local_axes(rotation: float, latitude: float) -> Array:
     return np.stack([east, cosine * pole - sine * meridian, cosine * meridian + sine * pole])
 
 
+def body_axes(ra_deg: float, dec_deg: float, meridian_deg: float) -> Array:
+    """Rows: prime meridian, 90 degrees east of it and pole of a body, from the angles by which the IAU gives them."""
+    ra, dec, w = (math.radians(angle) for angle in (ra_deg, dec_deg, meridian_deg))
+    pole = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+    node = np.array([-math.sin(ra), math.cos(ra), 0.0])  # where the equator rises through that of ICRS
+    beyond = np.cross(pole, node)
+    return np.stack([math.cos(w) * node + math.sin(w) * beyond, math.cos(w) * beyond - math.sin(w) * node, pole])
+
+
 def _shifted(directions: Array, velocity: Array) -> Array:
     """Directions as an observer with a velocity [speed of light] sees them, by special relativity."""
     along = directions @ velocity

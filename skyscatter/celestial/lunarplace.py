@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyscatter.celestial.frames import DAY, J2000, Array, Sight, light_time
+from skyscatter.celestial.frames import DAY, J2000, Array, Sight, body_axes, light_time
 from skyscatter.celestial.lunarorbit import moon_place
 
 MOON_RADIUS = 1.7374e6  #: mean radius [m], IAU working group on cartographic coordinates (Archinal et al. 2011)
@@ -130,15 +130,10 @@ def lunar_axes(day: float, fraction: float) -> Array:
     days = (day - J2000) + fraction
     centuries = days / 36525.0
     angles = np.radians(_ARGUMENTS[:, 0] + _ARGUMENTS[:, 1] * days)
-    ra = math.radians(269.9949 + 0.0031 * centuries + _POLE_RA @ np.sin(angles))
-    dec = math.radians(66.5392 + 0.0130 * centuries + _POLE_DEC @ np.cos(angles))
-    w = math.radians(38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + _MERIDIAN @ np.sin(angles))
-    pole = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
-    node = np.array([-math.sin(ra), math.cos(ra), 0.0])  # where the Moon's equator rises through that of ICRS
-    beyond = np.cross(pole, node)
-    return np.stack(
-        [math.cos(w) * node + math.sin(w) * beyond, math.cos(w) * beyond - math.sin(w) * node, pole]
-    )  # fmt: skip
+    ra = 269.9949 + 0.0031 * centuries + float(_POLE_RA @ np.sin(angles))
+    dec = 66.5392 + 0.0130 * centuries + float(_POLE_DEC @ np.cos(angles))
+    meridian = 38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + float(_MERIDIAN @ np.sin(angles))
+    return body_axes(ra, dec, meridian)
 
 
 def _longitude_latitude(vector: Array) -> tuple[float, float]:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyscatter.celestial.frames import AU, J2000, Array, light_time
-from skyscatter.celestial.marssight import MARS_RADIUS, MarsSight, body_axes
+from skyscatter.celestial.frames import AU, J2000, Array, body_axes, light_time
+from skyscatter.celestial.marssight import MARS_RADIUS, MarsSight
 from skyscatter.spectra.solar import SOLAR_RADIUS, solar_irradiance
 
 #: Fall of brightness with the phase angle [mag degree-1] of dark, dusty ground: Phobos, Deimos (Thomas et al. 1996,

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from skyscatter.celestial.frames import AU, DAY, J2000, Array, SkyFrame, State, local_axes
+from skyscatter.celestial.frames import AU, DAY, J2000, Array, SkyFrame, State, body_axes, local_axes
 from skyscatter.celestial.planetorbits import planet_place
 from skyscatter.constants import LIGHT
 from skyscatter.errors import DomainError
@@ -116,12 +116,3 @@ def mars_axes(day: float, fraction: float) -> Array:
     days = (day - J2000) + fraction
     centuries = days / 36525.0
     return body_axes(317.68143 - 0.1061 * centuries, 52.88650 - 0.0609 * centuries, 176.630 + 350.89198226 * days)
-
-
-def body_axes(ra_deg: float, dec_deg: float, meridian_deg: float) -> Array:
-    """Rows: prime meridian, 90 degrees east of it and pole of a body, from the angles by which the IAU gives them."""
-    ra, dec, w = (math.radians(angle) for angle in (ra_deg, dec_deg, meridian_deg))
-    pole = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
-    node = np.array([-math.sin(ra), math.cos(ra), 0.0])  # where the equator rises through that of ICRS
-    beyond = np.cross(pole, node)
-    return np.stack([math.cos(w) * node + math.sin(w) * beyond, math.cos(w) * beyond - math.sin(w) * node, pole])
