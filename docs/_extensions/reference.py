@@ -18,6 +18,7 @@ logger = logging.getLogger(__name__)
 GROUPS: dict[str, tuple[str, ...]] = {
     "Models and scenes of the sky": (
         "load_model", "model_names", "Model", "Planet", "Scene", "Observer", "Sun", "Star", "Ground", "GroundMap",
+        "sky_at", "SkyLights",
     ),
     "Matter and its optics": (
         "Medium", "Component", "Dust", "GasLines", "Particles", "SpectralTable", "register",
