@@ -82,9 +82,12 @@ from skyscatter.cli import stopping
 stopping.PATIENCE = stopping.LONGEST = 0.2
 lock = threading.Lock()
 with stopping.answered(), stopping.keeping(lambda: lock.acquire()), lock:
-    print("now", flush=True)
+    said = False
     while True:
         try:
+            if not said:
+                said = True
+                print("now", flush=True)  # from here on a signal may come
             time.sleep(60)
         except KeyboardInterrupt:
             pass
