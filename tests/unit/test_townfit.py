@@ -54,5 +54,5 @@ def test_no_light_at_a_node_is_no_end() -> None:
     mean[3, 4], error[3, 4] = 0.0, 0.0
     found = smoothed(mean, error)
     assert np.all(np.isfinite(found.logarithm))
-    # Its neighbours tell what is there.
-    np.testing.assert_allclose(np.exp(found.logarithm[3, 4]), TRUTH[3, 4], rtol=0.5)
+    # Its neighbours tell what is there; that nothing was found pulls it down, by up to 0.35 in 40 draws.
+    np.testing.assert_allclose(np.exp(found.logarithm[3, 4]), TRUTH[3, 4], rtol=0.4)
