@@ -11,39 +11,73 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
 from itertools import pairwise
-from typing import Annotated, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
 from pydantic import ValidationError
+from typer.core import TyperGroup
 
 import skyscatter
 from skyscatter.atomic import explained
-from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping, store, warm
+from skyscatter.cli import stopping
 from skyscatter.cli.examples import epilog
 from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, SkyscatterError
 from skyscatter.problems import problem_lines
 
+#: Commands in the order of the help, each in a module of its name with a function, or a group `app`, of that name.
+COMMANDS = ("sky", "flux", "nebula", "render", "dehaze", "invert", "models", "store", "warm", "info")
+
+
+@cache
+def _command(name: str) -> Any:
+    """A command or group of commands, loaded from its module."""
+    module = import_module(f"skyscatter.cli.{name}")
+    parts = typer.Typer(add_completion=False, rich_markup_mode=None)
+    if hasattr(module, "app"):
+        parts.add_typer(module.app, name=name, epilog=epilog(name))
+        return typer.main.get_group(parts).commands[name]
+    parts.command(name, epilog=epilog(name))(getattr(module, name))
+    return typer.main.get_command(parts)
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands, each loaded when it is asked for: one of them begins without what the others need."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+    def __contains__(self, name: object) -> bool:
+        return name in COMMANDS
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in COMMANDS:
+            raise KeyError(name)
+        return _command(name)
+
+
+class _Program(TyperGroup):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = _Commands()  # type: ignore[assignment]
+
+
 app = typer.Typer(
     name="skyscatter",
+    cls=_Program,
     help="Light scattering in planetary atmospheres: skies as spectra, pictures and numbers with error bars.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("sky", epilog=epilog("sky"))(sky.sky)
-app.command("flux", epilog=epilog("flux"))(flux.flux)
-app.command("nebula", epilog=epilog("nebula"))(nebula.nebula)
-app.command("render", epilog=epilog("render"))(render.render)
-app.command("dehaze", epilog=epilog("dehaze"))(dehaze.dehaze)
-app.command("invert", epilog=epilog("invert"))(invert.invert)
-app.add_typer(models.app, name="models", epilog=epilog("models"))
-app.add_typer(store.app, name="store", epilog=epilog("store"))
-app.command("warm", epilog=epilog("warm"))(warm.warm)
-app.command("info", epilog=epilog("info"))(info.info)
 
 
 def _version(wanted: bool) -> None:

@@ -312,7 +312,11 @@ class SpectralImage:
 
     def auto_exposure(self) -> float:
         """Exposure value (EV at ISO 100) that "auto" stands for; see `skyscatter.image.tone.auto_ev100`."""
-        ev100 = tones.auto_ev100(self.luminance())
+        return self._exposed(self.luminance())
+
+    def _exposed(self, luminance: Array) -> float:
+        """Exposure value that suits luminances of this picture."""
+        ev100 = tones.auto_ev100(luminance)
         return tones.dusk_ev100(ev100) if self._is_sky else ev100
 
     @property
@@ -353,7 +357,7 @@ class SpectralImage:
         """`picture`, and the exposure value (EV at ISO 100) that it was made with."""
         colour.display_space(space)
         xyz = self.xyz()
-        ev100 = self.auto_exposure() if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
+        ev100 = self._exposed(xyz[..., 1]) if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
         if tone == "eye":
             xyz = nightvision.as_the_eye(xyz, nightvision.scotopic_luminance(self._radiance, self._wavelengths))
         elif tone == "photograph" and self._is_sky:

@@ -42,8 +42,9 @@ class RenderState:
     @classmethod
     def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
         """A state in which nothing is done."""
-        zero = np.zeros((rays, wavelengths))
-        return cls(recipe, np.zeros(rays, bool), zero, zero.copy(), np.zeros(rays, np.int64))
+        # Not one array and its copy: pages of zeros take no time before something is put there.
+        radiance, error = np.zeros((rays, wavelengths)), np.zeros((rays, wavelengths))
+        return cls(recipe, np.zeros(rays, bool), radiance, error, np.zeros(rays, np.int64))
 
     @property
     def share(self) -> float:
