@@ -275,6 +275,10 @@ class SpectralImage:
 
     def xyz(self) -> Array:
         """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""
+        return self._xyz.copy()
+
+    @cached_property
+    def _xyz(self) -> Array:
         return colour.spectrum_to_xyz(self._radiance, self._wavelengths)
 
     def luminance(self) -> Array:
@@ -312,7 +316,7 @@ class SpectralImage:
 
     def auto_exposure(self) -> float:
         """Exposure value (EV at ISO 100) that "auto" stands for; see `skyscatter.image.tone.auto_ev100`."""
-        return self._exposed(self.luminance())
+        return self._exposed(self._xyz[..., 1])
 
     def _exposed(self, luminance: Array) -> float:
         """Exposure value that suits luminances of this picture."""
@@ -356,7 +360,7 @@ class SpectralImage:
     def developed(self, space: str, exposure: float | Literal["auto"], tone: str) -> tuple[Array, float]:
         """`picture`, and the exposure value (EV at ISO 100) that it was made with."""
         colour.display_space(space)
-        xyz = self.xyz()
+        xyz = self._xyz
         ev100 = self._exposed(xyz[..., 1]) if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
         if tone == "eye":
             xyz = nightvision.as_the_eye(xyz, nightvision.scotopic_luminance(self._radiance, self._wavelengths))

@@ -51,7 +51,7 @@ class RenderState:
         """Finished share of the work, 0 to 1."""
         if self.total:
             return self.passes / self.total
-        return float(self.done.mean()) if self.done.size else 0.0
+        return float(np.count_nonzero(self.done)) / self.done.size if self.done.size else 0.0
 
     def has(self, rays: slice) -> bool:
         """Whether some rays are finished."""
