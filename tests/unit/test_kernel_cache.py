@@ -210,6 +210,6 @@ def test_what_lies_in_a_folder_that_may_not_be_written_to_is_used(tmp_path: Path
         (tmp_path / folder).mkdir(exist_ok=True)
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / folder), "PYTHONPATH": str(tmp_path / "own")}
         command = [sys.executable, "-c", UNWRITABLE, may]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
         said.append((done.stdout.strip(), "cannot be kept" in done.stderr))
     assert said == [("0", False), ("1", False), ("0", True)]
