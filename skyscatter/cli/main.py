@@ -63,10 +63,27 @@ class _Commands(Mapping[str, Any]):
         return _command(name)
 
 
+def _door(words: list[str]) -> str:
+    """The command that words name; that for skies or nebulae where ``render`` is to render one."""
+    if words[0] == "render":
+        from skyscatter.models.files import load_model, model_names
+
+        shipped = model_names()
+        for word in words[1:]:
+            if word in shipped or word.endswith(".toml"):
+                with suppress(SkyscatterError, ValidationError, OSError):  # the command says what is wrong with it
+                    return str(load_model(word).command)
+    return words[0]
+
+
 class _Program(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands = _Commands()  # type: ignore[assignment]
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command to run, its name and its words."""
+        return super().resolve_command(ctx, [_door(args), *args[1:]])
 
 
 app = typer.Typer(
