@@ -88,7 +88,8 @@ TONES = (
     "or linear"
 )
 Tone = Annotated[str | None, typer.Option(metavar="NAME", help=f"For PNG: {TONES}.")]
-Space = Annotated[str | None, typer.Option(metavar="NAME", help="For PNG: srgb (the default), display-p3 or rec2020.")]
+SPACES = "srgb (the default), display-p3, rec2020 or any space of colour-science, such as adobe-rgb-1998"
+Space = Annotated[str | None, typer.Option(metavar="NAME", help=f"For PNG: {SPACES}.")]
 Bits = Annotated[str | None, typer.Option(metavar="N", help="For PNG: 8 (the default) or 16.")]
 Output = Annotated[
     list[Path] | None,
@@ -560,6 +561,7 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: An
         "seconds": round(seconds, 3),
         "complete": rendered.finished >= 1.0,
         "finished": rendered.finished,
+        "colour": rendered.image.mean_colour() if hasattr(rendered.image, "mean_colour") else None,
         "outputs": [str(path) for path in rendered.outputs],
     }
 

@@ -24,6 +24,7 @@ from skyscatter.image.skyframe import SkyFrame
 
 if TYPE_CHECKING:
     import xarray
+    from colour import MultiSpectralDistributions
     from matplotlib.axes import Axes
 
     from skyscatter.image.filterimage import FilterImage
@@ -296,8 +297,65 @@ class SpectralImage:
         """
         return self.xyz()[..., 1]
 
+    def to_colour(self) -> MultiSpectralDistributions:
+        """The spectra as a ``colour.MultiSpectralDistributions`` of colour-science, one a pixel.
+
+        Labels are "y,x".  Of large pictures take a part: that class is made for hundreds of spectra, not for millions.
+
+        Returns
+        -------
+        colour.MultiSpectralDistributions
+            Radiance [W m-2 sr-1 nm-1] over wavelength [nm].
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.full((1, 2, 5), 0.01), [400, 475, 550, 625, 700])
+        >>> spectra = image.to_colour()
+        >>> spectra.labels, spectra.signals["0,1"].values.tolist()
+        (['0,0', '0,1'], [0.01, 0.01, 0.01, 0.01, 0.01])
+        """
+        from skyscatter.spectra.library import colour_science
+
+        y, x, n = self.shape
+        labels = [f"{row},{column}" for row in range(y) for column in range(x)]
+        spectra = self._radiance.reshape(y * x, n).T
+        return colour_science().MultiSpectralDistributions(spectra, self._wavelengths, labels=labels)
+
+    def mean_colour(self) -> dict[str, float | list[float] | None] | None:
+        """What colour the light of all pixels together has; None for one wavelength, which has none, and in the dark.
+
+        Returns
+        -------
+        dict or None
+            ``chromaticity``: CIE 1931 x, y.  ``temperature_K``: correlated colour temperature, None where colours are
+            further from black bodies than the notion holds.  ``dominant_wavelength_nm``: beside daylight (D65),
+            negative for purples; None for a grey.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> wavelengths = np.arange(380, 781, 10)
+        >>> blue = skyscatter.SpectralImage((wavelengths / 550.0).reshape(1, 1, -1) ** -4, wavelengths)
+        >>> blue.mean_colour()["dominant_wavelength_nm"]
+        472.9
+        """
+        if self._wavelengths.size == 1 or not self.inside.any():
+            return None
+        xyz = self._xyz[self.inside].mean(axis=0)
+        if not xyz.sum() > 0.0:
+            return None
+        temperature, wavelength = float(colour.cct(xyz)), float(colour.dominant_wavelength(xyz))
+        return {
+            "chromaticity": [round(float(part), 4) for part in xyz[:2] / xyz.sum()],
+            "temperature_K": round(temperature) if np.isfinite(temperature) else None,
+            "dominant_wavelength_nm": round(wavelength, 1) if np.isfinite(wavelength) else None,
+        }
+
     def rgb(self, space: str = "srgb") -> Array:
-        """Scene-linear RGB in "srgb", "display-p3", "rec2020" or "acescg", shape (y, x, 3).
+        """Scene-linear RGB in "srgb", "display-p3", "rec2020", "acescg" or any space of colour-science, (y, x, 3).
 
         White of 1 cd m-2 is 1; not clipped, so colours outside the space have negative components.
 
@@ -336,8 +394,9 @@ class SpectralImage:
 
         Parameters
         ----------
-        space : {"srgb", "display-p3", "rec2020"}
-            The display's colour space.
+        space : str
+            The display's colour space: "srgb", "display-p3", "rec2020" or any that colour-science knows by this name,
+            such as "adobe-rgb-1998", if all its primaries are colours.
         exposure : float or "auto"
             Exposure value at ISO 100: a luminance of ``2**exposure * 0.125`` cd m-2 becomes mid grey.  Take one from
             `auto_exposure` to give several images the same exposure.

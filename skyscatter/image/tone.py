@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.image.colour import SPACES, display_space, luminance_weights, rgb_to_xyz_matrix
+from skyscatter.image.colour import colour_space, display_space, luminance_weights, rgb_to_xyz_matrix
 from skyscatter.image.glare import with_glare
 from skyscatter.kernels.processors import processors
 from skyscatter.workers import Workers, steady_algebra
@@ -174,7 +174,7 @@ def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb", strength: float |
 
 def _lms(space: str) -> Array:
     """Matrix (3, 3) from linear RGB to the cone-like responses of Oklab."""
-    matrix = _OKLAB_LMS @ rgb_to_xyz_matrix(SPACES[space])
+    matrix = _OKLAB_LMS @ rgb_to_xyz_matrix(colour_space(space))
     return np.asarray(matrix / matrix.sum(axis=1, keepdims=True))  # the published digits leave white 1e-4 off
 
 
