@@ -571,7 +571,7 @@ function gathered(points, most) {
     groups.set(key, group);
   }
   return [...groups.values()].map(({x, y, weight, area, light}) => (
-    {x: x / weight, y: y / weight, square: area > 1 ? area / 6 : 0, light}
+    {x: x / weight, y: y / weight, square: area > 1 ? 0.3 * area : 0, light}
   ));
 }
 
@@ -590,7 +590,7 @@ function together(glares) {
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0), 0.0, 1.0); }`;
 
-const MOST_GLARE = 32;  // two lots of four by four at most
+const MOST_GLARE = 58;  // of the disk seven by seven at most, of the sky three by three
 const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
@@ -983,7 +983,7 @@ export class SkyPicture {
       const light = spilt(patch.xyz.subarray(4 * k, 4 * k + 3), 1);
       if (light) disk.push({x: patch.x + (k % patch.width), y: patch.y + Math.floor(k / patch.width), area: 1, light});
     }
-    return [...gathered(disk, disk.length < 300 ? 3 : 4), ...gathered(around, 3)];
+    return [...gathered(disk, disk.length < 300 ? 3 : 7), ...gathered(around, 3)];
   }
 
   /** Where a pixel of the canvas looks, in degrees; null where it sees nothing. */
