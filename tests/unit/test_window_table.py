@@ -166,7 +166,7 @@ def test_the_same_settings_make_the_same_table() -> None:
 
 def test_from_high_up_the_sky_is_dark_and_the_ground_bright() -> None:
     """From 80 km, above nearly all of the air, where rays upwards meet next to nothing that scatters."""
-    table = make_table(SkySettings("earth-simple", altitude_m=80e3), quick=True)
+    table = make_table(SkySettings("earth", altitude_m=80e3), quick=True)
     above, below = table.xyz([[0, 0, 1], [0, 0, -1]], 30, 180, disk=False)[:, 1]
     assert 0 < above < 1
     assert 1000 < below < 20000  # the ground through all of the air, in sunlight
