@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,21 +27,18 @@ def normals() -> Array:
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), z], axis=-1)
 
 
-def make_dome(folder: Path, sun: str, name: str = "dome.exr", disk: bool = False) -> Path:
-    """A dome by the command, with its lamp beside it unless it shows the Sun's disk."""
+def make_dome(folder: Path, sun: str, name: str = "dome.exr", disk: bool = False, program: str | None = None) -> Path:
+    """A dome by the command, with its lamp and the scene file of a program beside it unless it shows the Sun's disk."""
     azimuth, elevation = SUNS[sun]
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / name
     words = ["sky", "earth-simple", "--north", "--sun-elevation", str(elevation), "--sun-azimuth", str(azimuth),
              "--wavelengths", ",".join(f"{w:g}" for w in WAVELENGTHS), "--size", "512x256", "--tolerance", "1%",
-             "--no-spectra", "-q", "-o", str(path)]  # fmt: skip
-    assert main(words + ([] if disk else ["--no-sun"])) == 0
+             *(["--no-spectra"] if name.endswith(".exr") else []), "-q", "-o", str(path)]  # fmt: skip
+    words += [] if disk else ["--no-sun"]
+    words += [] if program is None else ["--for", program]
+    assert main(words) == 0
     return path
-
-
-def lamp_of(dome: Path) -> dict[str, Any]:
-    """What stands beside a dome."""
-    return dict(json.loads(dome.with_suffix(".sun.json").read_text()))
 
 
 def own_irradiances(sun: str) -> Array:
