@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 SOURCE = Path(__file__).parent / "data" / "three_sky.js"
-PACKAGES = ("@takram/three-atmosphere@0.19.1", "three@0.185", "esbuild@0.28")
+PACKAGES = ("@takram/three-atmosphere@0.19.1", "three@0.187", "postprocessing@6", "esbuild@0.28")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 #: A software renderer, so that no graphics card is asked for.
 FLAGS = ("--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
@@ -36,7 +36,8 @@ def bundle(folder: Path) -> None:
     done = subprocess.run(install, cwd=folder, capture_output=True, text=True, timeout=PATIENCE)
     if done.returncode:
         pytest.skip(f"npm cannot install the package: {done.stderr.strip().splitlines()[-1:]}")
-    command = ["node_modules/.bin/esbuild", SOURCE.name, "--bundle", "--format=esm", "--outfile=page.js", "--log-level=error"]
+    command = ["node_modules/.bin/esbuild", SOURCE.name, "--bundle", "--format=esm", "--outfile=page.js",
+               "--log-level=error"]  # fmt: skip
     subprocess.run(command, cwd=folder, check=True, timeout=PATIENCE)
     (folder / "index.html").write_text('<!doctype html><script type="module" src="page.js"></script>')
 

@@ -22,7 +22,7 @@ def _mitsuba(found: dict[str, Any], dome: Path) -> list[str]:
     """Of Mitsuba 3, to be included: seen from inside its maps have +y up, +z in the middle and +x on the left."""
     azimuth = np.radians(found["dome"]["middle_azimuth_deg"])
     sine, cosine = round(float(np.sin(azimuth)), 12), round(float(np.cos(azimuth)), 12)
-    rows = [[-cosine, 0, sine, 0], [sine, 0, cosine, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
+    rows: list[list[float]] = [[-cosine, 0, sine, 0], [sine, 0, cosine, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
     matrix = " ".join(f"{value:.12g}" for row in rows for value in row)
     sun = found["sun"]
     away = [f'{axis}="{-value:.9g}"' for axis, value in zip("xyz", sun["direction"], strict=True)]

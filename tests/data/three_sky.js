@@ -1,6 +1,6 @@
 // Renders skies with the package's own loader and material, and posts what it has read back.
-import { AtmosphereParameters, PrecomputedTexturesLoader, SkyLightProbe, SkyMaterial, getSunLightColor } from '@takram/three-atmosphere'
-import { Color, FloatType, Mesh, PerspectiveCamera, PlaneGeometry, Scene, Vector3, WebGLRenderTarget, WebGLRenderer } from 'three'
+import { AtmosphereParameters, PrecomputedTexturesLoader, SkyMaterial } from '@takram/three-atmosphere'
+import { FloatType, Mesh, PerspectiveCamera, PlaneGeometry, Scene, Vector3, WebGLRenderTarget, WebGLRenderer } from 'three'
 
 const SIZE = 12
 
@@ -10,13 +10,21 @@ async function run() {
   const atmosphere = new AtmosphereParameters(made.atmosphere)
   const renderer = new WebGLRenderer()
   const textures = await new PrecomputedTexturesLoader(made.loader).setType(renderer).loadAsync('sky')
-  const material = new SkyMaterial({ ...textures, sun: false, moon: false, correctAltitude: false })
-  // The material's constructor knows the Earth of its package only.
-  material.uniforms.ATMOSPHERE = atmosphere.toUniform()
-  material.uniforms.SUN_SPECTRAL_RADIANCE_TO_LUMINANCE.value = atmosphere.sunRadianceToRelativeLuminance
-  material.uniforms.SKY_SPECTRAL_RADIANCE_TO_LUMINANCE.value = atmosphere.skyRadianceToRelativeLuminance
-  const probe = new SkyLightProbe({ irradianceTexture: textures.irradianceTexture, correctAltitude: false }, atmosphere)
-  const mesh = new Mesh(new PlaneGeometry(2, 2), material)
+  // A sky, and what the shaders of the package say of light on level ground where the camera is.
+  const ground = output => `void main() {
+    vec3 sky, sun = GetSunAndSkyIrradiance(vCameraPosition, normalize(vCameraPosition), sunDirection, sky);
+    outputColor = vec4(${output}, 1.0);
+  }`
+  const [material, sunlight, skylight] = [null, ground('sun'), ground('sky')].map(main => {
+    const made = new SkyMaterial({ ...textures, sun: false, moon: false, correctAltitude: false })
+    // The material's constructor knows the Earth of its package only.
+    made.uniforms.ATMOSPHERE = atmosphere.toUniform()
+    made.uniforms.SUN_SPECTRAL_RADIANCE_TO_LUMINANCE.value = atmosphere.sunRadianceToRelativeLuminance
+    made.uniforms.SKY_SPECTRAL_RADIANCE_TO_LUMINANCE.value = atmosphere.skyRadianceToRelativeLuminance
+    if (main != null) made.fragmentShader = made.fragmentShader.replace(/void main\(\)[\s\S]*$/, main)
+    return made
+  })
+  const mesh = new Mesh(new PlaneGeometry(2, 2))
   mesh.frustumCulled = false
   const scene = new Scene().add(mesh)
   const target = new WebGLRenderTarget(SIZE, SIZE, { type: FloatType, depthBuffer: false })
@@ -26,11 +34,15 @@ async function run() {
     camera.position.set(0, 0, made.atmosphere.bottomRadius + altitude)
     camera.lookAt(camera.position.clone().add(new Vector3(...look)))
     camera.updateMatrixWorld()
-    material.sunDirection.set(...sun)
-    renderer.setRenderTarget(target)
-    renderer.render(scene, camera)
-    const pixels = new Float32Array(SIZE * SIZE * 4)
-    renderer.readRenderTargetPixels(target, 0, 0, SIZE, SIZE, pixels)
+    const shown = by => {
+      mesh.material = by
+      by.sunDirection.set(...sun)
+      renderer.setRenderTarget(target)
+      renderer.render(scene, camera)
+      const pixels = new Float32Array(SIZE * SIZE * 4)
+      renderer.readRenderTargetPixels(target, 0, 0, SIZE, SIZE, pixels)
+      return Array.from(pixels)
+    }
     const directions = []
     for (let row = 0; row < SIZE; ++row) {
       for (let column = 0; column < SIZE; ++column) {
@@ -38,14 +50,8 @@ async function run() {
         directions.push(point.unproject(camera).sub(camera.position).normalize().toArray())
       }
     }
-    probe.position.copy(camera.position)
-    probe.updateMatrixWorld()
-    probe.sunDirection.set(...sun)
-    probe.update()
-    const level = probe.sh.getIrradianceAt(new Vector3(0, 0, 1), new Vector3())
-    const beam = getSunLightColor(textures.transmittanceTexture, camera.position, material.sunDirection, new Color(),
-      { correctAltitude: false }, atmosphere)
-    return { pixels: Array.from(pixels), directions, sky: level.toArray(), beam: beam.toArray() }
+    const [pixels, beam, sky] = [material, sunlight, skylight].map(shown)
+    return { pixels, directions, beam: beam.slice(0, 3), sky: sky.slice(0, 3) }
   })
 }
 

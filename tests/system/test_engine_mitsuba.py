@@ -22,8 +22,8 @@ SAMPLES = 65536
 APART, SIZE = 100.0, 0.01
 #: Half of the samples go to each of the lights.
 INTEGRATOR = '<integrator type="direct"><integer name="bsdf_samples" value="0"/></integrator>'
-#: Columns: where Mitsuba's x, y and z point.  Its environment maps are seen from inside with +y up and +z in the middle,
-#: +x on the left; the middle of the dome is north and its left half west.
+#: Columns: where Mitsuba's x, y and z point.  Its environment maps are seen from inside with +y up, +z in the middle
+#: and +x on the left; the middle of the dome is north and its left half west.
 TO_WORLD = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
 
 

@@ -1,7 +1,7 @@
 """Domes and their Suns in Radiance: sensors of every tilt get the light that skyscatter says.
 
-Tolerance 1 %: Radiance reads a mantissa of 8 bits as half a step more than it says, 0.2 to 0.4 % of every pixel; the rest
-is the noise of 65536 directions, 0.4 % at most.
+Tolerance 1 %: Radiance reads a mantissa of 8 bits as half a step more than it says, 0.2 to 0.4 % of every pixel; the
+rest is the noise of 65536 directions, 0.4 % at most.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ A shader makes radiance of two textures, each linear between its texels, times a
     L = A(r, mu, mu_s, nu) rayleigh(nu) + B(r, mu, mu_s, nu) cornette_shanks(g, nu).
 
 Precomputed scattering has in A what is scattered once by air and everything scattered more often, in B what is
-scattered once by aerosol, each at the texels themselves.  There are 8 texels over nu, 38 degrees apart near the Sun, and
-aerosols do not follow Cornette & Shanks.  So A and B begin with that, and then both are changed by as little as makes
-the sum right on rays between the texels too (`fitted`).
+scattered once by aerosol, each at the texels themselves.  There are 8 texels over nu, the last two 44 degrees apart,
+and aerosols do not follow Cornette & Shanks.  So A and B begin with that, and then both are changed by as little as
+makes the sum right on rays between the texels too (`fitted`).
 """
 
 from __future__ import annotations
@@ -60,6 +60,8 @@ STIFFNESS, ROUGHNESS = (0.01, 0.05), (0.05, 0.5)
 DIMMEST = 0.05
 #: Share of the optical depth from the ground that is too little to be seen.
 SEEN = 2e-4
+#: Angle from the Sun within which rays count less, as there is less of the sky [rad].
+AUREOLE = np.radians(20.0)
 #: Phase functions whose forward and backward values differ by no more than this are air's.
 SYMMETRIC = 0.1
 #: Asymmetries tried, and scattering angles at which the aerosol's phase function is compared [degree].
@@ -202,14 +204,15 @@ def fitted(suns: Array, mu_s: Array, nu: Array, light: Array, start: Array, asym
     basis = _basis(nu, asymmetry)
     size = np.abs(light)
     size = np.maximum(size, np.maximum(DIMMEST * size.max(axis=3, keepdims=True), FLOOR))
+    weigh = np.sqrt(np.minimum(np.arccos(nu) / AUREOLE, 1.0))[..., None] / size
     column, part = between_nodes(suns, MU_S_SIZE)
-    unit = _units(start, asymmetry)
+    unit = _units(start, asymmetry)[..., 0]
     seen = (1 - part)[:, None, None] * start[:, column] + part[:, None, None] * start[:, column + 1]
-    miss = (light - np.einsum("msrt,mstc->msrc", basis, seen, optimize=True)) / size
+    miss = (light - np.einsum("msrt,mstc->msrc", basis, seen, optimize=True)) * weigh
     # Of each Sun: by how much changes at the column before and at that behind change radiances.
     sides = [
-        np.einsum("msrt,msrc,mst->mscrt", basis, weight[:, None, None] / size, unit[..., 0][:, column + k], optimize=True)
-        for k, weight in enumerate((1 - part, part))
+        np.einsum("msrt,msrc,mst->mscrt", basis, share[:, None, None] * weigh, unit[:, column + k], optimize=True)
+        for k, share in enumerate((1 - part, part))
     ]
     rays = nu.shape[2] * SUNS_PER_CELL
     texels = basis.shape[-1]
@@ -226,7 +229,7 @@ def fitted(suns: Array, mu_s: Array, nu: Array, light: Array, start: Array, asym
     across = np.swapaxes(sides[0], -1, -2) @ sides[1] / rays
     for sun, place in enumerate(column):
         upper[:, place] += across[:, sun]
-    return np.asarray(start + np.swapaxes(block_tridiagonal(diagonal, upper, right), -1, -2) * unit)
+    return np.asarray(start + np.swapaxes(block_tridiagonal(diagonal, upper, right), -1, -2) * unit[..., None])
 
 
 def _basis(nu: Array, asymmetry: float) -> Array:
@@ -250,7 +253,7 @@ def _cost(mu_s: Array) -> Array:
     """Quadratic form of what changes of the texels of A and B cost, for every column; (column, 1, texel, texel)."""
     steps = np.diff(np.eye(NU_SIZE), axis=0)
     stiff, rough = (np.where(mu_s > 0, *both)[:, None, None] ** 2 for both in (STIFFNESS, ROUGHNESS))
-    return np.kron(np.eye(2), stiff * np.eye(NU_SIZE) + rough * (steps.T @ steps))[:, None]
+    return np.asarray(np.kron(np.eye(2), stiff * np.eye(NU_SIZE) + rough * (steps.T @ steps))[:, None], float)
 
 
 def block_tridiagonal(diagonal: Array, upper: Array, right: Array) -> Array:

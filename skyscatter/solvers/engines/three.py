@@ -27,6 +27,7 @@ from skyscatter.solvers.engines.deviation import deviations
 from skyscatter.solvers.engines.textures import Source, Textures, hazes, make_textures, textured_top
 
 if TYPE_CHECKING:
+    from skyscatter.media.medium import Medium
     from skyscatter.solvers.field import RadianceField
 
 Array = NDArray[np.float64]
@@ -70,23 +71,34 @@ def export_three(
     return content
 
 
+def needed_suns(medium: Medium) -> tuple[float, float]:
+    """Elevations of the Sun for which a field must be solved, lowest and highest [degree]."""
+    return float(np.floor(np.degrees(_lowest_sun(medium)))), 90.0
+
+
+def _lowest_sun(medium: Medium) -> float:
+    return -LOWEST_SUN * float(np.arccos(medium.radius / (medium.radius + medium.top)))
+
+
+def check_colours(wavelengths: Array) -> None:
+    """Refuse wavelengths [nm] without red, green and blue."""
+    low, high = COLOURS
+    if wavelengths[0] > low or wavelengths[-1] < high or wavelengths.size < 3:
+        remedy = f"textures have colours: three or more, from {low:g} nm or less to {high:g} nm or more"
+        raise DomainError("wavelengths", wavelengths.tolist(), remedy)
+
+
 def _layout(field: RadianceField) -> Layout:
-    wavelengths, medium = field.wavelengths, field.scene.medium
-    if wavelengths[0] > COLOURS[0] or wavelengths[-1] < COLOURS[1] or wavelengths.size < 3:
-        raise DomainError(
-            "wavelengths", wavelengths.tolist(), f"textures have colours: solve for {COLOURS[0]:g} to {COLOURS[1]:g} nm"
-        )
-    sinks = float(np.arccos(medium.radius / (medium.radius + medium.top)))
-    lowest = -LOWEST_SUN * sinks
-    margin = 1e-6 + 2 * sinks  # what rays see beyond the observer's own Sun
-    if field.zenith[0] > 0 or field.zenith[1] < min(np.pi / 2 - lowest + margin, np.pi) - 1e-3:
+    medium = field.scene.medium
+    check_colours(field.wavelengths)
+    needed = needed_suns(medium)
+    # An observer sees air that has other Suns: solved ranges are wider than asked for.
+    beyond = 2 * float(np.arccos(medium.radius / (medium.radius + medium.top)))
+    if field.zenith[0] > 0 or field.zenith[1] < min(np.pi / 2 - np.radians(needed[0]) + beyond, np.pi) - 1e-6:
         have = tuple(round(90 - float(np.degrees(z)), 1) for z in field.zenith[::-1])
-        raise DomainError(
-            "sun_elevations_deg", have,
-            f"textures need all Suns: solve with sun_elevations_deg=({np.floor(np.degrees(lowest)):.0f}, 90)",
-        )  # fmt: skip
+        raise DomainError("sun_elevations_deg", have, f"textures need all Suns: solve with sun_elevations_deg={needed}")
     top = textured_top(field.at(field.sun(90.0, 0.0)))
-    return Layout(medium.radius, medium.radius + top, float(np.sin(lowest)))
+    return Layout(medium.radius, medium.radius + top, float(np.sin(_lowest_sun(medium))))
 
 
 def _unit() -> float:
@@ -99,6 +111,8 @@ def packed(textures: Textures) -> tuple[dict[str, Array], float]:
     """Pictures (row, column, channel) of the files, from the top, by their names; and the factor that they hold."""
     light = textures[1:]
     largest = max(float(np.abs(x).max()) for x in light) / _unit()
+    if not largest > 0:
+        raise DomainError("star", largest, "gives no light that eyes see: textures would be black")
     gain = float(2.0 ** np.floor(np.log2(LARGEST / largest)))
     a, b, higher, irradiance = (x * (gain / _unit()) for x in light)
     images = {
