@@ -389,6 +389,10 @@ def run(request: Request, arguments: list[str]) -> int:
     request, camera = composed(request, scene.observer, centre_of(scene))
     check_picture(*request.size, request.wavelengths.size)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
+    if request.scene_for is not None:
+        from skyscatter.image.scenefiles import check_dome
+
+        check_dome(request.scene_for, camera.model_dump())
     more = {"stokes": True} if request.stokes else {}
     more |= {} if request.sun_disk else {"sun_disk": False}
     rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **more)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,6 +105,13 @@ def scene_files(dome: Path, program: str) -> list[Path]:
     return [dome.with_suffix(suffix) for suffix in known.suffixes]
 
 
+def check_dome(program: str, camera: Mapping[str, Any]) -> None:
+    """Refuse cameras, as fields of a recipe, that see no whole sphere or not in square pixels."""
+    sphere = {"kind": "panorama", "elevation_min_deg": -90.0, "elevation_max_deg": 90.0, "fov_deg": 360.0}
+    if any(camera.get(name) != value for name, value in sphere.items()) or camera["width"] != 2 * camera["height"]:
+        raise DomainError("for", program, "needs a dome of the whole sphere, twice as wide as high: --view panorama")
+
+
 def write_scene(image: SpectralImage, dome: Path, program: str, scale: float = 1.0) -> list[Path]:
     """Write the scene files of a program beside a dome.
 
@@ -130,10 +137,7 @@ def write_scene(image: SpectralImage, dome: Path, program: str, scale: float = 1
     """
     files = scene_files(dome, program)
     found = lamp(image, scale)
-    camera = image.recipe["camera"]
-    sphere = {"kind": "panorama", "elevation_min_deg": -90.0, "elevation_max_deg": 90.0, "fov_deg": 360.0}
-    if any(camera.get(name) != value for name, value in sphere.items()) or camera["width"] != 2 * camera["height"]:
-        raise DomainError("for", program, "needs a dome of the whole sphere, twice as wide as high: --view panorama")
+    check_dome(program, image.recipe["camera"])
     for path, text in zip(files, _PROGRAMS[program].texts(found, dome), strict=True):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")

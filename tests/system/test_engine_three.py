@@ -2,7 +2,7 @@
 
 Two things are apart.  What the package makes of the files is what `bruneton.Layout` says: 0.5 %, which are single
 precision of positions (half a metre) and of texture units (8 bits between two texels).  What the files hold of the sky:
-half of all directions within 2 % by day and 10 % in twilight, where the Suns of two columns are 1 to 2 degrees apart
+half of all directions within 1 % by day (3 % on Mars) and 10 % in twilight, where the Suns of two columns are 1 to 2 degrees apart
 and the light of one is several times that of the other.
 """
 
@@ -33,7 +33,12 @@ DAY, TWILIGHT = (60.0, 20.0, 2.0), (-3.5,)
 VIEWS, ALTITUDES = ((180.0, 20.0), (90.0, 45.0), (0.0, 8.0)), (100.0, 10e3)
 
 
+#: Of the sky's luminance by day.  On Mars much of what is seen is its dust's forward peak, narrower than textures hold.
+DAY_MEDIAN = {"earth": 0.01, "mars": 0.03}
+
+
 class Seen(NamedTuple):
+    planet: str
     source: Source
     made: dict[str, Any]
     folder: Path
@@ -64,7 +69,7 @@ def seen(request: pytest.FixtureRequest, page: Path) -> Seen:
     # From space, towards the day side's limb and the ground.
     high = 2 * (made["atmosphere"]["topRadius"] - made["atmosphere"]["bottomRadius"])
     cases += [{**case, "altitude": high, "look": [0.0, -0.8, -0.6]} for case in cases[: len(DAY) * len(VIEWS)]]
-    return Seen(Source.of(field, three._layout(field)), made, page / "sky", cases, rendered(page, cases))
+    return Seen(request.param, Source.of(field, three._layout(field)), made, page / "sky", cases, rendered(page, cases))
 
 
 def four_numbers(seen: Seen, case: dict[str, Any], found: dict[str, Any]) -> tuple[Array, Array, Array, Array]:
@@ -122,7 +127,7 @@ def test_skies_are_those_of_the_field(seen: Seen) -> None:
         off = np.concatenate(parts)
         middle, most = np.median(off), np.percentile(off, 95)
         print(f"{altitude:8.0f} m, Sun {elevation:5.1f}: median {middle:.4f}, 95 % {most:.4f}, greatest {off.max():.3f}")
-        assert np.median(off) < (0.02 if elevation > 0 else 0.1)
+        assert middle < (DAY_MEDIAN[seen.planet] if elevation > 0 else 0.1)
 
 
 def test_light_on_the_ground_is_that_of_the_field(seen: Seen) -> None:
@@ -144,4 +149,4 @@ def test_light_on_the_ground_is_that_of_the_field(seen: Seen) -> None:
 
 def test_the_folder_says_how_far_it_is_from_the_field(seen: Seen) -> None:
     assert json.loads((seen.folder / "atmosphere.json").read_text()) == seen.made
-    assert all(row["median"] < 0.02 for row in seen.made["deviations"] if row["sun_elevations_deg"][0] >= -1)
+    assert all(row["median"] < DAY_MEDIAN[seen.planet] for row in seen.made["deviations"] if row["sun_elevations_deg"][0] >= -1)

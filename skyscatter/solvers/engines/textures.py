@@ -64,8 +64,8 @@ SEEN = 2e-4
 AUREOLE = np.radians(20.0)
 #: Phase functions whose forward and backward values differ by no more than this are air's.
 SYMMETRIC = 0.1
-#: Asymmetries tried, and scattering angles at which the aerosol's phase function is compared [degree].
-ASYMMETRIES, COMPARED_DEG = np.arange(0.0, 0.96, 0.01), np.arange(1.0, 150.0, 1.0)
+#: Asymmetries tried, and scattering angles at which laws are compared [degree]: fits mend what is wrong elsewhere.
+ASYMMETRIES, COMPARED_DEG = np.arange(0.0, 0.96, 0.01), np.arange(1.0, 45.0, 1.0)
 
 
 class Textures(NamedTuple):
