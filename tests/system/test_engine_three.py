@@ -2,8 +2,8 @@
 
 Two things are apart.  What the package makes of the files is what `bruneton.Layout` says: 0.5 %, which are single
 precision of positions (half a metre) and of texture units (8 bits between two texels).  What the files hold of the sky:
-half of all directions within 1 % by day (3 % on Mars) and 10 % in twilight, where the Suns of two columns are 1 to 2 degrees apart
-and the light of one is several times that of the other.
+half of all directions within 1 % by day (3 % on Mars) and 10 % in twilight, where the Suns of two columns are 1 to 2
+degrees apart and the light of one is several times that of the other.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def test_skies_are_those_of_the_field(seen: Seen) -> None:
     for (altitude, elevation), parts in by_sun.items():
         off = np.concatenate(parts)
         middle, most = np.median(off), np.percentile(off, 95)
-        print(f"{altitude:8.0f} m, Sun {elevation:5.1f}: median {middle:.4f}, 95 % {most:.4f}, greatest {off.max():.3f}")
+        print(f"{altitude:8.0f} m, Sun {elevation:5.1f}: median {middle:.4f}, 95 % {most:.4f}, worst {off.max():.3f}")
         assert middle < (DAY_MEDIAN[seen.planet] if elevation > 0 else 0.1)
 
 
@@ -149,4 +149,5 @@ def test_light_on_the_ground_is_that_of_the_field(seen: Seen) -> None:
 
 def test_the_folder_says_how_far_it_is_from_the_field(seen: Seen) -> None:
     assert json.loads((seen.folder / "atmosphere.json").read_text()) == seen.made
-    assert all(row["median"] < DAY_MEDIAN[seen.planet] for row in seen.made["deviations"] if row["sun_elevations_deg"][0] >= -1)
+    by_day = [row["median"] for row in seen.made["deviations"] if row["sun_elevations_deg"][0] >= -1]
+    assert max(by_day) < DAY_MEDIAN[seen.planet]
