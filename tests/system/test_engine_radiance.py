@@ -1,7 +1,7 @@
 """Domes and their Suns in Radiance: sensors of every tilt get the light that skyscatter says.
 
-Tolerance 1 %: Radiance reads a mantissa of 8 bits as half a step more than it says, 0.2 to 0.4 % of every pixel; the
-rest is the noise of 65536 directions, 0.4 % at most.
+Tolerance 1 %: Radiance reads a mantissa of 8 bits as half a step more than it says, 0.2 to 0.4 % of the brightest
+channel of a pixel and more of the others.  All planes are too bright by that.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from skyscatter.image.hdr import WHITE_EFFICACY
 Array = NDArray[np.float64]
 TOLERANCE = 0.01
 #: Of the indirect light, which the sky is to Radiance: one bounce, so many directions, no interpolation.
-OPTIONS = ("-h", "-I", "-ab", "1", "-ad", "65536", "-as", "0", "-aa", "0", "-lr", "4", "-lw", "0")
+OPTIONS = ("-h", "-I", "-ab", "1", "-ad", "262144", "-as", "0", "-aa", "0", "-lr", "4", "-lw", "0",
+           "-u-")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,8 @@ def test_dome_and_sun_light_sensors_of_every_tilt(programs: Path, sun: str, tmp_
     make_dome(tmp_path, sun, "dome.hdr", program="radiance")
     own = own_irradiances(sun)
     found = illuminances(programs, tmp_path, "dome.rad")
-    print(sun, "greatest", np.abs(found / own - 1).max(axis=0), "mean", np.abs(found / own - 1).mean(axis=0))
+    off = found / own - 1
+    print(sun, "greatest", np.abs(off).max(axis=0), "mean", off.mean(axis=0))
     np.testing.assert_allclose(found, own, rtol=TOLERANCE)
     mapping = tmp_path / "dome.cal"
     mapping.write_text(mapping.read_text().replace("atan2(Dx, Dy)", "atan2(-Dx, Dy)"))  # east and west exchanged
