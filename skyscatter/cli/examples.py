@@ -11,6 +11,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "skyscatter flux earth --altitude 0,5km,10km --sun-elevation 10:90:20 -o fluxes.csv",
         "skyscatter flux earth-hazy --wavelengths 550 --json",
     ),
+    "export": (
+        "skyscatter export earth --to three -o earth-three",
+        "skyscatter export mars --to three --wavelengths 400:700:50 -o mars-three --json",
+    ),
     "nebula": (
         "skyscatter nebula ring-nebula --size 128x128 --palette hoo -o ring.png",
         "skyscatter nebula reflection-nebula --samples 64 --wavelengths 400:700:50 -o nebula.fits --progress log",

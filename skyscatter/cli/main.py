@@ -30,7 +30,9 @@ from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, Sky
 from skyscatter.problems import problem_lines
 
 #: Commands in the order of the help, each in a module of its name with a function, or a group `app`, of that name.
-COMMANDS = ("sky", "flux", "nebula", "render", "dehaze", "invert", "models", "store", "warm", "info")
+COMMANDS = (
+    "sky", "flux", "export", "nebula", "render", "dehaze", "invert", "models", "store", "warm", "info",
+)  # fmt: skip
 
 
 @cache

@@ -44,6 +44,7 @@ class Request(common.RunRequest):
     #: None for the one that suits the observer; the size is (0, 0) then, unless it was given.
     view: str | None
     sun_disk: bool
+    scene_for: str | None
     exposure: float | str
     tone: str
     space: str
@@ -118,6 +119,15 @@ def sky(
             "into FILE.sun.json.",
         ),
     ] = False,
+    scene_for: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="PROGRAM",
+            help="With --no-sun: also write a scene file with the dome and its Sun, for mitsuba (FILE.mitsuba.xml) or "
+            "radiance (FILE.rad and FILE.cal).",
+        ),
+    ] = None,
     size: Annotated[
         str | None, typer.Option(metavar="WxH", help="Picture size [pixel]; by default one that suits the view.")
     ] = None,
@@ -214,6 +224,7 @@ def sky(
         altitude=metres(altitude or (DEFAULT_ALTITUDE if view is None else "0m"), "altitude"),
         view=view,
         sun_disk=not no_sun,
+        scene_for=_scene_for(scene_for, outputs, no_sun and frames is None, no_clobber),
         size=(0, 0) if size is None and view is None else parse.parse_size(size, view or ""),
         solver=solver,
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
@@ -304,6 +315,26 @@ def _view(view: str | None, north: bool, no_sun: bool) -> str | None:
     return f"{view}:0"
 
 
+def _scene_for(program: str | None, outputs: list[Path], dome: bool, no_clobber: bool) -> str | None:
+    """The program for which scene files are written, checked."""
+    if program is None:
+        return None
+    files = _scene_files(program, outputs)
+    if not dome or not files:
+        raise DomainError("for", program, "is for one dome without its Sun: --no-sun, and -o FILE.exr or FILE.hdr")
+    parse.check_new(files if no_clobber else ())
+    return program
+
+
+def _scene_files(program: str | None, outputs: list[Path]) -> list[Path]:
+    """Scene files of a program beside the domes among the outputs."""
+    if program is None:
+        return []
+    from skyscatter.image.scenefiles import scene_files
+
+    return [file for path in outputs if lamp_files([path]) for file in scene_files(path, program)]
+
+
 def _check_development(show: str, options: dict[str, Any]) -> None:
     """The colours of the degree and the angle of polarisation are fixed."""
     if show == "colour":
@@ -358,6 +389,10 @@ def run(request: Request, arguments: list[str]) -> int:
     request, camera = composed(request, scene.observer, centre_of(scene))
     check_picture(*request.size, request.wavelengths.size)
     camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
+    if request.scene_for is not None:
+        from skyscatter.image.scenefiles import check_dome
+
+        check_dome(request.scene_for, camera.model_dump())
     more = {"stokes": True} if request.stokes else {}
     more |= {} if request.sun_disk else {"sun_disk": False}
     rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **more)
@@ -367,7 +402,8 @@ def run(request: Request, arguments: list[str]) -> int:
         for path in outputs:
             _save(request, image, path, exposure)
     if not request.sun_disk:
-        rendered = replace(rendered, outputs=[*rendered.outputs, *lamp_files(rendered.outputs)])
+        written = [*lamp_files(rendered.outputs), *_scene_files(request.scene_for, rendered.outputs)]
+        rendered = replace(rendered, outputs=[*rendered.outputs, *written])
     summary = summarise(request, model, scene, rendered, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 
@@ -381,6 +417,10 @@ def _save(request: Request, image: Any, path: Path, exposure: float) -> None:
         from skyscatter.image.dome import write_lamp
 
         write_lamp(image, beside, options.get("scale", 1.0))
+        if request.scene_for is not None:
+            from skyscatter.image.scenefiles import write_scene
+
+            write_scene(image, path, request.scene_for, options.get("scale", 1.0))
 
 
 def lamp_files(outputs: list[Path]) -> list[Path]:

@@ -575,6 +575,55 @@ class RadianceField:
         # Not delta-M's beam, which takes the light of the forward peaks along: the diffuse radiance has that.
         return diffuse + beam.true * max(float(sun.direction @ n), 0.0)
 
+    def export(
+        self,
+        engine: str,
+        folder: str | os.PathLike[str],
+        *,
+        threads: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> dict[str, Any]:
+        """Write the sky as a real-time engine loads it: from every altitude in the air, under every Sun.
+
+        ``"three"`` is @takram/three-atmosphere for three.js: ``transmittance.exr``, ``scattering.exr``,
+        ``single_mie_scattering.exr``, ``higher_order_scattering.exr``, ``irradiance.exr`` and the parameters of that
+        package, ``atmosphere.json``.  That takes a minute or two.  See docs/howto-engines.md.
+
+        Parameters
+        ----------
+        engine : {"three"}
+        folder : path-like
+            Made where it is not there yet; files of those names are replaced.
+        threads : int, optional
+            All processors when not given.
+        progress : callable, optional
+            Called with the finished share, 0 to 1.
+
+        Returns
+        -------
+        dict
+            What ``atmosphere.json`` holds: under ``atmosphere`` radii [m], the Sun's angular radius [rad], factors of
+            light; under ``deviations`` relative deviations of the sky in the textures from the field, by altitude [m]
+            and elevation of the Sun [degree].
+
+        Raises
+        ------
+        DomainError
+            For another engine, and for a field without all Suns or without the wavelengths of colours.
+
+        Examples
+        --------
+        >>> import skyscatter
+        >>> scene = skyscatter.load_model("mars").scene()
+        >>> field = skyscatter.solve(scene, [450, 550, 650], tolerance=0.05)  # doctest: +SKIP
+        >>> made = field.export("three", "mars")  # doctest: +SKIP
+        """
+        if engine != "three":
+            raise DomainError("engine", engine, "choose three")
+        from skyscatter.solvers.engines.three import export_three
+
+        return export_three(self, folder, worker_count(threads), progress)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the field to an .npz file, whole or not at all.
 

@@ -1,0 +1,1 @@
+"""Solved skies in the form in which real-time engines load them."""
