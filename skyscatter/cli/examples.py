@@ -11,6 +11,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "skyscatter flux earth --altitude 0,5km,10km --sun-elevation 10:90:20 -o fluxes.csv",
         "skyscatter flux earth-hazy --wavelengths 550 --json",
     ),
+    "view": ("skyscatter view", "skyscatter view ring-nebula --no-open --port 8050 --keep"),
     "nebula": (
         "skyscatter nebula ring-nebula --size 128x128 --palette hoo -o ring.png",
         "skyscatter nebula reflection-nebula --samples 64 --wavelengths 400:700:50 -o nebula.fits --progress log",

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 import skyscatter
 from skyscatter.atomic import explained
-from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping, store, warm
+from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping, store, view, warm
 from skyscatter.cli.examples import epilog
 from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, SkyscatterError
 from skyscatter.problems import problem_lines
@@ -36,6 +36,7 @@ app = typer.Typer(
 )
 app.command("sky", epilog=epilog("sky"))(sky.sky)
 app.command("flux", epilog=epilog("flux"))(flux.flux)
+app.command("view", epilog=epilog("view"))(view.view)
 app.command("nebula", epilog=epilog("nebula"))(nebula.nebula)
 app.command("render", epilog=epilog("render"))(render.render)
 app.command("dehaze", epilog=epilog("dehaze"))(dehaze.dehaze)

@@ -21,6 +21,7 @@ FLOORS = (
     {"scene", "space", "models"},
     {"solvers", "columns", "image"},
     {"dehaze", "inversion"},
+    {"window"},
     {"cli", "plotting", "__main__"},
 )  # fmt: skip
 
