@@ -16,7 +16,7 @@ LOOK = 0.2
 
 def view(
     model: Annotated[
-        str, typer.Argument(help="Name of a shipped model (see: skyscatter models) of a sky or a nebula, or a TOML file.")
+        str, typer.Argument(help="Name of a shipped sky or nebula (see: skyscatter models) or a TOML file.")
     ] = "earth",
     port: Annotated[
         str | None, typer.Option(metavar="N", help="Port of this machine, 1 to 65535; else a free one.")

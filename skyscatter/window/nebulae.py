@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -78,14 +78,14 @@ class Mean:
 class Nebulae:
     """Answers about nebulae of some models."""
 
-    def __init__(self, models: tuple[str, ...]) -> None:
+    def __init__(self, models: Callable[[], tuple[str, ...]]) -> None:
         self._models = models
         self._last: SpectralImage | None = None
 
     def side(self, question: Message) -> Side:
         """From where a question looks."""
         return Side(
-            one_of(question, "model", self._models),
+            one_of(question, "model", self._models()),
             number(question, "inclination", -360.0, 360.0),
             number(question, "turn", -360.0, 360.0),
             number(question, "fieldWidth", 1e-9, 1e6),

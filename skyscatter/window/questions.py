@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -33,18 +34,23 @@ class Questions:
     """
 
     def __init__(self, model: str = "earth") -> None:
-        self.model = model
-        names = [name for name in model_names() if name != model]
-        self._facts = [_facts(name, load_model(name)) for name in (model, *names)]
-        if self._facts[0] is None:
+        self.model, self._lock = model, threading.Lock()
+        self._known: dict[str, Message | None] = {model: _facts(model, load_model(model))}
+        if self._known[model] is None:
             rule = "is a scene of surfaces, which has no window yet; use skyscatter render"
             raise DomainError("model", model, rule)
-        self.facts: list[Message] = [facts for facts in self._facts if facts is not None]
+
+    def facts(self) -> list[Message]:
+        """What a page has to know of the models, the first one first; they are read when somebody asks."""
+        with self._lock:
+            for name in model_names():
+                if name not in self._known:
+                    self._known[name] = _facts(name, load_model(name))
+        return [facts for facts in self._known.values() if facts is not None]
 
     def work(self, send: Send) -> Work:
         """The work of a page."""
-        skies, nebulae = (self._names(kind) for kind in ("sky", "nebula"))
-        sky, nebula = Skies(skies), Nebulae(nebulae)
+        sky, nebula = Skies(lambda: self._names("sky")), Nebulae(lambda: self._names("nebula"))
         answering: dict[str, Answering] = {
             "facts": self._all, "first": _first, "table": sky.table, "sun": sky.sun, "sky-point": sky.point,
             "sky-command": sky.command, "picture": nebula.picture, "nebula-point": nebula.point,
@@ -53,10 +59,10 @@ class Questions:
         return Work(send, answering)
 
     def _names(self, kind: str) -> tuple[str, ...]:
-        return tuple(facts["name"] for facts in self.facts if facts["kind"] == kind)
+        return tuple(facts["name"] for facts in self.facts() if facts["kind"] == kind)
 
     def _all(self, question: Message, told: Told) -> Iterator[tuple[Message, None]]:
-        yield {"what": "facts", "model": self.model, "models": self.facts}, None
+        yield {"what": "facts", "model": self.model, "models": self.facts()}, None
 
 
 def _first(question: Message, told: Told) -> Iterator[tuple[Message, bytes]]:
@@ -74,7 +80,7 @@ def _facts(name: str, model: Any) -> Message | None:
 
         places = model.planet.name.lower() in WITH_PLACES
         names = SkySettings(model=name).names()
-        return {**facts, "kind": "sky", "changes": sorted(names), "places": places, "radius": model.planet.radius}
+        return {**facts, "kind": "sky", "changes": sorted(names), "places": places, "top": model.top}
     if isinstance(model, NebulaModel):
         view = model.view
         width = (model.picture_width or model.scene().width_of_all(1.0)) / PARSEC

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,11 +31,11 @@ class Skies:
 
     Parameters
     ----------
-    models : tuple of str
-        Names or files of the models that may be asked for.
+    models : callable
+        Gives names or files of the models that may be asked for.
     """
 
-    def __init__(self, models: tuple[str, ...]) -> None:
+    def __init__(self, models: Callable[[], tuple[str, ...]]) -> None:
         self._models = models
         self._solved: tuple[Any, RadianceField] | None = None
 
@@ -44,7 +44,7 @@ class Skies:
         from skyscatter.window.table import SkySettings
 
         return SkySettings(
-            model=one_of(question, "model", self._models),
+            model=one_of(question, "model", self._models()),
             haze=number(question, "haze", 0.0, MOST, 1.0),
             ozone=number(question, "ozone", 0.0, MOST, 1.0),
             ground=optional(question, "ground", 0.0, 1.0),
@@ -105,7 +105,7 @@ class Skies:
         from skyscatter.models.files import load_model
         from skyscatter.models.sky import Model
 
-        model = load_model(one_of(question, "model", self._models))
+        model = load_model(one_of(question, "model", self._models()))
         latitude, longitude = number(question, "latitude", -90.0, 90.0), number(question, "longitude", -360.0, 360.0)
         assert isinstance(model, Model)  # the models of skies are
         scene = model.scene_at(latitude, longitude, str(question.get("time")), number(question, "altitude", 0, HIGHEST))

@@ -2,8 +2,8 @@
 import { Controls } from "./controls.js";
 import { NebulaView } from "./nebulaview.js";
 import { SkyView } from "./skyview.js";
-import { plot } from "./spectrum.js";
-import { fromHash, momentOf, start as firstState, toHash } from "./state.js";
+import { plot, superscript } from "./spectrum.js";
+import { NUMBERS, fromHash, momentOf, start as firstState, toHash } from "./state.js";
 
 /** Milliseconds of rest after which a spectrum is asked for, and after which the address is written. */
 const REST = 300;
@@ -75,6 +75,7 @@ class Page {
     for (const node of this.root.querySelectorAll("[data-kind]")) node.hidden = node.dataset.kind !== facts.kind || (this.link.alone && "solver" in node.dataset);
     if (!facts.places) this.one("[data-group=place]").hidden = true;
     for (const name of ["haze", "ozone"]) this.controls.offer(name, (facts.changes ?? []).includes(name));
+    this.controls.rows.altitude.field.max = facts.top ?? NUMBERS.altitude.most;
     for (const [kind, canvas] of Object.entries(this.canvases)) canvas.hidden = kind !== facts.kind;
     this.clear();
     this.fit();
@@ -85,18 +86,22 @@ class Page {
   change(values) {
     Object.assign(this.state, values);
     const names = Object.keys(values);
-    if (names.includes("model")) { this.choose(); return; }
-    if (names.includes("ground")) this.state.ownGround = false;
-    if (names.includes("exposure")) this.state.autoExposure = false;
+    if (names.includes("model") && values.model !== this.chosen) { this.choose(); return; }
+    if (names.includes("ground") && !names.includes("ownGround")) this.state.ownGround = false;
+    if (names.includes("exposure") && !names.includes("autoExposure")) this.state.autoExposure = false;
     if (names.includes("view")) this.fit();
-    if (names.some(name => PLACED.includes(name))) this.askSun();
+    if (names.some(name => PLACED.includes(name)) && !names.includes("sunElevation")) this.askSun();
     this.show();
   }
 
   askSun() {
     const { model, latitude, longitude, altitude } = this.state;
     this.link.ask("sun", { model, latitude, longitude, altitude, time: momentOf(this.state) }, message => {
-      if (message.what === "sun") this.change({ sunElevation: +message.elevation.toFixed(4), sunAzimuth: +message.azimuth.toFixed(4) });
+      if (message.what === "sun") {
+        const elevation = +message.elevation.toFixed(4), lowest = NUMBERS.sunElevation.least;
+        this.change({ sunElevation: Math.max(elevation, lowest), sunAzimuth: +message.azimuth.toFixed(4) });
+        if (elevation < lowest) this.status(`night: the Sun stands at ${elevation.toFixed(1)}°, the picture is that of ${lowest}°`, null);
+      }
       if (message.what === "error") this.status(message.words, null, true);
     });
   }
@@ -104,11 +109,12 @@ class Page {
   /** Show the state: picture, fields, address. */
   show() {
     const { state } = this;
+    this.view?.show(state);
     this.controls.show(state);
+    if (state.autoExposure && this.view?.exposure !== undefined) this.controls.rows.exposure.show(this.view.exposure);
     this.controls.offer("viewElevation", state.view === "perspective");
     this.controls.offer("viewAzimuth", state.view !== "fisheye");
     this.controls.offer("fov", state.view === "landscape" || state.view === "perspective");
-    this.views[this.kind]?.show(state);
     this.cross();
     this.root.querySelector(".said").hidden = true;
     this.root.querySelector("[data-act=model]").hidden = true;
@@ -236,7 +242,7 @@ class Page {
     if (!found) { out.textContent = this.link.alone ? "" : "Click into the picture for its numbers and the spectrum."; out.value && (out.dataset.luminance = ""); return; }
     const [X, Y, Z] = found.xyz, sum = X + Y + Z, words = [];
     if (found.direction) words.push(`elevation ${found.direction.elevation.toFixed(2)}°`, `azimuth ${found.direction.azimuth.toFixed(2)}°`);
-    const error = found.error === undefined ? "" : ` ± ${found.error.toPrecision(2)}`;
+    const error = found.error === undefined || !(Y > 0) ? "" : ` ± ${(100 * found.error / Y).toPrecision(2)} %`;
     words.push(`luminance ${amount(Y)}${error} cd m⁻²`);
     if (sum > 0) words.push(`x ${(X / sum).toFixed(4)}, y ${(Y / sum).toFixed(4)}`);
     out.textContent = words.join(" · ");
@@ -274,6 +280,7 @@ class Page {
   /** The picture has become better: so may the numbers. */
   answered() {
     this.cross();
+    if (this.state.autoExposure && this.view.exposure !== undefined) this.controls.rows.exposure.show(this.view.exposure);
     if (this.state.cross && this.kind === "nebula" && !this.one(".spectrum").hidden) this.askPoint(REST);
   }
 
@@ -315,7 +322,7 @@ function amount(value) {
   const size = Math.abs(value);
   if (size === 0 || (size >= 0.01 && size < 1e5)) return String(+value.toPrecision(4));
   const power = Math.floor(Math.log10(size));
-  return `${(value / 10 ** power).toFixed(3)}·10^${power}`;
+  return `${(value / 10 ** power).toFixed(3)}·10${superscript(power)}`;
 }
 
 function save(blob, name) {
@@ -324,4 +331,22 @@ function save(blob, name) {
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+/** The page in an element of a notebook, whose model keeps the state; returns what ends it. */
+export function embed(element, model, link) {
+  // Several windows may stand in one document: each has names of its own.
+  const own = `window-${Math.random().toString(36).slice(2, 8)}`;
+  element.innerHTML = model.get("_markup").replaceAll("window-", `${own}-`);
+  const root = element.firstElementChild;
+  root.style.height = `${model.get("_height")}px`;
+  let late = 0;
+  const told = state => {
+    clearTimeout(late);
+    late = setTimeout(() => { model.set("state", { ...state }); model.save_changes(); }, REST);
+  };
+  const page = start(root, link, { given: model.get("state"), told });
+  const changed = () => { const state = model.get("state"); if (JSON.stringify(state) !== JSON.stringify({ ...page.state })) page.change(state); };
+  model.on("change:state", changed);
+  return () => { clearTimeout(late); page.view?.stop(); model.off("change:state", changed); };
 }

@@ -19,6 +19,9 @@ export class SkyView {
   /** Shape of the picture: its width over its height, or null for that of the room there is. */
   ratio(state) { return state.view === "panorama" ? 2 : state.view === "fisheye" ? 1 : null; }
 
+  /** Exposure value of the picture. */
+  get exposure() { return this.base ? this.picture.exposure : undefined; }
+
   /** What a table depends on. */
   settings(state) {
     const ground = state.ownGround ? null : state.ground;

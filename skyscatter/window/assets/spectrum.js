@@ -40,6 +40,7 @@ export function plot(spectrum) {
   return { svg, caption: `10${superscript(power)} W m⁻² sr⁻¹ nm⁻¹; band: ${kind}, at most ${(100 * worst).toPrecision(2)} %` };
 }
 
-function superscript(number) {
+/** A whole number as an exponent. */
+export function superscript(number) {
   return String(number).replace(/./g, c => c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c]);
 }

@@ -1,15 +1,15 @@
 // What the page shows, as one plain object, and as the part of an address after the "#".
 
-/** Numbers that can be set: by name, [least, most of the slider, step, default, least and most of the field, unit]. */
+/** Numbers that can be set: ends and step of their sliders, values at first, and the ends of their fields where these go further. */
 export const NUMBERS = {
-  sunElevation: { group: "sun", label: "Elevation", low: -12, high: 90, step: 0.1, value: 30, least: -90, most: 90, unit: "°" },
+  sunElevation: { group: "sun", label: "Elevation", low: -14, high: 90, step: 0.1, value: 30, least: -14, unit: "°" },
   sunAzimuth: { group: "sun", label: "Azimuth", low: 0, high: 360, step: 0.5, value: 180, unit: "°" },
   latitude: { group: "place", label: "Latitude", low: -90, high: 90, step: 0.01, value: 48.86, unit: "°" },
   longitude: { group: "place", label: "Longitude", low: -180, high: 180, step: 0.01, value: 2.35, unit: "°" },
   hour: { group: "place", label: "Time, UTC", low: 0, high: 24, step: 0.05, value: 12, unit: "h" },
   haze: { group: "air", label: "Haze", low: 0, high: 4, step: 0.02, value: 1, most: 10, unit: "×" },
   ozone: { group: "air", label: "Ozone", low: 0, high: 4, step: 0.02, value: 1, most: 10, unit: "×" },
-  ground: { group: "air", label: "Ground albedo", low: 0, high: 1, step: 0.01, value: 0.2, unit: "" },
+  ground: { group: "air", label: "Albedo", low: 0, high: 1, step: 0.01, value: 0.2, unit: "" },
   altitude: { group: "air", label: "Height", low: 0, high: 9000, step: 1, value: 2, most: 400000, unit: "m" },
   viewAzimuth: { group: "view", label: "Look to", low: 0, high: 360, step: 0.5, value: 180, unit: "°" },
   viewElevation: { group: "view", label: "Look up", low: -90, high: 90, step: 0.5, value: 15, unit: "°" },
@@ -17,7 +17,7 @@ export const NUMBERS = {
   inclination: { group: "side", label: "Inclination", low: -180, high: 180, step: 1, value: 0, least: -360, most: 360, unit: "°" },
   turn: { group: "side", label: "Turn", low: -180, high: 180, step: 1, value: 0, least: -360, most: 360, unit: "°" },
   fieldWidth: { group: "side", label: "Width", low: 0.01, high: 5, step: 0.01, value: 1, least: 1e-9, most: 1e6, unit: "pc" },
-  exposure: { group: "exposure", label: "Exposure value", low: -12, high: 20, step: 0.1, value: 14, least: -30, most: 30, unit: "EV" },
+  exposure: { group: "exposure", label: "Exposure", low: -12, high: 20, step: 0.1, value: 14, least: -30, most: 30, unit: "EV" },
 };
 export const VIEWS = { landscape: "Landscape", panorama: "Panorama", fisheye: "Fisheye", perspective: "Perspective" };
 
