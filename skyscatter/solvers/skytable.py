@@ -253,7 +253,7 @@ def make_table(
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     phase = np.ascontiguousarray(fine.problem.whole[0, kept])
     disk = DISK * float(table.optics.disk_radius)
-    lost = _lost(fine, table, origin, elevation, below, kept)
+    lost = lost_peaks(fine, table, origin, elevation, below, kept)
     with Workers(threads) as pool:
         solved = _solved(fine, coarse, table, origin, frame.rays(elevation, _turns()), lost, tolerance, pool)
         lost = lost.reshape(kept.size, -1, lost.shape[-1])
@@ -362,7 +362,7 @@ def _solved(
     return parts, beyond, error
 
 
-def _lost(
+def lost_peaks(
     fine: Solution, table: SceneTable, origin: Array, elevation: Array, below: int, kept: NDArray[np.int64]
 ) -> Array:
     """What phase functions lose of their peaks close to the Sun, (component, node, angle, wavelength).

@@ -1,1 +1,1 @@
-"""The window: skies and nebulae in a browser or a notebook, drawn at once and solved behind."""
+"""A sky in a window: tables of skies that are drawn at once for any Sun and view, and the page that draws them."""

@@ -1,0 +1,262 @@
+"""Light of a solved sky at nodes of the Sun's elevation and of directions, as XYZ.
+
+As in `skyscatter.solvers.skytable`, light scattered once is the sunlight that a component sends on, which is smooth,
+times its phase function, which is not.  A phase function that changes with the wavelength is split among bands, between
+which it goes evenly: what it is at a band's middle times the light of that band.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.scene import Sun
+from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.direct import slant_columns
+from skyscatter.solvers.field import reach, scattering_top, seen_zenith, solve_once
+from skyscatter.solvers.orders import window
+from skyscatter.solvers.skytable import angle_cells, lost_peaks
+from skyscatter.solvers.sweeps import Solution, view
+from skyscatter.window.colours import Colours, colours_of
+from skyscatter.workers import Workers, steady_algebra
+
+if TYPE_CHECKING:
+    from skyscatter.scene import Scene
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+#: Elevations of the Sun that a table is made for [degree].
+SUNS = (-14.0, 90.0)
+#: What a phase function may miss between the middles of bands, as a share, and how many bands it has at most.
+BAND_MISSED, MOST_BANDS = 0.004, 6
+#: Light is held to this share of the smooth light of its place; what is fainter counts as so much.
+FAINTEST = 2.0**-24
+#: Angles from the Sun in which a table has its phase functions, and elevations in which it has the Sun's disk.
+ANGLES, DISK_PLACES, DISK_CROWDED = 513, 96, 2.0
+#: Scale of nodes just below the horizon [rad].
+NEAREST = (math.radians(0.02), math.radians(1.0))
+#: Rings of the disk, over the squared distance from its middle.
+RINGS = 17
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine a table is.
+
+    Attributes
+    ----------
+    tolerance : float
+        Of the solution.
+    wavelengths : int
+    suns : tuple of float
+        Elevations of the Sun [degree], rising.
+    below, above : int
+        Nodes of elevation on either side of the horizon, which crowd there.
+    turns : int
+        Nodes of azimuth from the Sun over 180 degrees.
+    """
+
+    tolerance: float
+    wavelengths: int
+    suns: tuple[float, ...]
+    below: int
+    above: int
+    turns: int
+    crowded: float = 2.2
+    bent: float = 1.5
+
+    def elevations(self, horizon: float) -> Array:
+        """Nodes of elevation, rising; the first `below` of them below the horizon [rad]."""
+        hair = 1e-7  # so that it is clear on which side of the horizon a node lies
+        up = horizon + (math.pi / 2 - horizon) * np.linspace(0, 1, self.above) ** self.crowded
+        # Ground comes nearer as one over its depth below the horizon: what lies before it goes by ratios of that.
+        near = min(max(-horizon, NEAREST[0]), NEAREST[1])
+        steps = np.linspace(0, math.asinh((math.pi / 2 + horizon) / near), self.below)
+        down = horizon - near * np.sinh(steps)
+        up[0], down[0] = horizon + hair, horizon - hair
+        return np.concatenate([down[::-1], up])
+
+    def azimuths(self) -> Array:
+        """Nodes of azimuth from the Sun, rising [rad]."""
+        return np.asarray(math.pi * np.linspace(0, 1, self.turns) ** self.bent)
+
+
+class Disk(NamedTuple):
+    """The Sun as it is seen through the air."""
+
+    elevation: Array  #: (place,) rising, from the horizon up [rad]
+    light: Array  #: (place, 3) mean radiance of the disk as XYZ [cd m-2]
+    rings: Array  #: (ring, 3) radiance over the squared distance from the middle, 0 to 1, in units of the mean
+    radius: float  #: [rad]
+
+
+class Lights(NamedTuple):
+    """A sky's light at nodes; a term is what a band of a component scatters once, for an even phase function of 1."""
+
+    terms: Array  #: (sun, term, 3, elevation, turn) XYZ [cd m-2 sr]
+    smooth: Array  #: (sun, 3, elevation, turn) XYZ of all other light [cd m-2]
+    phase: Array  #: (term, angle) phase function [sr-1]
+    near: Array  #: (term, elevation, angle) what is lost of it close to the Sun, for the first angles [sr-1]
+    disk: Disk
+
+
+def angles() -> Array:
+    """Angles from the Sun at which phase functions stand [rad]: those with cosines 1 - 2 (k / n)^2."""
+    return np.asarray(np.arccos(1 - 2 * (np.arange(ANGLES) / (ANGLES - 1)) ** 2))
+
+
+def zenith_of(scene: Scene, wavelengths: Array) -> tuple[float, float]:
+    """Zenith angles of the Sun [rad] for which a table's field is solved."""
+    table, here = compile_scene(scene, wavelengths), scene.observer.position
+    rays = direction_from_azimuth_elevation(np.linspace(0, 180, 13), 0.0)
+    rays = np.concatenate([rays, [[0.0, 0.0, 1.0]]])
+    top = scattering_top(table)
+    sun = Sun(elevation_deg=SUNS[0], azimuth_deg=0.0)
+    _, high = seen_zenith(np.tile(here, (len(rays), 1)), rays, sun.direction, scene.medium.radius, top)
+    found = window(0.0, float(np.nanmax(high)), reach(scene.medium.radius, top))
+    return max(found[0], 0.0), min(found[1], math.pi)
+
+
+@steady_algebra()
+def solve_lights(scene: Scene, fineness: Fineness, threads: int, progress: Progress | None = None) -> Lights:
+    """Solve a scene and look at it from its observer."""
+    colours = colours_of(scene, fineness.wavelengths)
+    share = None if progress is None else (lambda done: progress(0.7 * done))
+    zenith = zenith_of(scene, colours.wavelengths)
+    solution = solve_once(scene, colours.wavelengths, zenith, fineness.tolerance, False, None, threads, share)
+    return seen_lights(scene, solution, colours, fineness, threads, progress)
+
+
+def seen_lights(
+    scene: Scene, solution: Solution, colours: Colours, fineness: Fineness, threads: int,
+    progress: Progress | None = None,
+) -> Lights:  # fmt: skip
+    """The light of a solution at all nodes."""
+    observer = scene.observer
+    horizon = -math.acos(observer.planet_radius / (observer.planet_radius + observer.altitude))
+    elevation, turn = fineness.elevations(horizon), fineness.azimuths()
+    kept = np.flatnonzero(solution.problem.diffuse.scatters)
+    table = compile_scene(scene, colours.wavelengths)
+    lost = lost_peaks(solution, table, observer.position, elevation, fineness.below, kept)
+    per_density = table.optics.sigma_s[kept]
+    phase = [solution.problem.whole[0, c] / per_density[k] for k, c in enumerate(kept)]
+    bands = [_bands(one, colours.wavelengths) for one in phase]
+    number = sum(len(band) for band in bands)
+    terms = np.empty((len(fineness.suns), number, 3, elevation.size, turn.size))
+    smooth = np.empty((len(fineness.suns), 3, elevation.size, turn.size))
+    directions = direction_from_azimuth_elevation(np.degrees(turn), np.degrees(elevation)[:, None]).reshape(-1, 3)
+    looked = _Looked(scene, solution, colours, directions, lost, kept, bands, per_density)
+
+    def work(k: int) -> None:
+        light, rest = looked.at(fineness.suns[k])
+        terms[k] = np.moveaxis(light.reshape(number, elevation.size, turn.size, 3), -1, 1)
+        smooth[k] = np.moveaxis(rest.reshape(elevation.size, turn.size, 3), -1, 0)
+
+    _ = solution.loaded  # not in threads
+    with Workers(threads) as pool:
+        for k, done in enumerate([pool.submit(work, k) for k in range(len(fineness.suns))]):
+            done.result()
+            if progress is not None:
+                progress(0.7 + 0.3 * (k + 1) / len(fineness.suns))
+    split, near = _phases(phase, lost / per_density[:, None, None], bands)
+    return Lights(terms, smooth, split, near, _disk(scene, colours, horizon))
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """What the observer sees along rays (ray, 3) under any Sun at azimuth 0."""
+
+    scene: Scene
+    solution: Solution
+    colours: Colours
+    directions: Array
+    lost: Array
+    kept: NDArray[np.int64]
+    bands: list[Array]
+    per_density: Array  #: scattering (kept component, wavelength) [m-1]
+
+    def at(self, sun_elevation_deg: float) -> tuple[Array, Array]:
+        """Terms (term, ray, 3) and smooth light (ray, 3)."""
+        problem = self.solution.problem
+        sun = Sun(elevation_deg=sun_elevation_deg, azimuth_deg=0.0)
+        table = compile_scene(self.scene.model_copy(update={"sun": sun}), self.colours.wavelengths)
+        rays, count = len(self.directions), self.colours.wavelengths.size
+        origins = np.tile(self.scene.observer.position, (rays, 1))
+        lit = np.empty((rays, len(table.optics.sigma_s), count), np.float32)
+        scattered, multiple, ground, _ = view(
+            problem, self.solution.loaded, table, origins, np.ascontiguousarray(self.directions), lit
+        )
+        rest = scattered[:, 0].copy()
+        last = problem.whole.shape[2] - 1
+        cell, share = angle_cells(self.directions @ sun.direction, last)
+        elevation = np.repeat(np.arange(self.lost.shape[1]), rays // self.lost.shape[1])
+        for k, c in enumerate(self.kept):
+            rest -= lit[:, c] * _chance(problem.whole[0, c], self.lost[k], elevation, cell, share)
+        smooth = (np.maximum(multiple[:, 0], 0.0) + ground + rest) @ self.colours.weights
+        terms = [
+            (lit[:, c] * self.per_density[k] * hat) @ self.colours.weights
+            for k, (c, hats) in enumerate(zip(self.kept, self.bands, strict=True))
+            for hat in hats
+        ]
+        return np.stack(terms), smooth
+
+
+def _chance(phase: Array, lost: Array, elevation: NDArray[np.int64], cell: NDArray[np.int64], share: Array) -> Array:
+    """Phase function (angle, wavelength) along rays, without what is lost of it; (ray, wavelength)."""
+    found = share[:, :1] * phase[cell[:, 0]] + share[:, 1:] * phase[cell[:, 1]]
+    near = np.flatnonzero(cell[:, 1] < lost.shape[1])
+    for j in range(2):
+        found[near] -= share[near, j, None] * lost[elevation[near], cell[near, j]]
+    return np.asarray(found)
+
+
+def _bands(phase: Array, wavelengths: Array) -> Array:
+    """Hats (band, wavelength) that add up to 1, as few as a component's phase function (angle, wavelength) needs."""
+    for count in range(1, MOST_BANDS + 1):
+        hats = _hats(wavelengths, count)
+        missed = _split(phase, hats) @ hats - phase
+        if np.abs(missed / phase.mean(axis=1, keepdims=True)).max() < BAND_MISSED:
+            break
+    return hats
+
+
+def _hats(wavelengths: Array, count: int) -> Array:
+    middles = np.linspace(wavelengths[0], wavelengths[-1], count) if count > 1 else wavelengths[:1]
+    return np.stack([np.interp(wavelengths, middles, row) for row in np.eye(count)])
+
+
+def _split(phase: Array, hats: Array) -> Array:
+    """Phase functions (..., wavelength) at the middles of bands, (..., band)."""
+    return np.asarray(phase @ np.linalg.pinv(hats))
+
+
+def _phases(phase: list[Array], lost: Array, bands: list[Array]) -> tuple[Array, Array]:
+    """Phase functions of terms (term, angle), and what they lose close to the Sun (term, elevation, angle)."""
+    step = (len(phase[0]) - 1) // (ANGLES - 1)
+    split = [_split(whole, hats).T[:, ::step] for whole, hats in zip(phase, bands, strict=True)]
+    near = [np.moveaxis(_split(part[:, ::step], hats), -1, 0) for part, hats in zip(lost, bands, strict=True)]
+    return np.concatenate(split), np.concatenate(near)
+
+
+def _disk(scene: Scene, colours: Colours, horizon: float) -> Disk:
+    """The Sun's disk over its elevation."""
+    table = compile_scene(scene, colours.wavelengths)
+    optics, columns = table.optics, table.columns
+    elevation = horizon + (math.pi / 2 - horizon) * np.linspace(0, 1, DISK_PLACES) ** DISK_CROWDED
+    elevation[0] = horizon + 1e-7
+    along = [slant_columns(columns, scene.altitude, math.sin(float(place))) for place in elevation]
+    depth = np.array([column for column in along if column is not None]) @ optics.sigma_t
+    radiance = optics.disk_radiance[:: (len(optics.disk_radiance) - 1) // (RINGS - 1)]
+    # Rings are of equal area: the mean of the disk is the integral over them, which ends in a root.
+    fine = optics.disk_radiance @ colours.weights
+    mean = (0.5 * (fine[1:] + fine[:-1])).mean(axis=0)
+    light = (np.exp(-depth) * optics.sun_irradiance.sum(axis=0)) @ colours.weights
+    solid = math.pi * math.sin(optics.disk_radius) ** 2 if optics.disk_radius > 0 else 1.0
+    return Disk(elevation, light / solid, (radiance @ colours.weights) / mean, float(optics.disk_radius))

@@ -1,0 +1,284 @@
+"""A compact table of a sky for one observer and all Suns, of which a browser or another engine draws it at once.
+
+Light is held as logarithms at nodes of the Sun's elevation, of elevation and of azimuth from the Sun, and joined by
+cubics; phase functions stand beside it, over the angle from the Sun.  docs/howto-sky-table.md describes the file.
+"""
+
+from __future__ import annotations
+
+import gzip
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.atomic import atomic_path
+from skyscatter.errors import DomainError, MissingDataError
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.solvers.checks import worker_count
+from skyscatter.solvers.grid import cubic_weights
+from skyscatter.window.layout import packed, unpacked
+from skyscatter.window.settings import SkySettings
+from skyscatter.window.solved import FAINTEST, Fineness, Lights, Progress, solve_lights
+
+__all__ = ["SkySettings", "SkyTableFile", "default_table", "make_table"]
+
+Array = NDArray[np.float64]
+
+#: The shipped table of the model earth with all settings as they are, for an observer at 2 m.
+DEFAULT = Path(__file__).resolve().parent / "data" / "earth.sky.gz"
+
+#: Elevations of the Sun [degree]: a degree apart in twilight, half a degree about the horizon.
+SUNS = (
+    *(-14.0, -13.0, -12.0, -11.0, -10.0, -9.0, -8.0, -7.0, -6.0, -5.0, -4.0, -3.25, -2.5, -2.0, -1.5, -1.0, -0.5),
+    *(0.0, 0.5, 1.0, 1.5, 2.0, 2.75, 3.5, 4.5, 6.0, 8.0, 10.5, 14.0, 18.0, 24.0, 31.0, 39.0, 48.0, 58.0, 69.0, 80.0),
+    90.0,
+)
+GOOD = Fineness(tolerance=0.01, wavelengths=16, suns=SUNS, below=18, above=44, turns=21)
+QUICK = Fineness(tolerance=0.04, wavelengths=8, suns=SUNS[::2], below=11, above=24, turns=13)
+
+
+def make_table(
+    settings: SkySettings, progress: Progress | None = None, quick: bool = False, threads: int | None = None
+) -> SkyTableFile:
+    """Solve a sky for all Suns from 90 to -14 degrees and tabulate what its observer sees.
+
+    Parameters
+    ----------
+    settings : SkySettings
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+    quick : bool
+        A coarse table, several times sooner.
+    threads : int, optional
+        All processors when not given.
+
+    Returns
+    -------
+    SkyTableFile
+
+    Examples
+    --------
+    >>> from skyscatter.window.table import SkySettings, make_table
+    >>> table = make_table(SkySettings("earth-simple"), quick=True)
+    >>> zenith = table.xyz([0, 0, 1], sun_elevation_deg=30, sun_azimuth_deg=180)
+    >>> 1000 < zenith[1] < 5000  # luminance [cd m-2]
+    True
+    """
+    scene, fineness = settings.scene(), QUICK if quick else GOOD
+    lights = solve_lights(scene, fineness, worker_count(threads), progress)
+    return _filed(settings, scene, fineness, lights)
+
+
+def default_table() -> bytes:
+    """The shipped table of `SkySettings` as they are: the model earth.
+
+    Examples
+    --------
+    >>> from skyscatter.window.table import SkyTableFile, default_table
+    >>> SkyTableFile.from_bytes(default_table()).settings.model
+    'earth'
+    """
+    if not DEFAULT.is_file():
+        raise MissingDataError(DEFAULT, "no such shipped table; reinstall skyscatter")
+    return gzip.decompress(DEFAULT.read_bytes())
+
+
+@dataclass(frozen=True)
+class SkyTableFile:
+    """A table of a sky: its header and its arrays as they stand in a file.
+
+    Attributes
+    ----------
+    header : dict
+    arrays : dict of ndarray
+    """
+
+    header: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+    @property
+    def settings(self) -> SkySettings:
+        """What the table was made for."""
+        return SkySettings(**self.header["settings"])
+
+    def to_bytes(self) -> bytes:
+        """The table as one message; see `skyscatter.window.layout`."""
+        return packed(self.header, self.arrays)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> SkyTableFile:
+        """Read what `to_bytes` made.
+
+        Raises
+        ------
+        DomainError
+            For anything else.
+        """
+        return cls(*unpacked(data))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the table to a file, whole or not at all."""
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(self.to_bytes())
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> SkyTableFile:
+        """Read a file that `save` wrote."""
+        if not Path(path).is_file():
+            raise MissingDataError(path, "no such file; check the path")
+        return cls.from_bytes(Path(path).read_bytes())
+
+    @cached_property
+    def _logarithms(self) -> Array:
+        """Binary logarithms of the light, (sun, block, 3, elevation, turn)."""
+        low, step = (self.arrays[name].astype(float)[..., None, None] for name in ("light_low", "light_step"))
+        return np.asarray(low + step * self.arrays["light"])
+
+    def xyz(
+        self, directions: ArrayLike, sun_elevation_deg: float, sun_azimuth_deg: float, disk: bool = True
+    ) -> Array:
+        """Colours of the sky.
+
+        Parameters
+        ----------
+        directions : array_like, shape (..., 3)
+            Unit vectors in which to look (east, north, up).
+        sun_elevation_deg, sun_azimuth_deg : float
+            Of the Sun [degree]; azimuth from north through east.  Elevations beyond the table's count as its ends.
+        disk : bool
+            Whether the Sun's disk is seen.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            XYZ [cd m-2].
+        """
+        seen = np.asarray(directions, float)
+        flat = seen.reshape(-1, 3)
+        elevation = np.arctan2(flat[:, 2], np.hypot(flat[:, 0], flat[:, 1]))
+        sun = direction_from_azimuth_elevation(sun_azimuth_deg, sun_elevation_deg)
+        azimuth = np.arctan2(flat[:, 0], flat[:, 1]) - np.radians(sun_azimuth_deg)
+        turn = np.abs((azimuth + np.pi) % (2 * np.pi) - np.pi)
+        light = self._joined(self._under(sun_elevation_deg), elevation, turn)
+        cosine = np.clip(flat @ sun, -1.0, 1.0)
+        found = light[:, -1] + np.einsum("nt,ntc->nc", self._phases(cosine, elevation), light[:, :-1])
+        if disk:
+            found += self.disk(flat, sun)
+        return np.asarray(found.reshape(seen.shape))
+
+    def _under(self, sun_elevation_deg: float) -> Array:
+        """Logarithms under a Sun, (block, 3, elevation, turn)."""
+        nodes = self.arrays["sun"].astype(float)
+        number, weight = cubic_weights(nodes, [np.clip(sun_elevation_deg, nodes[0], nodes[-1])])
+        return np.einsum("k,k...->...", weight[0], self._logarithms[number[0]])
+
+    def _joined(self, logarithms: Array, elevation: Array, turn: Array) -> Array:
+        """Light along rays, (ray, block, 3)."""
+        rows, across = self._rows(elevation)
+        nodes = self.arrays["turn"].astype(float)
+        last = nodes.size - 1
+        mirrored = np.concatenate([[-nodes[1]], nodes, [2 * np.pi - nodes[-2]]])
+        columns, along = cubic_weights(mirrored, turn)
+        columns = np.abs(columns - 1)
+        columns = np.where(columns > last, 2 * last - columns, columns)
+        near = logarithms[:, :, rows[:, :, None], columns[:, None, :]]  # (block, 3, ray, 4, 4)
+        return np.exp2(np.einsum("bcnij,ni,nj->nbc", near, across, along))
+
+    def _rows(self, elevation: Array) -> tuple[NDArray[np.int64], Array]:
+        """Nodes of elevation and their weights; nothing is joined across the horizon."""
+        nodes, below = self.arrays["elevation"].astype(float), int(self.header["below"])
+        rows, weights = np.empty((elevation.size, 4), np.int64), np.empty((elevation.size, 4))
+        down = elevation < self.header["horizon"]
+        for part, chosen, first in ((nodes[:below], down, 0), (nodes[below:], ~down, below)):
+            number, weights[chosen] = cubic_weights(part, np.clip(elevation[chosen], part[0], part[-1]))
+            rows[chosen] = number + first
+        return rows, weights
+
+    def _phases(self, cosine: Array, elevation: Array) -> Array:
+        """Phase functions of the terms along rays, (ray, term) [sr-1]."""
+        phase, near = self.arrays["phase"].astype(float), self.arrays["near"].astype(float)
+        at = np.sqrt(0.5 * (1.0 - cosine)) * (phase.shape[1] - 1)
+        cell = np.minimum(at.astype(int), phase.shape[1] - 2)
+        share = _place(cosine, cell, phase.shape[1] - 1)
+        found = (1 - share) * phase[:, cell] + share * phase[:, cell + 1]
+        close = np.flatnonzero(cell + 1 < near.shape[2])
+        if close.size:
+            rows, across = self._rows(elevation[close])
+            low, high = (near[:, rows, cell[close, None] + k] for k in (0, 1))
+            lost = (1 - share[close, None]) * low + share[close, None] * high
+            found[:, close] -= np.einsum("tnk,nk->tn", lost, across)
+        return np.asarray(found.T)
+
+    def disk(self, directions: Array, sun: Array) -> Array:
+        """Light of the Sun's disk along rays (ray, 3); zero beside it [cd m-2]."""
+        radius, rings = float(self.header["sun_radius"]), self.arrays["disk_rings"].astype(float)
+        found = np.zeros((len(directions), 3))
+        if radius <= 0:
+            return found
+        square = (np.linalg.norm(np.cross(directions, sun), axis=1) / np.sin(radius)) ** 2
+        elevation = np.arcsin(np.clip(directions[:, 2], -1.0, 1.0))
+        seen = (square <= 1) & (directions @ sun > 0) & (elevation >= self.header["horizon"])
+        ring = square[seen] * (len(rings) - 1)
+        k = np.minimum(ring.astype(int), len(rings) - 2)
+        share = (ring - k)[:, None]
+        places, light = (self.arrays[name].astype(float) for name in ("disk_elevation", "disk_light"))
+        through = np.stack([np.exp2(np.interp(elevation[seen], places, column)) for column in light.T], axis=1)
+        found[seen] = through * ((1 - share) * rings[k] + share * rings[k + 1])
+        return found
+
+
+def _place(cosine: Array, cell: NDArray[np.int64], last: int) -> Array:
+    """Place from 0 to 1 in a cell between the cosines 1 - 2 (k / last)^2."""
+    scale = 2.0 / (last * last)
+    return np.asarray(np.clip((1.0 - scale * cell * cell - cosine) / (scale * (2 * cell + 1)), 0.0, 1.0))
+
+
+def _filed(settings: SkySettings, scene: Any, fineness: Fineness, lights: Lights) -> SkyTableFile:
+    """The table of what was seen."""
+    observer = scene.observer
+    horizon = -float(np.arccos(observer.planet_radius / (observer.planet_radius + observer.altitude)))
+    low, step, light = _quantised(_log_lights(lights))
+    header = {
+        "settings": {name: getattr(settings, name) for name in ("model", "haze", "ozone", "ground", "altitude_m")},
+        "horizon": horizon,
+        "below": fineness.below,
+        "sun_radius": lights.disk.radius,
+        "altitude": float(observer.altitude),
+        "planet_radius": float(observer.planet_radius),
+        "atmosphere_top": float(observer.atmosphere_top),
+    }
+    single = {
+        "sun": np.array(fineness.suns),
+        "elevation": fineness.elevations(horizon),
+        "turn": fineness.azimuths(),
+        "phase": lights.phase,
+        "near": lights.near,
+        "disk_elevation": lights.disk.elevation,
+        "disk_light": np.log2(np.maximum(lights.disk.light, 1e-30)),
+        "disk_rings": lights.disk.rings,
+        "light_low": low,
+        "light_step": step,
+    }
+    arrays: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in single.items()}
+    return SkyTableFile(header, arrays | {"light": light})
+
+
+def _log_lights(lights: Lights) -> Array:
+    """Binary logarithms of terms and, last, the smooth light, (sun, block, 3, elevation, turn)."""
+    smooth = lights.smooth[:, None]
+    floor = FAINTEST * np.maximum(smooth[:, :, 1:2], np.abs(smooth).max(axis=(3, 4), keepdims=True) * 1e-6)
+    return np.asarray(np.log2(np.maximum(np.concatenate([lights.terms, smooth], axis=1), np.maximum(floor, 1e-30))))
+
+
+def _quantised(logarithms: Array) -> tuple[Array, Array, NDArray[np.uint16]]:
+    """Lowest values and steps (sun, block, 3), and numbers of steps as 16 bits."""
+    low, high = logarithms.min(axis=(3, 4)), logarithms.max(axis=(3, 4))
+    low = low.astype(np.float32).astype(float)
+    step = (np.maximum(high - low, 1e-6) / 65534).astype(np.float32).astype(float)
+    number = np.rint((logarithms - low[..., None, None]) / step[..., None, None])
+    return low, step, np.clip(number, 0, 65535).astype(np.uint16)
