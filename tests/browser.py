@@ -1,4 +1,4 @@
-"""A browser for tests: Chromium without a window, told what to do through pipes, so that no port and no driver is needed.
+"""A browser for tests: Chromium without a window, told what to do through pipes: neither port nor driver is needed.
 
 Only what the tests need of the protocol (https://chromedevtools.github.io/devtools-protocol/) is here.
 """

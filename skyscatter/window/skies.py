@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +59,7 @@ class Skies:
         settings = self.settings(question)
         for quick, words in ((True, "a coarse solution"), (False, "the solution")):
             told(0.0, words)
-            table = make_table(settings, progress=lambda share, words=words: told(share, words), quick=quick)
+            table = make_table(settings, progress=partial(_told, told, words), quick=quick)
             yield {"what": "table", "quick": quick}, table.to_bytes()
 
     def point(self, question: Message, told: Told) -> Iterator[tuple[Message, None]]:
@@ -95,7 +96,7 @@ class Skies:
                 WAVELENGTHS,
                 sun_elevations_deg=(elevation, elevation),
                 tolerance=TOLERANCE,
-                progress=lambda share: told(share, "the spectrum"),
+                progress=partial(_told, told, "the spectrum"),
             )
             self._solved = key, field
         return self._solved[1]
@@ -123,6 +124,11 @@ class Skies:
         words, file = sky_command(self.settings(question), shown)
         saved = {} if file is None else {"file": file[0], "text": file[1]}
         yield {"what": "command", "command": words, **saved}, None
+
+
+def _told(told: Told, words: str, share: float) -> None:
+    """How far a solver is, with the words for what it does."""
+    told(share, words)
 
 
 def base_name(model: str) -> str:

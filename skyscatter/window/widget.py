@@ -24,7 +24,7 @@ NAMES = {
 }  # fmt: skip
 
 
-class SkyWidget(anywidget.AnyWidget):  # type: ignore[misc]  # its base is not typed
+class SkyWidget(anywidget.AnyWidget):
     """The window in a notebook: a sky that is drawn at once and solved behind, or a nebula that is traced.
 
     It is the page of ``skyscatter view``, and the kernel of the notebook is the solver behind it.  Needs anywidget.
@@ -42,7 +42,8 @@ class SkyWidget(anywidget.AnyWidget):  # type: ignore[misc]  # its base is not t
     **shown : float or str
         What is shown at first: of a sky ``sun_elevation_deg``, ``sun_azimuth_deg``, ``haze`` and ``ozone`` (factors on
         what the model has), ``altitude_m`` [m], ``view`` (landscape, panorama, fisheye or perspective),
-        ``view_azimuth_deg``, ``view_elevation_deg`` and ``fov_deg``; of a nebula ``inclination_deg`` and ``azimuth_deg``.
+        ``view_azimuth_deg``, ``view_elevation_deg`` and ``fov_deg``; of a nebula ``inclination_deg`` and
+        ``azimuth_deg``.
 
     Attributes
     ----------
