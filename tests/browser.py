@@ -172,9 +172,14 @@ class Tab:
 
     def complaints(self) -> list[str]:
         """Errors that the page or the browser has written down."""
-        thrown = [e["exceptionDetails"].get("text", "") for e in self.told("Runtime.exceptionThrown")]
+        thrown = [_what(e["exceptionDetails"]) for e in self.told("Runtime.exceptionThrown")]
         return thrown + [e["entry"]["text"] for e in self.told("Log.entryAdded") if e["entry"]["level"] == "error"]
 
     def close(self) -> None:
         """Close the tab."""
         self.browser.call("Target.closeTarget", targetId=self.target)
+
+
+def _what(details: dict[str, Any]) -> str:
+    """What an error says."""
+    return str(details.get("exception", {}).get("description", details.get("text", "")))

@@ -82,7 +82,7 @@ def live_page(table: bytes, facts: dict[str, Any]) -> str:
     table : bytes
         The table of the sky.
     facts : dict
-        What `Questions` tells a page of its models; of the sky alone.
+        What a page has to know of the sky, see `skyscatter.window.questions.shipped`.
     """
     # "</" would end the script; no module and no fact needs it.
     script = (_loader() + _LIVE % json.dumps(facts)).replace("</", "<\\/")

@@ -65,11 +65,18 @@ class Questions:
         yield {"what": "facts", "model": self.model, "models": self.facts()}, None
 
 
+def shipped() -> tuple[bytes, Message]:
+    """The table that comes with the package, and what a page has to know that has nothing else."""
+    from skyscatter.window.table import GOOD, default_table
+
+    facts = _facts("earth", load_model("earth"))
+    return default_table(), {"model": "earth", "models": [facts], "tolerance": GOOD.tolerance}
+
+
 def _first(question: Message, told: Told) -> Iterator[tuple[Message, bytes]]:
     """The table that comes with the package."""
-    from skyscatter.window.table import default_table
-
-    yield {"what": "table", "quick": False}, default_table()
+    table, facts = shipped()
+    yield {"what": "table", "quick": False, "tolerance": facts["tolerance"]}, table
 
 
 def _facts(name: str, model: Any) -> Message | None:

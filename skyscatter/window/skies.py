@@ -54,13 +54,14 @@ class Skies:
 
     def table(self, question: Message, told: Told) -> Iterator[tuple[Message, bytes]]:
         """Tables of the sky: a coarse one at once, then the good one."""
-        from skyscatter.window.table import make_table
+        from skyscatter.window.table import GOOD, QUICK, make_table
 
         settings = self.settings(question)
         for quick, words in ((True, "a coarse solution"), (False, "the solution")):
             told(0.0, words)
             table = make_table(settings, progress=partial(_told, told, words), quick=quick)
-            yield {"what": "table", "quick": quick}, table.to_bytes()
+            tolerance = (QUICK if quick else GOOD).tolerance
+            yield {"what": "table", "quick": quick, "tolerance": tolerance}, table.to_bytes()
 
     def point(self, question: Message, told: Told) -> Iterator[tuple[Message, None]]:
         """The spectrum in a direction, by the solver, with its estimated error."""

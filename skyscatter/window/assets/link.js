@@ -97,7 +97,7 @@ export class Alone extends Link {
   constructor(table, facts) { super(); this.table = table; this.facts = facts; this.alone = true; }
 
   put(question) {
-    const answers = { first: [{ what: "table", quick: false }, this.table], facts: [{ what: "facts", ...this.facts }, null] };
+    const answers = { first: [{ what: "table", quick: false, tolerance: this.facts.tolerance }, this.table], facts: [{ what: "facts", ...this.facts }, null] };
     const answer = answers[question.kind];
     queueMicrotask(() => {
       if (answer) this.heard({ number: question.number, ...answer[0] }, answer[1]);

@@ -85,7 +85,7 @@ export class NebulaView {
   commanded() { return { kind: "nebula-command", ...this.side(this.state), samples: Math.max(this.samples ?? 2, 2) }; }
 
   look(state, dx, dy) {
-    const perPixel = 180 / Math.max(this.canvas.width, 1), within = angle => ((angle + 180) % 360 + 360) % 360 - 180;
+    const perPixel = 180 / Math.max(this.canvas.clientWidth, 1), within = angle => ((angle + 180) % 360 + 360) % 360 - 180;
     return { turn: within(Math.round(state.turn + dx * perPixel)), inclination: within(Math.round(state.inclination + dy * perPixel)) };
   }
 

@@ -43,6 +43,7 @@ class Page {
     try {
       const sky = new SkyView(this.canvases.sky, this.link, say);
       sky.solved = () => this.answered();
+      sky.settled = () => this.cross();
       this.views = { sky };
       sky.first({ model: "earth", haze: 1, ozone: 1, ground: null, altitude: 2 });
     } catch (error) { this.status(error.message, null, true); this.views = {}; }
@@ -67,7 +68,7 @@ class Page {
     this.state.model = this.chosen = facts.name;
     this.about = facts;
     this.one(".about").textContent = facts.description;
-    if (this.views[this.kind] && this.kind !== facts.kind) { this.views[this.kind].stop(); this.state.cross = null; }
+    if (this.views[this.kind] && this.kind !== facts.kind) { this.views[this.kind].stop(); }
     this.kind = facts.kind;
     if (facts.kind === "nebula" && (another || !/(^#|&)(inclination|turn|fieldWidth)=/.test(this.address ? location.hash : ""))) {
       Object.assign(this.state, this.views.nebula.home(this.state, facts));
@@ -77,9 +78,10 @@ class Page {
     for (const name of ["haze", "ozone"]) this.controls.offer(name, (facts.changes ?? []).includes(name));
     this.controls.rows.altitude.field.max = facts.top ?? NUMBERS.altitude.most;
     for (const [kind, canvas] of Object.entries(this.canvases)) canvas.hidden = kind !== facts.kind;
-    this.clear();
+    if (another) this.clear();
     this.fit();
     this.show();
+    if (this.state.cross) this.askPoint(REST);
   }
 
   /** Something is set. */
@@ -144,11 +146,9 @@ class Page {
     const ratio = this.views[this.kind]?.ratio(this.state) ?? clientWidth / clientHeight;
     const width = Math.floor(Math.min(clientWidth, clientHeight * ratio)), height = Math.floor(Math.min(clientHeight, clientWidth / ratio));
     Object.assign(canvas.style, { width: `${width}px`, height: `${height}px` });
-    if (this.kind === "sky" && (canvas.width !== width || canvas.height !== height)) {
-      canvas.width = width;
-      canvas.height = height;
-      this.views.sky?.redraw();
-    } else if (this.kind === "nebula" && this.facts) this.views.nebula.show(this.state);
+    const dense = Math.min(Math.max(devicePixelRatio, 1), 2);
+    if (this.kind === "sky") this.views.sky?.resize(Math.round(width * dense), Math.round(height * dense));
+    else if (this.kind === "nebula" && this.facts) this.views.nebula.show(this.state);
     this.cross();
   }
 
@@ -160,12 +160,12 @@ class Page {
         const box = canvas.getBoundingClientRect();
         return [(event.clientX - box.left) / box.width * canvas.width - 0.5, (event.clientY - box.top) / box.height * canvas.height - 0.5];
       };
-      canvas.addEventListener("pointerdown", event => { from = place(event); moved = 0; canvas.setPointerCapture(event.pointerId); });
+      canvas.addEventListener("pointerdown", event => { from = [event.clientX, event.clientY]; moved = 0; canvas.setPointerCapture(event.pointerId); });
       canvas.addEventListener("pointermove", event => {
-        const here = place(event);
-        if (!from) { if (!this.state.cross) this.read(...here); return; }
-        moved += Math.abs(event.movementX) + Math.abs(event.movementY);
-        if (moved > 4) { this.change(this.view.look(this.state, here[0] - from[0], here[1] - from[1])); from = here; }
+        if (!from) { if (!this.state.cross) this.read(...place(event)); return; }
+        const [dx, dy] = [event.clientX - from[0], event.clientY - from[1]];
+        moved = Math.max(moved, Math.hypot(dx, dy));
+        if (moved > 4) { this.change(this.view.look(this.state, dx, dy)); from = [event.clientX, event.clientY]; }
       });
       canvas.addEventListener("pointerup", event => { if (from && moved <= 4) this.mark(...place(event)); from = null; });
       canvas.addEventListener("pointercancel", () => { from = null; });
@@ -188,7 +188,7 @@ class Page {
       const size = Math.max(canvas.width / 64, 1), [x, y] = this.crossPixel() ?? [(canvas.width - 1) / 2, (canvas.height - 1) / 2];
       const next = this.crossPixel() ? [x + step[0] * size, y + step[1] * size] : [x, y];
       this.mark(Math.min(Math.max(next[0], 0), canvas.width - 1), Math.min(Math.max(next[1], 0), canvas.height - 1));
-    } else if (step) this.change(this.view.look(state, -step[0] * canvas.width / 36, -step[1] * canvas.width / 36));
+    } else if (step) this.change(this.view.look(state, -step[0] * canvas.clientWidth / 36, -step[1] * canvas.clientWidth / 36));
     else if (event.key === "+" || event.key === "=") this.change(this.view.zoom(state, 0.8));
     else if (event.key === "-") this.change(this.view.zoom(state, 1.25));
     else if (event.key === "Home") this.change(this.view.home(state, this.about));

@@ -2,8 +2,10 @@
 import { SkyPicture } from "./sky.js";
 import { viewText } from "./state.js";
 
-/** Milliseconds of rest after which the solver is asked. */
-const REST = 250;
+/** Milliseconds of rest after which the solver is asked, and after which the picture is drawn whole. */
+const REST = 250, SETTLE = 180;
+/** Milliseconds that a picture may take while a hand moves; where it would take longer it is drawn smaller meanwhile. */
+const PACE = 50, SHARES = [1, 0.7, 0.5, 0.35, 0.25];
 
 export class SkyView {
   constructor(canvas, link, say) {
@@ -12,6 +14,8 @@ export class SkyView {
     this.say = say;
     this.picture = new SkyPicture(canvas);
     this.base = null; // what the table in use was solved for
+    this.full = [canvas.width, canvas.height];
+    this.cost = 0; // milliseconds a pixel; not known before the first picture
     this.asked = null;
     this.late = 0;
   }
@@ -41,6 +45,7 @@ export class SkyView {
     this.picture.setTable(data);
     this.base = settings;
     this.coarse = message.quick;
+    this.tolerance = message.tolerance;
     this.redraw();
   }
 
@@ -88,13 +93,41 @@ export class SkyView {
     if (this.base.model !== this.state.model || this.base.altitude !== this.state.altitude) return "still the sky of before; solving";
     const names = this.changed;
     if (names.length) return `first order in ${names.join(" and ")}${this.link.alone ? "" : "; solving"}`;
-    const accuracy = this.picture.accuracy;
-    const reached = accuracy ? `solved to ${(100 * accuracy).toPrecision(2)} %` : "solved";
-    return this.coarse ? `coarse solution${accuracy ? ` to ${(100 * accuracy).toPrecision(2)} %` : ""}; solving` : reached;
+    const reached = this.tolerance ? ` to ${+(100 * this.tolerance).toPrecision(2)} %` : "";
+    return this.coarse ? `solved roughly,${reached}; solving` : `solved${reached}`;
   }
 
+  /** The picture shall have this size [pixel]. */
+  resize(width, height) {
+    if (this.full[0] === width && this.full[1] === height) return;
+    this.full = [width, height];
+    this.redraw();
+  }
+
+  /** Draw at once, as large as can be done fast; whole as soon as the hand rests. */
   redraw() {
     if (!this.state || !this.base) return;
+    const pixels = this.full[0] * this.full[1];
+    const share = this.cost ? SHARES.find(s => s * s * pixels * this.cost <= PACE) ?? SHARES.at(-1) : 0.5;
+    this.set();
+    this.draw(share);
+    clearTimeout(this.settling);
+    if (share < 1) this.settling = setTimeout(() => { this.draw(1); this.settled?.(); }, SETTLE);
+  }
+
+  /** Draw at a share of the full size, and learn what a pixel costs. */
+  draw(share) {
+    const { canvas } = this, [width, height] = this.full.map(side => Math.max(Math.round(share * side), 1));
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    const began = performance.now(), gl = this.picture.backend === "webgl2" ? canvas.getContext("webgl2") : null;
+    this.picture.draw();
+    if (gl) gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits for the picture
+    this.cost = (performance.now() - began) / (width * height);
+    if (!this.drawn) performance.mark("skyscatter: first light");
+    this.drawn = true;
+  }
+
+  set() {
     const state = this.state, change = {};
     for (const name of ["haze", "ozone"]) change[name] = this.base[name] > 0 ? state[name] / this.base[name] : 1;
     if (this.base.model === state.model) change.ground = this.groundChange(state);
@@ -103,7 +136,6 @@ export class SkyView {
       view: { kind: state.view, azimuth: state.viewAzimuth, elevation: state.viewElevation, fov: state.fov },
       exposure: state.autoExposure ? "auto" : state.exposure, tone: "photograph", change,
     });
-    this.picture.draw();
   }
 
   groundChange(state) {
@@ -152,16 +184,16 @@ export class SkyView {
 
   /** What is asked for the command that makes this picture. */
   commanded() {
-    const { state } = this, { width, height } = this.canvas;
+    const { state } = this, [width, height] = this.full;
     return {
       kind: "sky-command", ...this.settings(state), sunElevation: state.sunElevation, sunAzimuth: state.sunAzimuth,
       view: viewText(state), width, height, exposure: state.autoExposure ? null : state.exposure,
     };
   }
 
-  /** Look elsewhere by so many pixels of the canvas; the names that change. */
+  /** Look elsewhere by so many pixels of the page; the names that change. */
   look(state, dx, dy) {
-    const perPixel = (state.view === "panorama" ? 360 : state.fov) / this.canvas.width;
+    const perPixel = (state.view === "panorama" ? 360 : state.fov) / this.canvas.clientWidth;
     if (state.view === "fisheye") return {};
     const turned = { viewAzimuth: (((state.viewAzimuth - dx * perPixel) % 360) + 360) % 360 };
     if (state.view === "perspective") turned.viewElevation = Math.min(Math.max(state.viewElevation + dy * perPixel, -90), 90);
@@ -176,5 +208,5 @@ export class SkyView {
   home(state) { return { viewAzimuth: state.sunAzimuth, ...(state.view === "perspective" ? { viewElevation: Math.max(state.sunElevation, -90) } : {}) }; }
 
   /** The picture as a PNG file. */
-  png() { this.picture.draw(); return new Promise(resolve => this.canvas.toBlob(resolve, "image/png")); }
+  png() { clearTimeout(this.settling); this.draw(1); return new Promise(resolve => this.canvas.toBlob(resolve, "image/png")); }
 }
