@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from skyscatter.media.medium import Component
     from skyscatter.scene import Scene
 
-#: Largest factors on what is in the air.
-MOST_HAZE, MOST_OZONE = 10.0, 10.0
+#: Largest factor on what is in the air.
+MOST = 10.0
 #: Kinds of optics that are no haze.
 GASES = ("rayleigh", "rayleigh-air", "gas-absorption", "absorption-table", "gas-lines")
 #: What `names` may hold, in the order of a window's sliders.
@@ -65,10 +65,10 @@ class SkySettings:
     altitude_m: float = 2.0
 
     def __post_init__(self) -> None:
-        for name, most in (("haze", MOST_HAZE), ("ozone", MOST_OZONE)):
+        for name in ("haze", "ozone"):
             value = float(getattr(self, name))
-            if not 0.0 <= value <= most:
-                raise DomainError(name, value, f"a factor between 0 and {most:g}")
+            if not 0.0 <= value <= MOST:
+                raise DomainError(name, value, f"a factor between 0 and {MOST:g}")
             if value != 1.0 and name not in self.names():
                 raise DomainError(name, value, f"the model {self.model} has none to change; leave it out")
         if self.ground is not None and not 0.0 <= self.ground <= 1.0:

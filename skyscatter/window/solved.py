@@ -28,6 +28,7 @@ from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
     from skyscatter.scene import Scene
+    from skyscatter.solvers.grid import Grid
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -106,10 +107,25 @@ class Lights(NamedTuple):
     near: Array  #: (term, elevation, angle) what is lost of it close to the Sun, for the first angles [sr-1]
     disk: Disk
 
+    def logarithms(self) -> Array:
+        """Binary logarithms of terms and, last, the smooth light, (sun, block, 3, elevation, turn)."""
+        luminance = self.smooth[:, None, 1:2]
+        floor = FAINTEST * np.maximum(luminance, 1e-6 * luminance.max(axis=(3, 4), keepdims=True))
+        return np.log2(np.maximum(np.concatenate([self.terms, self.smooth[:, None]], axis=1), np.maximum(floor, 1e-30)))
 
-def angles() -> Array:
-    """Angles from the Sun at which phase functions stand [rad]: those with cosines 1 - 2 (k / n)^2."""
-    return np.asarray(np.arccos(1 - 2 * (np.arange(ANGLES) / (ANGLES - 1)) ** 2))
+
+class Solved(NamedTuple):
+    """The light of a sky, and what it was solved with."""
+
+    lights: Lights
+    colours: Colours
+    grid: Grid
+
+
+def horizon_of(scene: Scene) -> float:
+    """Elevation of the horizon [rad]."""
+    observer = scene.observer
+    return -math.acos(observer.planet_radius / (observer.planet_radius + observer.altitude))
 
 
 def zenith_of(scene: Scene, wavelengths: Array) -> tuple[float, float]:
@@ -125,22 +141,26 @@ def zenith_of(scene: Scene, wavelengths: Array) -> tuple[float, float]:
 
 
 @steady_algebra()
-def solve_lights(scene: Scene, fineness: Fineness, threads: int, progress: Progress | None = None) -> Lights:
-    """Solve a scene and look at it from its observer."""
-    colours = colours_of(scene, fineness.wavelengths)
+def solve_lights(
+    scene: Scene, fineness: Fineness, threads: int, progress: Progress | None = None, like: Solved | None = None
+) -> Solved:
+    """Solve a scene and look at it from its observer; with `like` by the colours and on the grid of that solution."""
+    colours = colours_of(scene, fineness.wavelengths) if like is None else like.colours
     share = None if progress is None else (lambda done: progress(0.7 * done))
     zenith = zenith_of(scene, colours.wavelengths)
-    solution = solve_once(scene, colours.wavelengths, zenith, fineness.tolerance, False, None, threads, share)
-    return seen_lights(scene, solution, colours, fineness, threads, progress)
+    grid = None if like is None else like.grid
+    solution = solve_once(
+        scene, colours.wavelengths, zenith, fineness.tolerance, False, None, threads, share, grid=grid
+    )
+    lights = seen_lights(scene, solution, colours, fineness, threads, progress)
+    return Solved(lights, colours, solution.problem.grid)
 
 
 def seen_lights(
-    scene: Scene, solution: Solution, colours: Colours, fineness: Fineness, threads: int,
-    progress: Progress | None = None,
-) -> Lights:  # fmt: skip
+    scene: Scene, solution: Solution, colours: Colours, fineness: Fineness, threads: int, progress: Progress | None
+) -> Lights:
     """The light of a solution at all nodes."""
-    observer = scene.observer
-    horizon = -math.acos(observer.planet_radius / (observer.planet_radius + observer.altitude))
+    observer, horizon = scene.observer, horizon_of(scene)
     elevation, turn = fineness.elevations(horizon), fineness.azimuths()
     kept = np.flatnonzero(solution.problem.diffuse.scatters)
     table = compile_scene(scene, colours.wavelengths)

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import gzip
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,11 @@ from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.grid import cubic_weights
 from skyscatter.window.layout import packed, unpacked
 from skyscatter.window.settings import SkySettings
-from skyscatter.window.solved import FAINTEST, Fineness, Lights, Progress, solve_lights
+from skyscatter.window.changes import LAWS, Changes, solve_changes
+from skyscatter.window.solved import Fineness, Lights, Progress, horizon_of, solve_lights
+
+if TYPE_CHECKING:
+    from skyscatter.scene import Scene
 
 __all__ = ["SkySettings", "SkyTableFile", "default_table", "make_table"]
 
@@ -38,6 +43,8 @@ SUNS = (
     *(0.0, 0.5, 1.0, 1.5, 2.0, 2.75, 3.5, 4.5, 6.0, 8.0, 10.5, 14.0, 18.0, 24.0, 31.0, 39.0, 48.0, 58.0, 69.0, 80.0),
     90.0,
 )
+#: Share of the time that the light itself takes.
+SHARE = 0.8
 GOOD = Fineness(tolerance=0.01, wavelengths=16, suns=SUNS, below=18, above=44, turns=21)
 QUICK = Fineness(tolerance=0.04, wavelengths=8, suns=SUNS[::2], below=11, above=24, turns=13)
 
@@ -69,9 +76,13 @@ def make_table(
     >>> 1000 < zenith[1] < 5000  # luminance [cd m-2]
     True
     """
-    scene, fineness = settings.scene(), QUICK if quick else GOOD
-    lights = solve_lights(scene, fineness, worker_count(threads), progress)
-    return _filed(settings, scene, fineness, lights)
+    scene, fineness, workers = settings.scene(), QUICK if quick else GOOD, worker_count(threads)
+    share = None if progress is None else (lambda done: progress(SHARE * done))
+    lights = solve_lights(scene, fineness, workers, share).lights
+    changes = solve_changes(settings, workers)
+    if progress is not None:
+        progress(1.0)
+    return _filed(settings, scene, fineness, lights, changes)
 
 
 def default_table() -> bytes:
@@ -140,7 +151,12 @@ class SkyTableFile:
         return np.asarray(low + step * self.arrays["light"])
 
     def xyz(
-        self, directions: ArrayLike, sun_elevation_deg: float, sun_azimuth_deg: float, disk: bool = True
+        self,
+        directions: ArrayLike,
+        sun_elevation_deg: float,
+        sun_azimuth_deg: float,
+        disk: bool = True,
+        change: Mapping[str, float] | None = None,
     ) -> Array:
         """Colours of the sky.
 
@@ -152,6 +168,8 @@ class SkyTableFile:
             Of the Sun [degree]; azimuth from north through east.  Elevations beyond the table's count as its ends.
         disk : bool
             Whether the Sun's disk is seen.
+        change : mapping, optional
+            Factors on the haze, ozone and ground albedo of the table, to first order.
 
         Returns
         -------
@@ -164,18 +182,38 @@ class SkyTableFile:
         sun = direction_from_azimuth_elevation(sun_azimuth_deg, sun_elevation_deg)
         azimuth = np.arctan2(flat[:, 0], flat[:, 1]) - np.radians(sun_azimuth_deg)
         turn = np.abs((azimuth + np.pi) % (2 * np.pi) - np.pi)
-        light = self._joined(self._under(sun_elevation_deg), elevation, turn)
+        light = self._joined(self._under(sun_elevation_deg, change or {}), elevation, turn)
         cosine = np.clip(flat @ sun, -1.0, 1.0)
         found = light[:, -1] + np.einsum("nt,ntc->nc", self._phases(cosine, elevation), light[:, :-1])
         if disk:
-            found += self.disk(flat, sun)
+            found += self.disk(flat, sun, change or {})
         return np.asarray(found.reshape(seen.shape))
 
-    def _under(self, sun_elevation_deg: float) -> Array:
+    def _under(self, sun_elevation_deg: float, change: Mapping[str, float]) -> Array:
         """Logarithms under a Sun, (block, 3, elevation, turn)."""
         nodes = self.arrays["sun"].astype(float)
         number, weight = cubic_weights(nodes, [np.clip(sun_elevation_deg, nodes[0], nodes[-1])])
-        return np.einsum("k,k...->...", weight[0], self._logarithms[number[0]])
+        found = np.einsum("k,k...->...", weight[0], self._logarithms[number[0]])
+        for k, step in self._steps(change):
+            found += step * self._derivative(k, sun_elevation_deg)
+        return np.asarray(found)
+
+    def _steps(self, change: Mapping[str, float]) -> list[tuple[int, float]]:
+        """Numbers of the derivatives that a change asks for, and what to multiply them with."""
+        known = [entry["name"] for entry in self.header["changes"]]
+        for name in change:
+            if name not in known:
+                raise DomainError("change", name, f"this table knows changes of {', '.join(known) or 'nothing'}")
+        laws = [LAWS[entry["law"]] for entry in self.header["changes"]]
+        return [(k, laws[k](float(change[name]))) for k, name in enumerate(known) if change.get(name, 1.0) != 1.0]
+
+    def _derivative(self, k: int, sun_elevation_deg: float) -> Array:
+        """Derivatives of the logarithms at the nodes under a Sun, by lines between coarser nodes."""
+        found = float(self.header["change_step"]) * self.arrays["change"][k].astype(float)
+        found = _on_lines(found, 0, self.arrays["change_sun"], np.array([sun_elevation_deg]))[0]
+        for axis, name in ((2, "elevation"), (3, "turn")):
+            found = _on_lines(found, axis, self.arrays[f"change_{name}"], self.arrays[name])
+        return found
 
     def _joined(self, logarithms: Array, elevation: Array, turn: Array) -> Array:
         """Light along rays, (ray, block, 3)."""
@@ -214,7 +252,7 @@ class SkyTableFile:
             found[:, close] -= np.einsum("tnk,nk->tn", lost, across)
         return np.asarray(found.T)
 
-    def disk(self, directions: Array, sun: Array) -> Array:
+    def disk(self, directions: Array, sun: Array, change: Mapping[str, float]) -> Array:
         """Light of the Sun's disk along rays (ray, 3); zero beside it [cd m-2]."""
         radius, rings = float(self.header["sun_radius"]), self.arrays["disk_rings"].astype(float)
         found = np.zeros((len(directions), 3))
@@ -227,9 +265,19 @@ class SkyTableFile:
         k = np.minimum(ring.astype(int), len(rings) - 2)
         share = (ring - k)[:, None]
         places, light = (self.arrays[name].astype(float) for name in ("disk_elevation", "disk_light"))
+        for k, _ in self._steps(change):
+            light += (change[self.header["changes"][k]["name"]] - 1.0) * self.arrays["disk_change"][k]
         through = np.stack([np.exp2(np.interp(elevation[seen], places, column)) for column in light.T], axis=1)
         found[seen] = through * ((1 - share) * rings[k] + share * rings[k + 1])
         return found
+
+
+def _on_lines(values: Array, axis: int, nodes: Array, points: Array) -> Array:
+    """Values along an axis at other points, on lines between nodes."""
+    first = np.clip(np.searchsorted(nodes, points, side="right") - 1, 0, nodes.size - 2)
+    share = np.clip((points - nodes[first]) / (nodes[first + 1] - nodes[first]), 0.0, 1.0)
+    share = share.reshape([-1 if k == axis else 1 for k in range(values.ndim)])
+    return np.asarray((1 - share) * values.take(first, axis) + share * values.take(first + 1, axis))
 
 
 def _place(cosine: Array, cell: NDArray[np.int64], last: int) -> Array:
@@ -238,11 +286,12 @@ def _place(cosine: Array, cell: NDArray[np.int64], last: int) -> Array:
     return np.asarray(np.clip((1.0 - scale * cell * cell - cosine) / (scale * (2 * cell + 1)), 0.0, 1.0))
 
 
-def _filed(settings: SkySettings, scene: Any, fineness: Fineness, lights: Lights) -> SkyTableFile:
+def _filed(
+    settings: SkySettings, scene: Scene, fineness: Fineness, lights: Lights, changes: Changes
+) -> SkyTableFile:
     """The table of what was seen."""
-    observer = scene.observer
-    horizon = -float(np.arccos(observer.planet_radius / (observer.planet_radius + observer.altitude)))
-    low, step, light = _quantised(_log_lights(lights))
+    observer, horizon = scene.observer, horizon_of(scene)
+    low, step, light = _quantised(lights.logarithms())
     header = {
         "settings": {name: getattr(settings, name) for name in ("model", "haze", "ozone", "ground", "altitude_m")},
         "horizon": horizon,
@@ -265,14 +314,8 @@ def _filed(settings: SkySettings, scene: Any, fineness: Fineness, lights: Lights
         "light_step": step,
     }
     arrays: dict[str, NDArray[Any]] = {name: values.astype(np.float32) for name, values in single.items()}
-    return SkyTableFile(header, arrays | {"light": light})
-
-
-def _log_lights(lights: Lights) -> Array:
-    """Binary logarithms of terms and, last, the smooth light, (sun, block, 3, elevation, turn)."""
-    smooth = lights.smooth[:, None]
-    floor = FAINTEST * np.maximum(smooth[:, :, 1:2], np.abs(smooth).max(axis=(3, 4), keepdims=True) * 1e-6)
-    return np.asarray(np.log2(np.maximum(np.concatenate([lights.terms, smooth], axis=1), np.maximum(floor, 1e-30))))
+    listed, derived = changes.filed()
+    return SkyTableFile(header | listed, arrays | {"light": light} | derived)
 
 
 def _quantised(logarithms: Array) -> tuple[Array, Array, NDArray[np.uint16]]:

@@ -202,7 +202,7 @@ export class SkyTable {
 
 // --- the sky under one Sun, on a grid that is even in rows and columns and fine enough for lines between -------------
 
-const GRID = {below: 32, above: 176, turns: 56, up: 2.2, bent: 1.5};
+const GRID = {below: 32, above: 176, turns: 72, up: 2, bent: 2};
 
 class Grid {
   constructor(table, sunElevation, change) {
@@ -270,10 +270,10 @@ class Grid {
   light(elevation, turn, cosine) {
     const {table, rows, values} = this, {below, above, turns} = GRID;
     const down = elevation < this.horizon;
-    const x = clamp(Math.pow(turn / Math.PI, 1 / GRID.bent) * (turns - 1), 0, turns - 1);
+    const x = clamp(Math.sqrt(turn / Math.PI) * (turns - 1), 0, turns - 1);
     const y = down
       ? (below - 1) * (1 - clamp(Math.asinh((this.horizon - elevation) / this.near) / this.deepest, 0, 1))
-      : below + (above - 1) * Math.pow(Math.max((elevation - this.horizon) / (Math.PI / 2 - this.horizon), 0), 1 / GRID.up);
+      : below + (above - 1) * Math.sqrt(Math.max((elevation - this.horizon) / (Math.PI / 2 - this.horizon), 0));
     const i = Math.min(Math.floor(y), down ? below - 2 : rows - 2), j = Math.min(Math.floor(x), turns - 2);
     const v = clamp(y - i, 0, 1), u = x - j, found = [0, 0, 0];
     for (let block = 0; block < table.blocks; block++) {
@@ -515,7 +515,7 @@ function diskPatch(table, view, sun, change) {
 }
 
 /** Bright points gathered to a few: {x, y, square (of the radius that they fill, pixel²), light}. */
-function gathered(points, most = 6) {
+function gathered(points, most) {
   if (!points.length) return [];
   const ends = key => [Math.min(...points.map(p => p[key])), Math.max(...points.map(p => p[key])) + 1e-6];
   const [x0, x1] = ends("x"), [y0, y1] = ends("y"), groups = new Map();
@@ -536,12 +536,22 @@ function gathered(points, most = 6) {
   ));
 }
 
+/** The middle of bright points, the squared distance from which they are as one, and their light. */
+function together(glares) {
+  const weight = glares.map(({light}) => light[0] + light[1] + light[2]), whole = weight.reduce((a, b) => a + b, 0);
+  const mean = of => glares.reduce((total, glare, k) => total + (weight[k] / whole) * of(glare), 0);
+  if (!glares.length) return {middle: [0, 0, -1], sum: [0, 0, 0]};
+  const [x, y] = [mean(g => g.x), mean(g => g.y)];
+  const spread = mean(g => (g.x - x) ** 2 + (g.y - y) ** 2 + g.square);
+  return {middle: [x, y, 100 * spread], sum: [0, 1, 2].map(c => glares.reduce((total, g) => total + g.light[c], 0))};
+}
+
 // --- WebGL2 ---------------------------------------------------------------------------------------------------------
 
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0), 0.0, 1.0); }`;
 
-const MOST_GLARE = 72;
+const MOST_GLARE = 32;  // two lots of four by four at most
 const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
@@ -563,6 +573,7 @@ uniform vec3 luma, whiteLab;
 uniform float strength;
 uniform vec4 glarePlace[${MOST_GLARE}];   // x, y, square of the radius
 uniform vec3 glareLight[${MOST_GLARE}];
+uniform vec3 glareMiddle, glareSum;       // x, y, squared distance from which they are as one
 out vec4 shown;
 
 vec3 gamut(vec3 rgb) {
@@ -633,13 +644,13 @@ float nearMixed(int term, ivec2 p, vec2 w) {
 vec3 sky(vec3 d) {
   float elevation = atan(d.z, length(d.xy)), turn = atan(d.x, d.y) - sunAzimuth;
   turn = abs(turn - 2.0 * PI * round(turn / (2.0 * PI)));
-  float x = clamp(pow(turn / PI, ${1 / GRID.bent}) * ${GRID.turns - 1}.0, 0.0, ${GRID.turns - 1}.0), y;
+  float x = clamp(sqrt(turn / PI) * ${GRID.turns - 1}.0, 0.0, ${GRID.turns - 1}.0), y;
   bool down = elevation < horizon;
   if (down) {
     y = ${GRID.below - 1}.0 * (1.0 - clamp(asinh((horizon - elevation) / nearest) / deepest, 0.0, 1.0));
   } else {
     float share = max((elevation - horizon) / (0.5 * PI - horizon), 0.0);
-    y = ${GRID.below}.0 + ${GRID.above - 1}.0 * pow(share, ${1 / GRID.up});
+    y = ${GRID.below}.0 + ${GRID.above - 1}.0 * sqrt(share);
   }
   ivec2 p = ivec2(min(int(x), ${GRID.turns - 2}), min(int(y), down ? ${GRID.below - 2} : ${GRID.below + GRID.above - 2}));
   vec2 w = vec2(x - float(p.x), clamp(y - float(p.y), 0.0, 1.0));
@@ -656,6 +667,11 @@ vec3 sky(vec3 d) {
   return sum;
 }
 
+vec3 veil(vec2 away, float square, vec3 light_) {
+  float fall = 1.0 + dot(away, away) / square;
+  return light_ * (${SHARE} / (2.0 * PI * square) * inversesqrt(fall * fall * fall));
+}
+
 void main() {
   vec2 at = vec2(floor(gl_FragCoord.x), size.y - 1.0 - floor(gl_FragCoord.y));
   vec4 d = through(at);
@@ -668,11 +684,10 @@ void main() {
   vec3 rgb = gamut(expose * xyz);
   float core = max(${CORE} * size.x, 1.0);
   core *= core;
-  for (int k = 0; k < glares; k++) {
-    vec2 away = at - glarePlace[k].xy;
-    float square = core + glarePlace[k].z, fall = 1.0 + dot(away, away) / square;
-    rgb += glareLight[k] * (${SHARE} / (2.0 * PI * square) * inversesqrt(fall * fall * fall));
-  }
+  // From afar all bright points are as one.
+  vec2 off = at - glareMiddle.xy;
+  if (dot(off, off) > glareMiddle.z) rgb += veil(off, core, glareSum);
+  else for (int k = 0; k < glares; k++) rgb += veil(at - glarePlace[k].xy, core + glarePlace[k].z, glareLight[k]);
   vec3 colour = develop(rgb);
   vec3 moved = 5.588238 * vec3(0.0, 1.0, 2.0);
   vec3 noise = fract(52.9829189 * fract(0.06711056 * (at.x + moved) + 0.00583715 * (at.y + moved)));
@@ -775,6 +790,9 @@ class WebGl {
       set("4fv", "glarePlace", glares.flatMap(g => [g.x, g.y, g.square, 0]));
       set("3fv", "glareLight", glares.flatMap(g => g.light));
     }
+    const {middle, sum} = together(glares);
+    set("3fv", "glareMiddle", middle);
+    set("3fv", "glareSum", sum);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 }
@@ -921,7 +939,7 @@ export class SkyPicture {
       const light = spilt(patch.xyz.subarray(4 * k, 4 * k + 3), 1);
       if (light) disk.push({x: patch.x + (k % patch.width), y: patch.y + Math.floor(k / patch.width), area: 1, light});
     }
-    return [...gathered(disk), ...gathered(around)].slice(0, MOST_GLARE);
+    return [...gathered(disk, 3), ...gathered(around, 3)];
   }
 
   /** Where a pixel of the canvas looks, in degrees; null where it sees nothing. */
