@@ -124,7 +124,7 @@ def test_sliders_move_the_picture_at_once_and_the_solver_follows(tab: Tab) -> No
     assert min(times) < 1000
     slide(tab, "haze", 3)
     assert "haze" in tab.run(STATUS)
-    solved(tab)
+    tab.wait(STATUS, lambda words: "haze" not in words and "solv" in words)
     hazy = pixels(tab)
     assert np.abs(hazy - low).max() > 0.02
     assert tab.complaints() == []
@@ -198,10 +198,10 @@ def test_addresses_that_make_no_sense_are_taken_as_far_as_they_do(tab: Tab) -> N
 
 
 def test_a_page_that_closes_ends_its_work(browser: Browser) -> None:
-    own = Window(Questions("star-in-dust").work, keep=True)
+    own = Window(Questions("earth").work, keep=True)
     own.start()
-    tab = browser.tab(own.address, 700, 420)
-    tab.wait(STATUS, lambda words: "tracing" in words)
+    tab = browser.tab(f"{own.address}#model=earth&haze=2", 700, 420)
+    tab.wait(STATUS, lambda words: "solving" in words)
     end = time.monotonic() + PATIENCE
     while not any(page.work.busy for page in own.pages.values()):
         assert time.monotonic() < end

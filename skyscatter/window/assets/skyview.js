@@ -37,7 +37,7 @@ export class SkyView {
     this.waits = true;
     this.link.ask("first", {}, (message, data) => {
       if (message.what === "table") this.take(data, settings, message);
-      if (message.what === "done" || message.what === "error") { this.waits = false; if (this.ready) this.show(this.state); }
+      if (message.what === "done" || message.what === "error") { this.waits = false; if (this.ready) this.show(this.state); this.solved?.(); }
     });
   }
 
@@ -151,6 +151,7 @@ export class SkyView {
 
   /** The pixel in which a direction is seen, found by halving steps; null if it is in none. */
   pixel(azimuth, elevation) {
+    if (!this.base) return null;
     const { width, height } = this.canvas, radians = Math.PI / 180;
     const vector = (a, e) => [Math.cos(e * radians) * Math.sin(a * radians), Math.cos(e * radians) * Math.cos(a * radians), Math.sin(e * radians)];
     const goal = vector(azimuth, elevation);
