@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from skyscatter.spectra.table import SpectralTable
 from skyscatter.window.colours import EVERY
 from skyscatter.window.settings import MOST, SkySettings
-from skyscatter.window.solved import Fineness, horizon_of, solve_lights
+from skyscatter.window.solved import Fineness, Lights, horizon_of, solve_lights
+from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
     from skyscatter.scene import Scene
@@ -74,25 +75,39 @@ class Changes:
 
 
 def solve_changes(settings: SkySettings, threads: int) -> Changes:
-    """Solve a sky and what it is changed to."""
+    """Solve a sky and what it is changed to, on the same grid, one in each thread."""
     scene = settings.scene()
     first = solve_lights(scene, ROUGH, threads)
-    before, disk = first.lights.logarithms(), np.log2(np.maximum(first.lights.disk.light, 1e-30))
-    names, light, disks = [], [], []
-    for name in settings.names():
-        changed, factor = _changed(settings, scene, name)
-        if changed is None:
-            continue
-        after = solve_lights(changed, ROUGH, threads, like=first).lights
-        names.append(name)
-        light.append((after.logarithms() - before) / LAWS[LAW_OF[name]](factor))
-        disks.append((np.log2(np.maximum(after.disk.light, 1e-30)) - disk) / (factor - 1.0))
+    others = {name: _changed(settings, scene, name) for name in settings.names()}
+    known = {name: (other, factor) for name, (other, factor) in others.items() if other is not None}
+    with Workers(threads) as pool:
+        asked = [pool.submit(solve_lights, other, ROUGH, 1, None, first) for other, _ in known.values()]
+        lights = [solved.result().lights for solved in asked]
+    before, disk = first.lights.logarithms(), _disk_logarithm(first.lights)
+    light = [
+        (after.logarithms() - before) / LAWS[LAW_OF[name]](factor)
+        for after, (name, (_, factor)) in zip(lights, known.items(), strict=True)
+    ]
+    disks = [
+        (_disk_logarithm(after) - disk) / (factor - 1.0)
+        for after, (_, factor) in zip(lights, known.values(), strict=True)
+    ]
     horizon = horizon_of(scene)
     return Changes(
-        tuple(names), np.array(ROUGH.suns), ROUGH.elevations(horizon), ROUGH.azimuths(),
+        tuple(known), np.array(ROUGH.suns), ROUGH.elevations(horizon), ROUGH.azimuths(),
         np.clip(np.array(light).reshape(-1, *before.shape), -LARGEST, LARGEST),
         np.array(disks).reshape(-1, *disk.shape),
     )  # fmt: skip
+
+
+def no_changes() -> Changes:
+    """Derivatives of nothing, for a table that shall be there at once."""
+    nodes = np.zeros(2)
+    return Changes((), nodes, nodes, nodes, np.zeros((0, 2, 0, 3, 2, 2)), np.zeros((0, 2, 3)))
+
+
+def _disk_logarithm(lights: Lights) -> Array:
+    return np.asarray(np.log2(np.maximum(lights.disk.light, 1e-30)))
 
 
 def _changed(settings: SkySettings, scene: Scene, name: str) -> tuple[Scene | None, float]:

@@ -24,7 +24,7 @@ from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.grid import cubic_weights
 from skyscatter.window.layout import packed, unpacked
 from skyscatter.window.settings import SkySettings
-from skyscatter.window.changes import LAWS, Changes, solve_changes
+from skyscatter.window.changes import LAWS, Changes, no_changes, solve_changes
 from skyscatter.window.solved import Fineness, Lights, Progress, horizon_of, solve_lights
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def make_table(
     progress : callable, optional
         Called with the finished share, 0 to 1.
     quick : bool
-        A coarse table, several times sooner.
+        A coarse table, several times sooner; without derivatives for changes.
     threads : int, optional
         All processors when not given.
 
@@ -79,7 +79,7 @@ def make_table(
     scene, fineness, workers = settings.scene(), QUICK if quick else GOOD, worker_count(threads)
     share = None if progress is None else (lambda done: progress(SHARE * done))
     lights = solve_lights(scene, fineness, workers, share).lights
-    changes = solve_changes(settings, workers)
+    changes = no_changes() if quick else solve_changes(settings, workers)
     if progress is not None:
         progress(1.0)
     return _filed(settings, scene, fineness, lights, changes)

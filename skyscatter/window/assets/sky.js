@@ -95,9 +95,20 @@ export class SkyTable {
     return found;
   }
 
+  /** Take the derivatives of another table of the same model: those of a coarse one are in none. */
+  borrow(other) {
+    if (this.header.changes.length || other.blocks !== this.blocks) return;
+    if (other.header.settings.model !== this.header.settings.model) return;
+    Object.assign(this.header, {changes: other.header.changes, change_step: other.header.change_step});
+    for (const name of ["change", "change_sun", "change_elevation", "change_turn", "disk_change"]) {
+      this[name] = other[name];
+      this.shape[name] = other.shape[name];
+    }
+  }
+
   /** How far logarithms move per unit of the derivatives, for changes of haze, ozone and ground. */
   steps(change) {
-    return (this.header.changes || []).map(({name, law}) => {
+    return this.header.changes.map(({name, law}) => {
       const factor = change[name] ?? 1;
       return law === "power" ? Math.log2(Math.max(factor, 1e-6)) : factor - 1;
     });
@@ -105,7 +116,7 @@ export class SkyTable {
 
   #change(logarithms, sunElevation, change) {
     const steps = this.steps(change);
-    const sun = line(this.change_sun || [0, 1], sunElevation);
+    const sun = line(this.change_sun, sunElevation);
     steps.forEach((step, which) => {
       if (step === 0) return;
       const [, , blocks, , rows, turns] = this.shape.change;
@@ -874,7 +885,9 @@ export class SkyPicture {
 
   /** A table as `SkyTableFile.to_bytes` has it, in an ArrayBuffer. */
   setTable(buffer) {
+    const before = this.table;
     this.table = new SkyTable(buffer);
+    if (before) this.table.borrow(before);
     this.#moved(true);
   }
 
