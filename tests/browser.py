@@ -173,6 +173,7 @@ class Tab:
     def complaints(self) -> list[str]:
         """Errors that the page or the browser has written down."""
         thrown = [_what(e["exceptionDetails"]) for e in self.told("Runtime.exceptionThrown")]
+        thrown += [str(e["args"][0].get("description")) for e in self.told("Runtime.consoleAPICalled") if e["type"] == "error"]
         return thrown + [e["entry"]["text"] for e in self.told("Log.entryAdded") if e["entry"]["level"] == "error"]
 
     def close(self) -> None:

@@ -167,7 +167,10 @@ def test_numbers_by_keyboard_alone_are_the_solvers(tab: Tab) -> None:
 
 
 def test_a_link_brings_everything_back(tab: Tab, browser: Browser, window: Window) -> None:
-    hash_ = "model=earth&sunElevation=4.5&sunAzimuth=250&view=perspective&viewAzimuth=240&viewElevation=12&fov=80&autoExposure=false&exposure=11.5&cross=245,20"
+    hash_ = (
+        "model=earth&view=perspective&autoExposure=false&cross=245,20&sunElevation=4.5&sunAzimuth=250&viewAzimuth=240"
+        "&viewElevation=12&fov=80&exposure=11.5"
+    )
     other = browser.tab(f"{window.address}#{hash_}", 700, 420)
     solved(other)
     values = other.run("Object.fromEntries([...document.querySelectorAll('[data-name]')].filter(e => e.type === 'range').map(e => [e.dataset.name, Number(e.value)]))")

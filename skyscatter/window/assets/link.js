@@ -2,7 +2,7 @@
 
 /** What all links have in common. */
 class Link {
-  constructor() { this.count = 0; this.waiting = new Map(); this.latest = new Map(); }
+  constructor() { this.count = 0; this.waiting = new Map(); this.latest = new Map(); this.failed = () => {}; }
 
   /** Ask; `heard(message, data)` is called for each message until the answer is complete or a newer question of its kind comes. */
   ask(kind, question, heard) {
@@ -24,7 +24,7 @@ class Link {
     const listener = this.waiting.get(message.number);
     if (!listener) return;
     if (message.what === "done" || message.what === "error") this.waiting.delete(message.number);
-    listener(message, data);
+    try { listener(message, data); } catch (error) { console.error(error); this.failed(error); }
   }
 }
 

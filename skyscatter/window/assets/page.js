@@ -28,6 +28,7 @@ class Page {
     this.controls = new Controls(root, (name, value) => this.change({ [name]: value }));
     this.one("form").addEventListener("submit", event => event.preventDefault());
     link.lost = () => this.status("the program behind this page has ended; start it again and load this page anew", null, true);
+    link.failed = error => this.status(`the page has failed: ${error.message}; please report it`, null, true);
     link.found = () => { if (this.lost) { this.lost = false; this.show(); } };
     this.pointer();
     this.buttons();
