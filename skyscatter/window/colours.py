@@ -18,6 +18,7 @@ from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.grid import cubic_weights
 
 if TYPE_CHECKING:
+    from skyscatter.kernels.optics import OpticsTable
     from skyscatter.scene import Scene
 
 Array = NDArray[np.float64]
@@ -45,13 +46,13 @@ def colours_of(scene: Scene, count: int) -> Colours:
     every, some = (compile_scene(scene, wavelengths).optics for wavelengths in (EVERY, few))
     light, light_some = every.sun_irradiance.sum(axis=0), some.sun_irradiance.sum(axis=0)
     whole = light[:, None] * xyz_weights(EVERY)  # of what is left of sunlight
-    spectra = _spectra(every.sigma_s, every.sigma_t, every.albedo, 1.0 / np.maximum(every.sigma_t.max(axis=1), 1e-300))
+    column = 1.0 / np.maximum(every.sigma_t.max(axis=1), 1e-300)
+    taken, spectra = _spectra(some, column), _spectra(every, column)
     between = np.zeros((EVERY.size, few.size))
     inside = np.clip(EVERY, *ENDS)
     number, weight = cubic_weights(few, inside)
     np.add.at(between, (np.arange(EVERY.size)[:, None], number), weight)
     first = between.T @ whole
-    taken = np.stack([np.interp(few, EVERY, spectrum) for spectrum in spectra])
     wanted = spectra @ whole
     level = wanted[:, 1:2]
     taken, wanted = taken / level, wanted / level
@@ -61,17 +62,17 @@ def colours_of(scene: Scene, count: int) -> Colours:
     return Colours(few, solved / light_some[:, None])
 
 
-def _spectra(sigma_s: Array, sigma_t: Array, albedo: Array, column: Array) -> Array:
+def _spectra(optics: OpticsTable, column: Array) -> Array:
     """What skies may do to sunlight, (spectrum, wavelength): dim it, scatter it once or twice, reflect it.
 
     `column` (component,) [m] has an optical depth of 1 where the component is densest to light.
     """
     random = np.random.default_rng(1)
-    count = len(sigma_t)
+    count = column.size
     depth = DEEPEST * random.random((SPECTRA, count)) ** 3
-    dimmed = np.exp(-(depth * column) @ sigma_t)
-    relative = sigma_s * column[:, None]
+    dimmed = np.exp(-(depth * column) @ optics.sigma_t)
+    relative = optics.sigma_s * column[:, None]
     mixed = random.random((SPECTRA, count)) ** 2 @ relative + 1e-6
     twice = np.where(random.random((SPECTRA, 1)) < 0.3, random.random((SPECTRA, count)) @ relative + 1e-6, 1.0)
-    ground = np.where(random.random((SPECTRA, 1)) < 0.2, np.maximum(albedo, 1e-3), 1.0)
+    ground = np.where(random.random((SPECTRA, 1)) < 0.2, np.maximum(optics.albedo, 1e-3), 1.0)
     return np.asarray(dimmed * mixed * twice * ground)

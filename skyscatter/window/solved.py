@@ -23,7 +23,7 @@ from skyscatter.solvers.field import reach, scattering_top, seen_zenith, solve_o
 from skyscatter.solvers.orders import window
 from skyscatter.solvers.skytable import angle_cells, lost_peaks
 from skyscatter.solvers.sweeps import Solution, view
-from skyscatter.window.colours import Colours, colours_of
+from skyscatter.window.colours import ENDS, EVERY, Colours, colours_of
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
@@ -36,11 +36,13 @@ Progress = Callable[[float], None]
 #: Elevations of the Sun that a table is made for [degree].
 SUNS = (-14.0, 90.0)
 #: What a phase function may miss between the middles of bands, as a share, and how many bands it has at most.
-BAND_MISSED, MOST_BANDS = 0.004, 6
+BAND_MISSED, MOST_BANDS = 0.004, 5
 #: Light is held to this share of the smooth light of its place; what is fainter counts as so much.
 FAINTEST = 2.0**-24
 #: Angles from the Sun in which a table has its phase functions, and elevations in which it has the Sun's disk.
 ANGLES, DISK_PLACES, DISK_CROWDED = 513, 96, 2.0
+#: Powers by which nodes crowd at the horizon and towards the Sun.
+CROWDED, BENT = 2.2, 1.5
 #: Scale of nodes just below the horizon [rad].
 NEAREST = (math.radians(0.02), math.radians(1.0))
 #: Rings of the disk, over the squared distance from its middle.
@@ -55,6 +57,8 @@ class Fineness:
     ----------
     tolerance : float
         Of the solution.
+    degree : int, optional
+        To which it keeps phase functions; one that suits the tolerance when not given.
     wavelengths : int
     suns : tuple of float
         Elevations of the Sun [degree], rising.
@@ -70,23 +74,22 @@ class Fineness:
     below: int
     above: int
     turns: int
-    crowded: float = 2.2
-    bent: float = 1.5
+    degree: int | None = None
 
     def elevations(self, horizon: float) -> Array:
         """Nodes of elevation, rising; the first `below` of them below the horizon [rad]."""
         hair = 1e-7  # so that it is clear on which side of the horizon a node lies
-        up = horizon + (math.pi / 2 - horizon) * np.linspace(0, 1, self.above) ** self.crowded
+        up = horizon + (math.pi / 2 - horizon) * np.linspace(0, 1, self.above) ** CROWDED
         # Ground comes nearer as one over its depth below the horizon: what lies before it goes by ratios of that.
         near = min(max(-horizon, NEAREST[0]), NEAREST[1])
-        steps = np.linspace(0, math.asinh((math.pi / 2 + horizon) / near), self.below)
+        steps = math.asinh((math.pi / 2 + horizon) / near) * np.linspace(0, 1, self.below) ** 1.4
         down = horizon - near * np.sinh(steps)
         up[0], down[0] = horizon + hair, horizon - hair
         return np.concatenate([down[::-1], up])
 
     def azimuths(self) -> Array:
         """Nodes of azimuth from the Sun, rising [rad]."""
-        return np.asarray(math.pi * np.linspace(0, 1, self.turns) ** self.bent)
+        return np.asarray(math.pi * np.linspace(0, 1, self.turns) ** BENT)
 
 
 class Disk(NamedTuple):
@@ -150,8 +153,9 @@ def solve_lights(
     zenith = zenith_of(scene, colours.wavelengths)
     grid = None if like is None else like.grid
     solution = solve_once(
-        scene, colours.wavelengths, zenith, fineness.tolerance, False, None, threads, share, grid=grid
-    )
+        scene, colours.wavelengths, zenith, fineness.tolerance, False, None, threads, share,
+        degree=fineness.degree, grid=grid,
+    )  # fmt: skip
     lights = seen_lights(scene, solution, colours, fineness, threads, progress)
     return Solved(lights, colours, solution.problem.grid)
 
@@ -167,7 +171,7 @@ def seen_lights(
     lost = lost_peaks(solution, table, observer.position, elevation, fineness.below, kept)
     per_density = table.optics.sigma_s[kept]
     phase = [solution.problem.whole[0, c] / per_density[k] for k, c in enumerate(kept)]
-    bands = [_bands(one, colours.wavelengths) for one in phase]
+    bands = [_bands(scene, int(c), colours.wavelengths) for c in kept]
     number = sum(len(band) for band in bands)
     terms = np.empty((len(fineness.suns), number, 3, elevation.size, turn.size))
     smooth = np.empty((len(fineness.suns), 3, elevation.size, turn.size))
@@ -237,18 +241,23 @@ def _chance(phase: Array, lost: Array, elevation: NDArray[np.int64], cell: NDArr
     return np.asarray(found)
 
 
-def _bands(phase: Array, wavelengths: Array) -> Array:
-    """Hats (band, wavelength) that add up to 1, as few as a component's phase function (angle, wavelength) needs."""
+def _bands(scene: Scene, component: int, wavelengths: Array) -> Array:
+    """Hats (band, wavelength) that add up to 1, as few as a component's phase function needs.
+
+    Their number depends on the scene alone, so that the terms of tables of any fineness are the same.
+    """
+    every = EVERY[(ENDS[0] <= EVERY) & (EVERY <= ENDS[1])]
+    phase = compile_scene(scene, every).optics.phase[component]
     for count in range(1, MOST_BANDS + 1):
-        hats = _hats(wavelengths, count)
+        hats = _hats(every, count)
         missed = _split(phase, hats) @ hats - phase
         if np.abs(missed / phase.mean(axis=1, keepdims=True)).max() < BAND_MISSED:
             break
-    return hats
+    return _hats(wavelengths, count)
 
 
 def _hats(wavelengths: Array, count: int) -> Array:
-    middles = np.linspace(wavelengths[0], wavelengths[-1], count) if count > 1 else wavelengths[:1]
+    middles = np.linspace(*ENDS, count)
     return np.stack([np.interp(wavelengths, middles, row) for row in np.eye(count)])
 
 
