@@ -175,7 +175,7 @@ export class SkyTable {
   }
 
   /** XYZ of the sky [cd m-2] without the Sun's disk, by cubics; `logarithms` are those of `under`. */
-  light(logarithms, elevation, turn, cosine) {
+  lightAlong(logarithms, elevation, turn, cosine) {
     const rows = this.across(elevation), {numbers, weights} = this.along(turn), found = [0, 0, 0];
     for (let block = 0; block < this.blocks; block++) {
       const phase = block < this.blocks - 1 ? this.phaseOf(block, cosine, elevation) : 1;
@@ -970,7 +970,7 @@ export class SkyPicture {
     const {sunElevation, change} = this.state, cosine = clamp(dot(d, sun), -1, 1);
     this.exact ??= this.table.under(sunElevation, change);
     const [elevation, turn] = seen(d, this.state.sunAzimuth * RAD), c = cross(d, sun);
-    const found = this.table.light(this.exact, elevation, turn, cosine);
+    const found = this.table.lightAlong(this.exact, elevation, turn, cosine);
     const square = cosine > 0 ? dot(c, c) / Math.sin(this.table.header.sun_radius) ** 2 : Infinity;
     const light = this.table.header.sun_radius > 0 ? this.table.disk(square, elevation, change) : null;
     return light ? found.map((value, k) => value + light[k]) : found;
