@@ -58,7 +58,7 @@ export class NebulaView {
     const about = this.drawing = {};
     this.picture = new Blob([data], { type: "image/png" });
     this.samples = message.samples;
-    this.exposure = message.exposure;
+    this.exposure = +message.exposure.toFixed(2);
     this.words = `${message.width} × ${message.height} pixels, ${message.samples} walks each, noise ${(100 * message.noise).toPrecision(2)} %`;
     const bitmap = await createImageBitmap(this.picture);
     if (this.drawing !== about) return;

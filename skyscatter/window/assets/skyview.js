@@ -24,7 +24,7 @@ export class SkyView {
   ratio(state) { return state.view === "panorama" ? 2 : state.view === "fisheye" ? 1 : null; }
 
   /** Exposure value of the picture. */
-  get exposure() { return this.base ? this.picture.exposure : undefined; }
+  get exposure() { return this.base && this.picture.exposure !== null ? +this.picture.exposure.toFixed(2) : undefined; }
 
   /** What a table depends on. */
   settings(state) {
@@ -164,7 +164,7 @@ export class SkyView {
       const x = i / 32 * (width - 1), y = j / 32 * (height - 1), value = miss(x, y);
       if (value < best[0]) best = [value, x, y];
     }
-    for (let step = Math.max(width, height) / 32; step > 0.05; step /= 2) {
+    for (let step = Math.max(width, height) / 32; step > 0.002; step /= 2) {
       for (let moved = true; moved;) {
         moved = false;
         for (const [dx, dy] of [[step, 0], [-step, 0], [0, step], [0, -step]]) {

@@ -1,6 +1,6 @@
 // A small plot of a spectrum with its error, as SVG.
 
-const NS = "http://www.w3.org/2000/svg", WIDTH = 300, HEIGHT = 150, LEFT = 44, BOTTOM = 26, TOP = 8, RIGHT = 8;
+const NS = "http://www.w3.org/2000/svg", WIDTH = 300, HEIGHT = 146, LEFT = 44, BOTTOM = 34, TOP = 8, RIGHT = 8;
 
 function shape(kind, attributes, text) {
   const node = document.createElementNS(NS, kind);
