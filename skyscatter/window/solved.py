@@ -46,7 +46,7 @@ CROWDED, BENT = 2.2, 1.5
 #: Scale of nodes just below the horizon [rad].
 NEAREST = (math.radians(0.02), math.radians(1.0))
 #: Rings of the disk, over the squared distance from its middle.
-RINGS = 17
+RINGS = 65
 
 
 @dataclass(frozen=True)
@@ -283,9 +283,8 @@ def _disk(scene: Scene, colours: Colours, horizon: float) -> Disk:
     along = [slant_columns(columns, scene.altitude, math.sin(float(place))) for place in elevation]
     depth = np.array([column for column in along if column is not None]) @ optics.sigma_t
     radiance = optics.disk_radiance[:: (len(optics.disk_radiance) - 1) // (RINGS - 1)]
-    # Rings are of equal area: the mean of the disk is the integral over them, which ends in a root.
-    fine = optics.disk_radiance @ colours.weights
-    mean = (0.5 * (fine[1:] + fine[:-1])).mean(axis=0)
+    rings = radiance @ colours.weights
+    mean = (0.5 * (rings[1:] + rings[:-1])).mean(axis=0)  # rings are of equal area
     light = (np.exp(-depth) * optics.sun_irradiance.sum(axis=0)) @ colours.weights
     solid = math.pi * math.sin(optics.disk_radius) ** 2 if optics.disk_radius > 0 else 1.0
-    return Disk(elevation, light / solid, (radiance @ colours.weights) / mean, float(optics.disk_radius))
+    return Disk(elevation, light / solid, rings / mean, float(optics.disk_radius))

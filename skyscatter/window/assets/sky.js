@@ -175,7 +175,7 @@ export class SkyTable {
   }
 
   /** XYZ of the sky [cd m-2] without the Sun's disk, by cubics; `logarithms` are those of `under`. */
-  lightAlong(logarithms, elevation, turn, cosine) {
+  colour(logarithms, elevation, turn, cosine) {
     const rows = this.across(elevation), {numbers, weights} = this.along(turn), found = [0, 0, 0];
     for (let block = 0; block < this.blocks; block++) {
       const phase = block < this.blocks - 1 ? this.phaseOf(block, cosine, elevation) : 1;
@@ -858,8 +858,15 @@ function alongRay(grid, d, sun, sunAzimuth) {
 
 // --- the picture ----------------------------------------------------------------------------------------------------
 
-//: Pixels from which exposure and glare are found, about.
-const SAMPLES = 8000;
+// Pixels from which exposure and glare are found, about: some of every row, for edges of skies are level.
+const SAMPLES = 16000, GOLDEN = 0.6180339887498949;
+
+function* sampled({width, height}) {
+  const count = clamp(Math.round(SAMPLES / height), 1, width);
+  for (let y = 0; y < height; y++) {
+    for (let k = 0; k < count; k++) yield [Math.floor(((k + ((y * GOLDEN) % 1)) / count) * width), y];
+  }
+}
 
 /** A sky on a canvas. */
 export class SkyPicture {
@@ -921,30 +928,28 @@ export class SkyPicture {
     if (!this.table) throw new Error("there is no table to draw; call setTable first");
     const view = this.#view, sun = this.#sun, sunAzimuth = this.state.sunAzimuth * RAD, {grid} = this;
     const patch = diskPatch(this.table, view, sun, this.state.change);
-    const step = Math.max(Math.round(Math.sqrt((view.width * view.height) / SAMPLES)), 1), samples = [];
-    for (let y = Math.floor(step / 2); y < view.height; y += step) {
-      for (let x = Math.floor(step / 2); x < view.width; x += step) {
-        const d = view.through(x, y);
-        if (d) samples.push({x, y, area: step * step, xyz: alongRay(grid, d, sun, sunAzimuth)});
-      }
+    const samples = [];
+    for (const [x, y] of sampled(view)) {
+      const d = view.through(x, y);
+      if (d) samples.push({x, y, xyz: alongRay(grid, d, sun, sunAzimuth)});
     }
     const {exposure} = this.state;
     this.exposure = exposure === "auto" ? autoExposure(Float64Array.from(samples, s => s.xyz[1])) : exposure;
     const night = balance(samples.map(s => s.xyz), this.exposure);
     const factor = GREY / (METER * 2 ** this.exposure), matrix = night ? product(TO_RGB, night) : TO_RGB;
     const expose = matrix.map(row => row.map(value => value * factor));
-    const glares = this.#glares(samples, patch, expose);
+    const glares = this.#glares(view, samples, patch, expose);
     this.drawer.draw({view, grid, sun, sunAzimuth, patch, glares, expose});
   }
 
   /** Lights beyond white, gathered to a few points. */
-  #glares(samples, patch, expose) {
+  #glares(view, samples, patch, expose) {
     const spilt = (xyz, area) => {
       const rgb = mapGamut(times(expose, xyz)), peak = Math.max(...rgb);
       return peak > BRIGHT ? rgb.map(value => value * area * (1 - BRIGHT / peak)) : null;
     };
-    const around = [], disk = [];
-    for (const {x, y, area, xyz} of samples) {
+    const around = [], disk = [], area = view.width / clamp(Math.round(SAMPLES / view.height), 1, view.width);
+    for (const {x, y, xyz} of samples) {
       const light = spilt(xyz, area);
       if (light) around.push({x, y, area, light});
     }
@@ -970,7 +975,7 @@ export class SkyPicture {
     const {sunElevation, change} = this.state, cosine = clamp(dot(d, sun), -1, 1);
     this.exact ??= this.table.under(sunElevation, change);
     const [elevation, turn] = seen(d, this.state.sunAzimuth * RAD), c = cross(d, sun);
-    const found = this.table.lightAlong(this.exact, elevation, turn, cosine);
+    const found = this.table.colour(this.exact, elevation, turn, cosine);
     const square = cosine > 0 ? dot(c, c) / Math.sin(this.table.header.sun_radius) ** 2 : Infinity;
     const light = this.table.header.sun_radius > 0 ? this.table.disk(square, elevation, change) : null;
     return light ? found.map((value, k) => value + light[k]) : found;
