@@ -123,6 +123,10 @@ class Tab:
             raise RuntimeError(answer["exceptionDetails"].get("exception", {}).get("description", script))
         return answer["result"].get("value")
 
+    def one(self, selector: str, value: str) -> Any:
+        """Something of the element `e` that a selector finds."""
+        return self.run(f"(e => {value})(document.querySelector({json.dumps(selector)}))")
+
     def wait(self, script: str, good: Callable[[Any], object] = bool, seconds: float = PATIENCE) -> Any:
         """The value of an expression as soon as it is good."""
         end = time.monotonic() + seconds
@@ -173,7 +177,8 @@ class Tab:
     def complaints(self) -> list[str]:
         """Errors that the page or the browser has written down."""
         thrown = [_what(e["exceptionDetails"]) for e in self.told("Runtime.exceptionThrown")]
-        thrown += [str(e["args"][0].get("description")) for e in self.told("Runtime.consoleAPICalled") if e["type"] == "error"]
+        calls = [e for e in self.told("Runtime.consoleAPICalled") if e["type"] == "error"]
+        thrown += [str(e["args"][0].get("description")) for e in calls]
         return thrown + [e["entry"]["text"] for e in self.told("Log.entryAdded") if e["entry"]["level"] == "error"]
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.window.bundle import markup, widget_module
 from skyscatter.window.pagefiles import asset_text
 from skyscatter.window.questions import Questions
-from skyscatter.window.work import Message
+from skyscatter.window.work import Message, Work
 
 try:
     import anywidget
@@ -68,6 +68,8 @@ class SkyWidget(anywidget.AnyWidget):
     _markup = traitlets.Unicode(markup()).tag(sync=True)
     _height = traitlets.Int(560).tag(sync=True)
     state = traitlets.Dict().tag(sync=True)
+    #: None until there is something to work on.
+    _work: Work | None = None
 
     def __init__(
         self, model: str = "earth", height: int = 560, ground: float | None = None, exposure: Any = "auto", **shown: Any
@@ -79,12 +81,15 @@ class SkyWidget(anywidget.AnyWidget):
             state[NAMES[name]] = value
         state |= {} if ground is None else {"ground": ground, "ownGround": False}
         state |= {} if exposure == "auto" else {"exposure": exposure, "autoExposure": False}
-        self._work = Questions(model).work(self._tell)
+        work = Questions(model).work(self._tell)
         super().__init__(state=state, _height=height)
+        self._work = work
         self.on_msg(self._heard)
 
     def _heard(self, widget: Any, content: Message, buffers: Any) -> None:
         """A question of the page, or that it wants no answer any more."""
+        if self._work is None:
+            return
         if content.get("kind") == "drop":
             self._work.drop(str(content.get("drop")))
             return
@@ -98,5 +103,6 @@ class SkyWidget(anywidget.AnyWidget):
 
     def close(self) -> None:
         """Take the window away; its work ends."""
-        self._work.close()
+        if self._work is not None:
+            self._work.close()
         super().close()
