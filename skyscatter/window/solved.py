@@ -246,7 +246,7 @@ def _bands(scene: Scene, component: int, wavelengths: Array) -> Array:
 
     Their number depends on the scene alone, so that the terms of tables of any fineness are the same.
     """
-    every = EVERY[(ENDS[0] <= EVERY) & (EVERY <= ENDS[1])]
+    every = EVERY[np.clip(EVERY, *ENDS) == EVERY]
     phase = compile_scene(scene, every).optics.phase[component]
     for count in range(1, MOST_BANDS + 1):
         hats = _hats(every, count)

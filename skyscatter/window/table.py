@@ -49,7 +49,7 @@ SHARE = 0.8
 # The light itself asks for a fine angular resolution more than for a close tolerance: twilight over Mars misses ten
 # times as much with phase functions to degree 8.
 GOOD = Fineness(tolerance=0.02, degree=16, wavelengths=16, suns=SUNS, below=16, above=34, turns=15)
-QUICK = Fineness(tolerance=0.04, degree=12, wavelengths=8, suns=(*SUNS[::2], 90.0), below=11, above=24, turns=11)
+QUICK = Fineness(tolerance=0.04, degree=12, wavelengths=8, suns=(*SUNS[::2], 90.0), below=15, above=24, turns=11)
 
 
 def make_table(

@@ -50,9 +50,20 @@ function cubic(nodes, x) {
 
 /** Two nodes around a point, and the share of the second; the ends go on. */
 function line(nodes, x) {
-  let first = 0;
-  while (first < nodes.length - 2 && nodes[first + 1] <= x) first++;
+  let [first, end] = [0, nodes.length - 1];
+  while (end - first > 1) {
+    const middle = (first + end) >> 1;
+    if (nodes[middle] <= x) first = middle;
+    else end = middle;
+  }
   return {first, share: clamp((x - nodes[first]) / (nodes[first + 1] - nodes[first]), 0, 1)};
+}
+
+/** Cell among angles whose cosines are 1 - 2 (k / last)², and the place in it. */
+function angleCell(cosine, last) {
+  const cell = Math.min(Math.floor(Math.sqrt(Math.max(0.5 * (1 - cosine), 0)) * last), last - 1);
+  const scale = 2 / (last * last);
+  return {cell, share: clamp((1 - scale * cell * cell - cosine) / (scale * (2 * cell + 1)), 0, 1)};
 }
 
 /** A table of a sky: what its file says, and light along any direction under one Sun. */
@@ -158,10 +169,7 @@ export class SkyTable {
 
   /** Phase function of a term at an angle from the Sun, for rays at an elevation [sr-1]. */
   phaseOf(term, cosine, elevation) {
-    const count = this.shape.phase[1], last = count - 1, nearCount = this.shape.near[2];
-    const cell = Math.min(Math.floor(Math.sqrt(Math.max(0.5 * (1 - cosine), 0)) * last), last - 1);
-    const scale = 2 / (last * last);
-    const share = clamp((1 - scale * cell * cell - cosine) / (scale * (2 * cell + 1)), 0, 1);
+    const count = this.shape.phase[1], nearCount = this.shape.near[2], {cell, share} = angleCell(cosine, count - 1);
     const from = term * count + cell;
     let found = this.phase[from] * (1 - share) + this.phase[from + 1] * share;
     if (cell + 1 < nearCount) {
@@ -216,7 +224,8 @@ export class SkyTable {
 const GRID = {below: 32, above: 176, turns: 72, up: 2, bent: 2};
 
 class Grid {
-  constructor(table, sunElevation, change) {
+  /** `before` is one of the same table under another Sun. */
+  constructor(table, sunElevation, change, before) {
     const {below, above, turns} = GRID, {horizon} = table.header;
     this.table = table;
     this.horizon = horizon;
@@ -232,6 +241,7 @@ class Grid {
     }
     this.across = elevations.map(e => table.across(e));
     this.along = Array.from({length: turns}, (_, j) => table.along(Math.PI * (j / (turns - 1)) ** GRID.bent));
+    this.lost = before?.table === table ? before.lost : this.#lost();
     this.values = this.#values(table.under(sunElevation, change));
   }
 
@@ -261,7 +271,7 @@ class Grid {
   }
 
   /** What phase functions lose close to the Sun at the rows of the grid, (term, row, angle). */
-  lost() {
+  #lost() {
     const {table, rows} = this, count = table.shape.near[2], terms = table.blocks - 1;
     const found = new Float32Array(terms * rows * count);
     for (let term = 0; term < terms; term++) {
@@ -287,8 +297,14 @@ class Grid {
       : below + (above - 1) * Math.sqrt(Math.max((elevation - this.horizon) / (Math.PI / 2 - this.horizon), 0));
     const i = Math.min(Math.floor(y), down ? below - 2 : rows - 2), j = Math.min(Math.floor(x), turns - 2);
     const v = clamp(y - i, 0, 1), u = x - j, found = [0, 0, 0];
+    const count = table.shape.phase[1], near = table.shape.near[2], {cell, share} = angleCell(cosine, count - 1);
+    const mixed = (array, from) => array[from] * (1 - share) + array[from + 1] * share;
     for (let block = 0; block < table.blocks; block++) {
-      const phase = block < table.blocks - 1 ? table.phaseOf(block, cosine, elevation) : 1;
+      let phase = block < table.blocks - 1 ? mixed(table.phase, block * count + cell) : 1;
+      if (block < table.blocks - 1 && cell + 1 < near) {
+        const from = (block * rows + i) * near + cell;
+        phase -= (1 - v) * mixed(this.lost, from) + v * mixed(this.lost, from + near);
+      }
       const at = ((block * rows + i) * turns + j) * 4, next = at + turns * 4;
       for (let c = 0; c < 3; c++) {
         found[c] += phase * ((1 - v) * ((1 - u) * values[at + c] + u * values[at + 4 + c])
@@ -543,7 +559,7 @@ function gathered(points, most) {
     groups.set(key, group);
   }
   return [...groups.values()].map(({x, y, weight, area, light}) => (
-    {x: x / weight, y: y / weight, square: area > 1 ? area / 12 : 0, light}
+    {x: x / weight, y: y / weight, square: area > 1 ? area / 6 : 0, light}
   ));
 }
 
@@ -554,7 +570,7 @@ function together(glares) {
   if (!glares.length) return {middle: [0, 0, -1], sum: [0, 0, 0]};
   const [x, y] = [mean(g => g.x), mean(g => g.y)];
   const spread = mean(g => (g.x - x) ** 2 + (g.y - y) ** 2 + g.square);
-  return {middle: [x, y, 100 * spread], sum: [0, 1, 2].map(c => glares.reduce((total, g) => total + g.light[c], 0))};
+  return {middle: [x, y, 225 * spread], sum: [0, 1, 2].map(c => glares.reduce((total, g) => total + g.light[c], 0))};
 }
 
 // --- WebGL2 ---------------------------------------------------------------------------------------------------------
@@ -678,9 +694,9 @@ vec3 sky(vec3 d) {
   return sum;
 }
 
-vec3 veil(vec2 away, float square, vec3 light_) {
-  float fall = 1.0 + dot(away, away) / square;
-  return light_ * (${SHARE} / (2.0 * PI * square) * inversesqrt(fall * fall * fall));
+vec3 veil(vec2 away, float core, float square, vec3 light_) {
+  float fall = core * core + square + dot(away, away);
+  return light_ * (${SHARE} / (2.0 * PI) * core * inversesqrt(fall * fall * fall));
 }
 
 void main() {
@@ -694,11 +710,10 @@ void main() {
   }
   vec3 rgb = gamut(expose * xyz);
   float core = max(${CORE} * size.x, 1.0);
-  core *= core;
   // From afar all bright points are as one.
   vec2 off = at - glareMiddle.xy;
-  if (dot(off, off) > glareMiddle.z) rgb += veil(off, core, glareSum);
-  else for (int k = 0; k < glares; k++) rgb += veil(at - glarePlace[k].xy, core + glarePlace[k].z, glareLight[k]);
+  if (dot(off, off) > glareMiddle.z) rgb += veil(off, core, 0.0, glareSum);
+  else for (int k = 0; k < glares; k++) rgb += veil(at - glarePlace[k].xy, core, glarePlace[k].z, glareLight[k]);
   vec3 colour = develop(rgb);
   vec3 moved = 5.588238 * vec3(0.0, 1.0, 2.0);
   vec3 noise = fract(52.9829189 * fract(0.06711056 * (at.x + moved) + 0.00583715 * (at.y + moved)));
@@ -759,9 +774,8 @@ class WebGl {
     const terms = table.blocks - 1;
     this.nearAngles = table.shape.near[2];
     this.#flat(1, table.shape.phase[1], terms, table.phase, false);
-    const lost = this.nearAngles ? grid.lost() : new Float32Array(1);
-    if (this.nearAngles) this.#layers(2, this.nearAngles, grid.rows, terms, lost, false);
-    else this.#layers(2, 1, 1, 1, lost, false);
+    if (this.nearAngles) this.#layers(2, this.nearAngles, grid.rows, terms, grid.lost, false);
+    else this.#layers(2, 1, 1, 1, new Float32Array(1), false);
   }
 
   /** What belongs to a Sun. */
@@ -822,7 +836,7 @@ class Plain {
 
   draw({view, grid, sun, sunAzimuth, patch, glares, expose}) {
     const {width, height} = view, image = this.context.createImageData(width, height);
-    const core = Math.max(CORE * width, 1) ** 2;
+    const core = Math.max(CORE * width, 1);
     for (let y = 0; y < height; y++) {
       for (let x = 0; x < width; x++) {
         const d = view.through(x, y), at = (y * width + x) * 4;
@@ -833,8 +847,8 @@ class Plain {
         }
         const rgb = mapGamut(times(expose, xyz));
         for (const g of glares) {
-          const square = core + g.square, fall = 1 + ((x - g.x) ** 2 + (y - g.y) ** 2) / square;
-          const share = SHARE / (2 * Math.PI * square) / (fall * Math.sqrt(fall));
+          const fall = core * core + g.square + (x - g.x) ** 2 + (y - g.y) ** 2;
+          const share = ((SHARE / (2 * Math.PI)) * core) / (fall * Math.sqrt(fall));
           for (let c = 0; c < 3; c++) rgb[c] += share * g.light[c];
         }
         const colour = develop(rgb);
@@ -908,7 +922,7 @@ export class SkyPicture {
 
   #moved(anew) {
     const {sunElevation, change} = this.state;
-    this.grid = new Grid(this.table, sunElevation, change);
+    this.grid = new Grid(this.table, sunElevation, change, this.grid);
     this.exact = null;
     if (anew) this.drawer.table(this.table, this.grid);
     this.drawer.grid(this.grid);
@@ -957,7 +971,7 @@ export class SkyPicture {
       const light = spilt(patch.xyz.subarray(4 * k, 4 * k + 3), 1);
       if (light) disk.push({x: patch.x + (k % patch.width), y: patch.y + Math.floor(k / patch.width), area: 1, light});
     }
-    return [...gathered(disk, 3), ...gathered(around, 3)];
+    return [...gathered(disk, disk.length < 300 ? 3 : 4), ...gathered(around, 3)];
   }
 
   /** Where a pixel of the canvas looks, in degrees; null where it sees nothing. */
