@@ -1,6 +1,6 @@
 // A sky in its canvas: drawn at once from a table, and refined by the solver behind.
 import { SkyPicture } from "./sky.js";
-import { viewText } from "./state.js";
+import { viewOf, viewText } from "./state.js";
 
 /** Milliseconds of rest after which the solver is asked, and after which the picture is drawn whole. */
 const REST = 250, SETTLE = 180;
@@ -133,7 +133,7 @@ export class SkyView {
     if (this.base.model === state.model) change.ground = this.groundChange(state);
     this.picture.set({
       sunElevation: state.sunElevation, sunAzimuth: state.sunAzimuth,
-      view: { kind: state.view, azimuth: state.viewAzimuth, elevation: state.viewElevation, fov: state.fov },
+      view: viewOf(state),
       exposure: state.autoExposure ? "auto" : state.exposure, tone: "photograph", change,
     });
   }
@@ -173,7 +173,7 @@ export class SkyView {
         }
       }
     }
-    const pixel = 0.05 + 2 * this.state.fov / width * radians;
+    const pixel = 0.05 + 2 * (viewOf(this.state).fov ?? 360) / width * radians;
     return best[0] < pixel ? [best[1], best[2]] : null;
   }
 

@@ -69,6 +69,12 @@ export function viewText(state) {
   return "fisheye";
 }
 
+/** The same view as the picture takes it: panoramas and fisheyes are whole. */
+export function viewOf(state) {
+  const { view: kind, viewAzimuth: azimuth, viewElevation: elevation, fov } = state;
+  return { landscape: { kind, azimuth, fov }, panorama: { kind, azimuth }, fisheye: { kind }, perspective: { kind, azimuth, elevation, fov } }[kind];
+}
+
 /** The moment that is set, in UTC. */
 export function momentOf(state) {
   const seconds = Math.round(state.hour * 3600);
