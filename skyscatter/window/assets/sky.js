@@ -518,27 +518,39 @@ function diskPatch(table, view, sun, change) {
   [x0, x1] = [Math.max(x0, 0), Math.min(x1, view.width - 1)];
   [y0, y1] = [Math.max(y0, 0), Math.min(y1, view.height - 1)];
   if (x0 > x1 || y0 > y1) return null;
-  const [width, height] = [x1 - x0 + 1, y1 - y0 + 1], fine = clamp(Math.ceil(80 / small), 2, 40);
-  const xyz = new Float32Array(width * height * 4), sine = Math.sin(radius) ** 2;
-  const squareOf = (x, y) => {
+  const [width, height] = [x1 - x0 + 1, y1 - y0 + 1], xyz = new Float32Array(width * height * 4);
+  const sine = Math.sin(radius) ** 2;
+  const lightAt = (x, y) => {
     const d = view.through(x, y);
-    if (d === null || dot(d, sun) <= 0) return [Infinity, 0];
+    if (d === null || dot(d, sun) <= 0) return null;
     const c = cross(d, sun);
-    return [dot(c, c) / sine, Math.asin(clamp(d[2], -1, 1))];
+    return table.disk(dot(c, c) / sine, Math.asin(clamp(d[2], -1, 1)), change);
   };
+  const corners = Array.from({length: (width + 1) * (height + 1)}, (_, k) =>
+    lightAt(x0 - 0.5 + (k % (width + 1)), y0 - 0.5 + Math.floor(k / (width + 1))) !== null);
   for (let row = 0; row < height; row++) {
     for (let column = 0; column < width; column++) {
-      const at = (row * width + column) * 4;
-      for (let i = 0; i < fine; i++) {
-        for (let j = 0; j < fine; j++) {
-          const [square, elevation] = squareOf(x0 + column + (j + 0.5) / fine - 0.5, y0 + row + (i + 0.5) / fine - 0.5);
-          const light = square <= 1 ? table.disk(square, elevation, change) : null;
-          if (light) for (let c = 0; c < 3; c++) xyz[at + c] += light[c] / (fine * fine);
-        }
+      const first = row * (width + 1) + column, at = (row * width + column) * 4;
+      const seen = [0, 1, width + 1, width + 2].reduce((sum, step) => sum + corners[first + step], 0);
+      // An edge through a pixel asks for many points in it, and a small disk for many in all.
+      const fine = small < 32 ? clamp(Math.ceil(80 / small), 4, 40) : seen % 4 ? 8 : 1;
+      if (small >= 32 && seen === 0) continue;
+      for (let k = 0; k < fine * fine; k++) {
+        const light = lightAt(
+          x0 + column + ((k % fine) + 0.5) / fine - 0.5, y0 + row + (Math.floor(k / fine) + 0.5) / fine - 0.5,
+        );
+        if (light) for (let c = 0; c < 3; c++) xyz[at + c] += light[c] / (fine * fine);
       }
     }
   }
   return {x: x0, y: y0, width, height, xyz};
+}
+
+/** What a patch adds to a pixel; nothing outside of it. */
+function onPatch(patch, x, y) {
+  const i = y - (patch?.y ?? 0), j = x - (patch?.x ?? 0);
+  if (!patch || i < 0 || j < 0 || i >= patch.height || j >= patch.width) return null;
+  return patch.xyz.subarray((i * patch.width + j) * 4, (i * patch.width + j) * 4 + 3);
 }
 
 /** Bright points gathered to a few: {x, y, square (of the radius that they fill, pixel²), light}. */
@@ -559,7 +571,7 @@ function gathered(points, most) {
     groups.set(key, group);
   }
   return [...groups.values()].map(({x, y, weight, area, light}) => (
-    {x: x / weight, y: y / weight, square: area > 1 ? area / 6 : 0, light}
+    {x: x / weight, y: y / weight, square: area > 1 ? 0.3 * area : 0, light}
   ));
 }
 
@@ -578,7 +590,7 @@ function together(glares) {
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0), 0.0, 1.0); }`;
 
-const MOST_GLARE = 32;  // two lots of four by four at most
+const MOST_GLARE = 58;  // of the disk seven by seven at most, of the sky three by three
 const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
@@ -841,10 +853,8 @@ class Plain {
       for (let x = 0; x < width; x++) {
         const d = view.through(x, y), at = (y * width + x) * 4;
         if (d === null) continue;
-        const xyz = alongRay(grid, d, sun, sunAzimuth), i = y - (patch?.y ?? 0), j = x - (patch?.x ?? 0);
-        if (patch && i >= 0 && j >= 0 && i < patch.height && j < patch.width) {
-          for (let c = 0; c < 3; c++) xyz[c] += patch.xyz[(i * patch.width + j) * 4 + c];
-        }
+        const xyz = alongRay(grid, d, sun, sunAzimuth), light = onPatch(patch, x, y);
+        if (light) for (let c = 0; c < 3; c++) xyz[c] += light[c];
         const rgb = mapGamut(times(expose, xyz));
         for (const g of glares) {
           const fall = core * core + g.square + (x - g.x) ** 2 + (y - g.y) ** 2;
@@ -945,11 +955,13 @@ export class SkyPicture {
     const samples = [];
     for (const [x, y] of sampled(view)) {
       const d = view.through(x, y);
-      if (d) samples.push({x, y, xyz: alongRay(grid, d, sun, sunAzimuth)});
+      if (!d) continue;
+      const xyz = alongRay(grid, d, sun, sunAzimuth), light = onPatch(patch, x, y);
+      samples.push({x, y, xyz, whole: light ? xyz.map((value, c) => value + light[c]) : xyz});
     }
     const {exposure} = this.state;
-    this.exposure = exposure === "auto" ? autoExposure(Float64Array.from(samples, s => s.xyz[1])) : exposure;
-    const night = balance(samples.map(s => s.xyz), this.exposure);
+    this.exposure = exposure === "auto" ? autoExposure(Float64Array.from(samples, s => s.whole[1])) : exposure;
+    const night = balance(samples.map(s => s.whole), this.exposure);
     const factor = GREY / (METER * 2 ** this.exposure), matrix = night ? product(TO_RGB, night) : TO_RGB;
     const expose = matrix.map(row => row.map(value => value * factor));
     const glares = this.#glares(view, samples, patch, expose);
@@ -971,7 +983,7 @@ export class SkyPicture {
       const light = spilt(patch.xyz.subarray(4 * k, 4 * k + 3), 1);
       if (light) disk.push({x: patch.x + (k % patch.width), y: patch.y + Math.floor(k / patch.width), area: 1, light});
     }
-    return [...gathered(disk, disk.length < 300 ? 3 : 4), ...gathered(around, 3)];
+    return [...gathered(disk, disk.length < 300 ? 3 : 7), ...gathered(around, 3)];
   }
 
   /** Where a pixel of the canvas looks, in degrees; null where it sees nothing. */
