@@ -235,6 +235,7 @@ def test_a_page_that_closes_ends_its_work_and_the_window(
     window.close()
 
 
+@pytest.mark.slow
 def test_a_newer_question_ends_the_older_one_at_once(questions: Questions) -> None:
     """A picture of many walks is given up for another side; its answer never comes."""
     heard = Heard(questions)

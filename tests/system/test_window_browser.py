@@ -221,7 +221,9 @@ def test_a_page_that_closes_ends_its_work(browser: Browser) -> None:
     own.close()
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 640), (768, 1024), (2560, 1440)])
+@pytest.mark.parametrize(("width", "height"), [
+    (360, 640), pytest.param(768, 1024, marks=pytest.mark.slow), pytest.param(2560, 1440, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_it_fits_every_screen(browser: Browser, window: Window, width: int, height: int) -> None:
     tab = browser.tab(window.address, width, height)
     solved(tab)
@@ -236,7 +238,7 @@ def test_it_fits_every_screen(browser: Browser, window: Window, width: int, heig
     tab.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["dark", pytest.param("light", marks=pytest.mark.slow)])
 def test_no_barriers(browser: Browser, window: Window, scheme: str) -> None:
     if not Path(AXE).is_file():
         pytest.skip("name the file axe.min.js (npm install axe-core) in SKYSCATTER_AXE")
@@ -279,7 +281,7 @@ def test_the_copied_command_makes_the_same_picture(
     from PIL import Image
 
     monkeypatch.chdir(tmp_path)
-    tab = browser.tab(f"{window.address}#{hash_}", 640, 400)
+    tab = browser.tab(f"{window.address}#{hash_}", 400, 400)
     solved(tab)
     shown = pixels(tab)
     tab.run("document.querySelector('[data-act=command]').click()")
