@@ -77,6 +77,8 @@ class Page {
     for (const node of this.root.querySelectorAll("[data-kind]")) node.hidden = node.dataset.kind !== facts.kind || (this.link.alone && "solver" in node.dataset);
     if (!facts.places) this.one("[data-group=place]").hidden = true;
     for (const name of ["haze", "ozone"]) this.controls.offer(name, (facts.changes ?? []).includes(name));
+    // Without a solver there is but the table's own ground and height.
+    for (const name of ["ownGround", "ground", "altitude"]) this.controls.offer(name, !this.link.alone);
     this.controls.rows.altitude.field.max = facts.top ?? NUMBERS.altitude.most;
     for (const [kind, canvas] of Object.entries(this.canvases)) canvas.hidden = kind !== facts.kind;
     if (another) this.clear();

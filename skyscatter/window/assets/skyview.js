@@ -91,8 +91,9 @@ export class SkyView {
   about() {
     if (!this.base) return "solving";
     if (this.base.model !== this.state.model || this.base.altitude !== this.state.altitude) return "still the sky of before; solving";
-    const names = this.changed;
-    if (names.length) return `first order in ${names.join(" and ")}${this.link.alone ? "" : "; solving"}`;
+    const names = this.changed, solving = this.link.alone ? "" : "; solving";
+    if (names.includes("ground") && this.groundChange(this.state) === 1) return `still the ground of before${solving}`;
+    if (names.length) return `first order in ${names.join(" and ")}${solving}`;
     const reached = this.tolerance ? ` to ${+(100 * this.tolerance).toPrecision(2)} %` : "";
     return this.coarse ? `solved roughly,${reached}; solving` : `solved${reached}`;
   }
