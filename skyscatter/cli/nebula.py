@@ -243,6 +243,7 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
 def build_camera(request: Request, scene: Any, suited: float | None = None) -> Any:
     """Telescope of the request's width or pixel scale, else of the width that suits [m], else of all of it."""
     from skyscatter.geometry.telescope import Telescope
+    from skyscatter.space import width_of_all
 
     width, height = request.size
     if request.pixel_scale_deg is not None:
@@ -252,7 +253,7 @@ def build_camera(request: Request, scene: Any, suited: float | None = None) -> A
     if request.field is not None:
         across = request.field[1]
     else:
-        across = scene.width_of_all(width / height) if suited is None else suited
+        across = width_of_all(scene, width / height) if suited is None else suited
     return Telescope.from_length(width, height, across, scene.view.distance)
 
 

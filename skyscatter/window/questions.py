@@ -10,6 +10,7 @@ from skyscatter.errors import DomainError
 from skyscatter.models.files import load_model, model_names
 from skyscatter.models.nebula import NebulaModel
 from skyscatter.models.sky import Model
+from skyscatter.space import width_of_all
 from skyscatter.units import PARSEC
 from skyscatter.window.nebulae import Nebulae
 from skyscatter.window.skies import Skies, base_name
@@ -90,7 +91,7 @@ def _facts(name: str, model: Any) -> Message | None:
         return {**facts, "kind": "sky", "changes": sorted(names), "places": places, "top": model.top}
     if isinstance(model, NebulaModel):
         view = model.view
-        width = (model.picture_width or model.scene().width_of_all(1.0)) / PARSEC
+        width = (model.picture_width or width_of_all(model.scene(), 1.0)) / PARSEC
         side = {"inclination": view.inclination_deg, "turn": view.azimuth_deg, "fieldWidth": width}
         return {**facts, "kind": "nebula", **side}
     return None
