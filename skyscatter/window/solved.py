@@ -19,8 +19,8 @@ from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.scene import Sun
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import slant_columns
-from skyscatter.solvers.field import reach, scattering_top, seen_zenith, solve_once
-from skyscatter.solvers.orders import window
+from skyscatter.solvers.field import solve_once
+from skyscatter.solvers.orders import window_of
 from skyscatter.solvers.skytable import angle_cells, lost_peaks
 from skyscatter.solvers.sweeps import Solution, view
 from skyscatter.window.colours import ENDS, EVERY, Colours, colours_of
@@ -133,14 +133,12 @@ def horizon_of(scene: Scene) -> float:
 
 def zenith_of(scene: Scene, wavelengths: Array) -> tuple[float, float]:
     """Zenith angles of the Sun [rad] for which a table's field is solved."""
-    table, here = compile_scene(scene, wavelengths), scene.observer.position
-    rays = direction_from_azimuth_elevation(np.linspace(0, 180, 13), 0.0)
-    rays = np.concatenate([rays, [[0.0, 0.0, 1.0]]])
-    top = scattering_top(table)
-    sun = Sun(elevation_deg=SUNS[0], azimuth_deg=0.0)
-    _, high = seen_zenith(np.tile(here, (len(rays), 1)), rays, sun.direction, scene.medium.radius, top)
-    found = window(0.0, float(np.nanmax(high)), reach(scene.medium.radius, top))
-    return max(found[0], 0.0), min(found[1], math.pi)
+    table = compile_scene(scene, wavelengths)
+    levels = np.degrees(horizon_of(scene)) + np.array([-1.0, 0.01, 2.0, 10.0, 90.0])
+    rays = direction_from_azimuth_elevation(np.linspace(0, 180, 13), np.minimum(levels, 90.0)[:, None]).reshape(-1, 3)
+    lowest = scene.model_copy(update={"sun": Sun(elevation_deg=SUNS[0], azimuth_deg=0.0)})
+    origins = np.tile(scene.observer.position, (len(rays), 1))
+    return 0.0, min(window_of(lowest, table, origins, rays)[1], math.pi)
 
 
 @steady_algebra()

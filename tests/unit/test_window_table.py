@@ -162,3 +162,11 @@ def test_the_same_settings_make_the_same_table() -> None:
     settings = dataclasses.replace(SkySettings("earth-simple"), altitude_m=500.0)
     first = make_table(settings, quick=True, threads=1).to_bytes()
     assert make_table(settings, quick=True, threads=2).to_bytes() == first
+
+
+def test_from_high_up_the_sky_is_dark_and_the_ground_bright() -> None:
+    """From 80 km, above nearly all of the air, where rays upwards meet next to nothing that scatters."""
+    table = make_table(SkySettings("earth", altitude_m=80e3), quick=True)
+    above, below = table.xyz([[0, 0, 1], [0, 0, -1]], 30, 180, disk=False)[:, 1]
+    assert 0 < above < 1
+    assert 1000 < below < 20000  # the ground through all of the air, in sunlight
