@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from skyscatter import memory
 from skyscatter.cli import common, stopping
 from skyscatter.errors import DomainError
-from skyscatter.image import strips
 from skyscatter.progress import remark, say
 
 if TYPE_CHECKING:
@@ -60,6 +59,8 @@ def fits(request: common.RunRequest, rays: int = 1, **given: Any) -> bool:
 
 def _check_parts(request: common.RunRequest, error: DomainError, given: Mapping[str, Any]) -> None:
     """Refuse, with the words for what does not fit, what cannot be made in parts either."""
+    from skyscatter.image import strips
+
     width, height = request.size
 
     def refuse(reason: str) -> DomainError:

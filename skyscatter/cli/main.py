@@ -11,40 +11,90 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
 from itertools import pairwise
-from typing import Annotated, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
 from pydantic import ValidationError
+from typer.core import TyperGroup
 
 import skyscatter
 from skyscatter.atomic import explained
-from skyscatter.cli import dehaze, flux, info, invert, models, nebula, render, sky, stopping, store, view, warm
+from skyscatter.cli import stopping
 from skyscatter.cli.examples import epilog
 from skyscatter.errors import ConvergenceError, DomainError, ModelFileError, SkyscatterError
 from skyscatter.problems import problem_lines
 
+#: Commands in the order of the help, each in a module of its name with a function, or a group `app`, of that name.
+COMMANDS = ("sky", "flux", "view", "nebula", "render", "dehaze", "invert", "models", "store", "warm", "info")
+
+
+@cache
+def _command(name: str) -> Any:
+    """A command or group of commands, loaded from its module."""
+    module = import_module(f"skyscatter.cli.{name}")
+    parts = typer.Typer(add_completion=False, rich_markup_mode=None)
+    if hasattr(module, "app"):
+        parts.add_typer(module.app, name=name, epilog=epilog(name))
+        return typer.main.get_group(parts).commands[name]
+    parts.command(name, epilog=epilog(name))(getattr(module, name))
+    return typer.main.get_command(parts)
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands, each loaded when it is asked for: one of them begins without what the others need."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+    def __contains__(self, name: object) -> bool:
+        return name in COMMANDS
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in COMMANDS:
+            raise KeyError(name)
+        return _command(name)
+
+
+def _door(words: list[str]) -> str:
+    """The command that words name; that for skies or nebulae where ``render`` is to render one."""
+    if words[0] == "render":
+        from skyscatter.models.files import load_model, model_names
+
+        shipped = model_names()
+        for word in words[1:]:
+            if word in shipped or word.endswith(".toml"):
+                with suppress(SkyscatterError, ValidationError, OSError):  # the command says what is wrong with it
+                    return str(load_model(word).command)
+    return words[0]
+
+
+class _Program(TyperGroup):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = _Commands()  # type: ignore[assignment]
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command to run, its name and its words."""
+        return super().resolve_command(ctx, [_door(args), *args[1:]])
+
+
 app = typer.Typer(
     name="skyscatter",
+    cls=_Program,
     help="Light scattering in planetary atmospheres: skies as spectra, pictures and numbers with error bars.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("sky", epilog=epilog("sky"))(sky.sky)
-app.command("flux", epilog=epilog("flux"))(flux.flux)
-app.command("view", epilog=epilog("view"))(view.view)
-app.command("nebula", epilog=epilog("nebula"))(nebula.nebula)
-app.command("render", epilog=epilog("render"))(render.render)
-app.command("dehaze", epilog=epilog("dehaze"))(dehaze.dehaze)
-app.command("invert", epilog=epilog("invert"))(invert.invert)
-app.add_typer(models.app, name="models", epilog=epilog("models"))
-app.add_typer(store.app, name="store", epilog=epilog("store"))
-app.command("warm", epilog=epilog("warm"))(warm.warm)
-app.command("info", epilog=epilog("info"))(info.info)
 
 
 def _version(wanted: bool) -> None:

@@ -105,6 +105,8 @@ def render(
 ) -> int:
     """Render a scene of surfaces, media and lamps.
 
+    Skies and nebulae are rendered, too, with the options of their own commands.
+
     Camera and viewpoint are the model's where nothing else is said.  Ctrl-C keeps what is finished, a picture as
     NAME.partial.EXT, and says how to go on.
     """

@@ -1,4 +1,4 @@
-"""From spectra to colour: CIE XYZ, linear RGB in four spaces, correlated colour temperature.
+"""From spectra to colour: CIE XYZ, linear RGB, correlated colour temperature, dominant wavelength.
 
 XYZ are absolute: Y is the luminance in cd m-2 (683 lm W-1 at the peak of the observer, CIE 015:2018, eq. 7.1).  Linear
 RGB carries the same scale: a white of 1 cd m-2 is R = G = B = 1.
@@ -6,6 +6,8 @@ RGB carries the same scale: a white of 1 cd m-2 is R = G = B = 1.
 
 from __future__ import annotations
 
+import re
+from difflib import get_close_matches
 from functools import cache
 from typing import NamedTuple
 
@@ -23,7 +25,7 @@ _D65 = (0.3127, 0.3290)
 
 
 class ColourSpace(NamedTuple):
-    """Primaries and white of an RGB space (CIE 1931 x, y); `cicp`: its code in ITU-T H.273 if it is for displays."""
+    """Primaries and white of an RGB space (CIE 1931 x, y); `cicp`: its code in ITU-T H.273 if it has one."""
 
     name: str
     red: tuple[float, float]
@@ -49,16 +51,63 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 
 
 def colour_space(name: str) -> ColourSpace:
-    """Return the space of that name; `DomainError` names the four that there are."""
-    if name not in SPACES:
-        raise DomainError("colour space", name, f"one of {', '.join(SPACES)}")
-    return SPACES[name]
+    """A space by its name: one of the four, or any that colour-science knows, with hyphens for what is no letter.
+
+    Parameters
+    ----------
+    name : str
+        Such as "srgb", "prophoto-rgb" or "adobe-rgb-1998"; capitals, blanks and brackets make no difference.
+
+    Returns
+    -------
+    ColourSpace
+
+    Raises
+    ------
+    DomainError
+        For a name that neither knows.
+
+    Examples
+    --------
+    >>> from skyscatter.image.colour import colour_space
+    >>> colour_space("Adobe RGB (1998)").green
+    (0.21, 0.71)
+    """
+    if name in SPACES:
+        return SPACES[name]
+    others = _others()
+    found = others.get(_plain(name))
+    if found is None:
+        near = get_close_matches(_plain(name), others, 1)
+        meant = f"; did you mean {near[0]}?" if near else ""
+        raise DomainError("colour space", name, f"one of {', '.join(SPACES)}, or any of colour-science{meant}")
+    return found
+
+
+def _plain(name: str) -> str:
+    """A name in small letters and digits, with hyphens for all else."""
+    return re.sub("[^a-z0-9.]+", "-", name.lower()).strip("-")
+
+
+@cache
+def _others() -> dict[str, ColourSpace]:
+    """The spaces of colour-science by their plain names; it takes a second to load."""
+    from skyscatter.spectra.library import colour_science
+
+    def corner(xy: NDArray[np.float64]) -> tuple[float, float]:
+        return float(xy[0]), float(xy[1])
+
+    spaces = {}
+    for name, space in colour_science().RGB_COLOURSPACES.items():
+        red, green, blue, white = (corner(xy) for xy in (*space.primaries, space.whitepoint))
+        spaces[_plain(name)] = ColourSpace(_plain(name), red, green, blue, white, None)
+    return spaces
 
 
 def display_space(name: str) -> ColourSpace:
-    """Return the space of that name if pictures for displays can be made in it."""
+    """Return the space of that name if pictures for displays can be made in it: if all its primaries are colours."""
     space = colour_space(name)
-    if space.cicp is None:
+    if space.name == "acescg" or min(*space.red, *space.green, *space.blue) < 0.0:
         shown = ", ".join(s.name for s in SPACES.values() if s.cicp is not None)
         raise DomainError("colour space", name, f"is scene-linear only, no display has it; for a picture take {shown}")
     return space
@@ -68,9 +117,14 @@ def _xy_to_xyz(xy: tuple[float, float]) -> Array:
     return np.array([xy[0] / xy[1], 1.0, (1.0 - xy[0] - xy[1]) / xy[1]])
 
 
+def _at(xy: tuple[float, float]) -> Array:
+    return np.array([xy[0], xy[1], 1.0 - xy[0] - xy[1]])
+
+
 def rgb_to_xyz_matrix(space: ColourSpace) -> Array:
     """Matrix (3, 3) from linear RGB to XYZ relative to the space's own white (SMPTE RP 177-1993)."""
-    primaries = np.stack([_xy_to_xyz(space.red), _xy_to_xyz(space.green), _xy_to_xyz(space.blue)], axis=1)
+    # Primaries on whatever scale; some spaces have ones without luminance.
+    primaries = np.stack([_xy_to_xyz(xy) if xy[1] else _at(xy) for xy in (space.red, space.green, space.blue)], axis=1)
     matrix: Array = primaries * np.linalg.solve(primaries, _xy_to_xyz(space.white))
     return matrix
 
@@ -78,11 +132,11 @@ def rgb_to_xyz_matrix(space: ColourSpace) -> Array:
 def xyz_to_rgb_matrix(space: ColourSpace) -> Array:
     """Matrix (3, 3) from XYZ to linear RGB.
 
-    Pictures are made for a D65 display, so the three D65 spaces take XYZ as it is.  ACEScg has another white: there
+    Pictures are made for a D65 display, so spaces whose white is D65 take XYZ as it is.  Where the white is another,
     D65 is adapted to it by the Bradford transform, so that a D65 grey is R = G = B in every space.
     """
     matrix: Array = np.linalg.inv(rgb_to_xyz_matrix(space)).astype(np.float64)
-    if space.white == _D65:
+    if np.allclose(space.white, _D65, atol=1e-4):  # some give it by more digits
         return matrix
     gains = (_BRADFORD @ _xy_to_xyz(space.white)) / (_BRADFORD @ _xy_to_xyz(_D65))
     adapted: Array = matrix @ np.linalg.inv(_BRADFORD) @ (gains[:, None] * _BRADFORD)
@@ -237,3 +291,35 @@ def cct(xyz: ArrayLike) -> Array:
         result = np.where(reciprocal > 0.0, 1.0 / np.where(reciprocal > 0.0, reciprocal, 1.0), np.inf)
         valid = (distance <= 0.05) & (reciprocal <= inverse[-1])
     return np.where(valid, result, np.nan).reshape(values.shape[:-1])
+
+
+def dominant_wavelength(xyz: ArrayLike) -> Array:
+    """Wavelength [nm] of the light that, mixed with daylight (D65), makes a colour XYZ (..., 3); shape (...).
+
+    Negative for purples, which no wavelength makes: that of the opposite colour (CIE 017:2020, 17-23-059).  NaN for
+    colours within 1e-4 of daylight in CIE 1931 x, y, and for black or NaN.
+
+    Examples
+    --------
+    >>> from skyscatter.image.colour import dominant_wavelength
+    >>> dominant_wavelength([[0.7, 0.8, 1.3], [0.5, 0.2, 0.6]]).round()
+    array([ 483., -524.])
+    """
+    values = np.asarray(xyz, dtype=float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        away = values[..., :2] / values.sum(axis=-1, keepdims=True) - np.array(_D65)
+    nodes, functions = observer()
+    seen = (nodes >= 380.0) & (nodes <= 700.0)  # beyond, the locus hardly moves
+    locus = functions[seen, :2] / functions[seen].sum(axis=1, keepdims=True) - np.array(_D65)
+    turn = np.unwrap(np.arctan2(locus[:, 1], locus[:, 0]))
+    order = np.argsort(turn)
+
+    def met(vector: Array) -> Array:
+        """Where a ray from daylight meets the locus; NaN on the line of purples."""
+        angle = np.arctan2(vector[..., 1], vector[..., 0])
+        angle = turn.min() + (angle - turn.min()) % (2.0 * np.pi)
+        return np.asarray(np.interp(angle, turn[order], nodes[seen][order], right=np.nan))
+
+    straight = met(away)
+    found = np.where(np.isnan(straight), -met(-away), straight)
+    return np.where(np.linalg.norm(away, axis=-1) > 1e-4, found, np.nan)

@@ -44,9 +44,9 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def _colour_chunks(space: ColourSpace) -> bytes:
-    assert space.cicp is not None  # the callers take display spaces only
     corners = (*space.white, *space.red, *space.green, *space.blue)
-    chunks = _chunk(b"cICP", bytes([space.cicp, _SRGB_TRANSFER, 0, 1]))
+    # Spaces without a code are told by their corners alone.
+    chunks = b"" if space.cicp is None else _chunk(b"cICP", bytes([space.cicp, _SRGB_TRANSFER, 0, 1]))
     if space.name == "srgb":
         chunks += _chunk(b"sRGB", b"\x00")
     chunks += _chunk(b"gAMA", struct.pack(">I", 45455))

@@ -24,6 +24,7 @@ from skyscatter.image.skyframe import SkyFrame
 
 if TYPE_CHECKING:
     import xarray
+    from colour import MultiSpectralDistributions
     from matplotlib.axes import Axes
 
     from skyscatter.image.filterimage import FilterImage
@@ -275,6 +276,10 @@ class SpectralImage:
 
     def xyz(self) -> Array:
         """Absolute CIE 1931 XYZ, shape (y, x, 3); Y in cd m-2.  See `skyscatter.image.colour.xyz_weights`."""
+        return self._xyz.copy()
+
+    @cached_property
+    def _xyz(self) -> Array:
         return colour.spectrum_to_xyz(self._radiance, self._wavelengths)
 
     def luminance(self) -> Array:
@@ -292,8 +297,65 @@ class SpectralImage:
         """
         return self.xyz()[..., 1]
 
+    def to_colour(self) -> MultiSpectralDistributions:
+        """The spectra as a ``colour.MultiSpectralDistributions`` of colour-science, one a pixel.
+
+        Labels are "y,x".  Of large pictures take a part: that class is made for hundreds of spectra, not for millions.
+
+        Returns
+        -------
+        colour.MultiSpectralDistributions
+            Radiance [W m-2 sr-1 nm-1] over wavelength [nm].
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.full((1, 2, 5), 0.01), [400, 475, 550, 625, 700])
+        >>> spectra = image.to_colour()
+        >>> spectra.labels, spectra.signals["0,1"].values.tolist()
+        (['0,0', '0,1'], [0.01, 0.01, 0.01, 0.01, 0.01])
+        """
+        from skyscatter.spectra.library import colour_science
+
+        y, x, n = self.shape
+        labels = [f"{row},{column}" for row in range(y) for column in range(x)]
+        spectra = self._radiance.reshape(y * x, n).T
+        return colour_science().MultiSpectralDistributions(spectra, self._wavelengths, labels=labels)
+
+    def mean_colour(self) -> dict[str, float | list[float] | None] | None:
+        """What colour the light of all pixels together has; None for one wavelength, which has none, and in the dark.
+
+        Returns
+        -------
+        dict or None
+            ``chromaticity``: CIE 1931 x, y.  ``temperature_K``: correlated colour temperature, None where colours are
+            further from black bodies than the notion holds.  ``dominant_wavelength_nm``: beside daylight (D65),
+            negative for purples; None for a grey.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> wavelengths = np.arange(380, 781, 10)
+        >>> blue = skyscatter.SpectralImage((wavelengths / 550.0).reshape(1, 1, -1) ** -4, wavelengths)
+        >>> blue.mean_colour()["dominant_wavelength_nm"]
+        472.9
+        """
+        if self._wavelengths.size == 1 or not self.inside.any():
+            return None
+        xyz = self._xyz[self.inside].mean(axis=0)
+        if not xyz.sum() > 0.0:
+            return None
+        temperature, wavelength = float(colour.cct(xyz)), float(colour.dominant_wavelength(xyz))
+        return {
+            "chromaticity": [round(float(part), 4) for part in xyz[:2] / xyz.sum()],
+            "temperature_K": round(temperature) if np.isfinite(temperature) else None,
+            "dominant_wavelength_nm": round(wavelength, 1) if np.isfinite(wavelength) else None,
+        }
+
     def rgb(self, space: str = "srgb") -> Array:
-        """Scene-linear RGB in "srgb", "display-p3", "rec2020" or "acescg", shape (y, x, 3).
+        """Scene-linear RGB in "srgb", "display-p3", "rec2020", "acescg" or any space of colour-science, (y, x, 3).
 
         White of 1 cd m-2 is 1; not clipped, so colours outside the space have negative components.
 
@@ -312,7 +374,11 @@ class SpectralImage:
 
     def auto_exposure(self) -> float:
         """Exposure value (EV at ISO 100) that "auto" stands for; see `skyscatter.image.tone.auto_ev100`."""
-        ev100 = tones.auto_ev100(self.luminance())
+        return self._exposed(self._xyz[..., 1])
+
+    def _exposed(self, luminance: Array) -> float:
+        """Exposure value that suits luminances of this picture."""
+        ev100 = tones.auto_ev100(luminance)
         return tones.dusk_ev100(ev100) if self._is_sky else ev100
 
     @property
@@ -328,8 +394,9 @@ class SpectralImage:
 
         Parameters
         ----------
-        space : {"srgb", "display-p3", "rec2020"}
-            The display's colour space.
+        space : str
+            The display's colour space: "srgb", "display-p3", "rec2020" or any that colour-science knows by this name,
+            such as "adobe-rgb-1998", if all its primaries are colours.
         exposure : float or "auto"
             Exposure value at ISO 100: a luminance of ``2**exposure * 0.125`` cd m-2 becomes mid grey.  Take one from
             `auto_exposure` to give several images the same exposure.
@@ -352,8 +419,8 @@ class SpectralImage:
     def developed(self, space: str, exposure: float | Literal["auto"], tone: str) -> tuple[Array, float]:
         """`picture`, and the exposure value (EV at ISO 100) that it was made with."""
         colour.display_space(space)
-        xyz = self.xyz()
-        ev100 = self.auto_exposure() if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
+        xyz = self._xyz
+        ev100 = self._exposed(xyz[..., 1]) if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
         if tone == "eye":
             xyz = nightvision.as_the_eye(xyz, nightvision.scotopic_luminance(self._radiance, self._wavelengths))
         elif tone == "photograph" and self._is_sky:

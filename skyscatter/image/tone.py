@@ -11,14 +11,17 @@ and cameras strengthen them.  `colourfulness` has the factor from the model of c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.image.colour import SPACES, display_space, luminance_weights, rgb_to_xyz_matrix
+from skyscatter.image.colour import colour_space, display_space, luminance_weights, rgb_to_xyz_matrix
 from skyscatter.image.glare import with_glare
+from skyscatter.kernels.processors import processors
+from skyscatter.workers import Workers, steady_algebra
 
 Array = NDArray[np.float64]
 
@@ -26,6 +29,7 @@ Array = NDArray[np.float64]
 TONES = ("photograph", "eye", "filmic", "linear")
 MID_GREY = 0.18  #: linear value that the metered luminance is given
 LIFT = 0.7  #: stops above mid grey that automatic exposure gives to the average: skies are lighter than the world below
+PART = 65536  #: colours that a thread changes at a time
 HEADROOM = 3.5  #: stops above mid grey that it leaves to the brightest 2 %, 1.8 below the curve's white
 DAYLIGHT = 1000.0  #: luminance to which the eye is adapted in the open by day [cd m-2]: grey under some 16 000 lx
 DISPLAY = 20.0  #: the same before a display whose white has 100 cd m-2
@@ -170,7 +174,7 @@ def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb", strength: float |
 
 def _lms(space: str) -> Array:
     """Matrix (3, 3) from linear RGB to the cone-like responses of Oklab."""
-    matrix = _OKLAB_LMS @ rgb_to_xyz_matrix(SPACES[space])
+    matrix = _OKLAB_LMS @ rgb_to_xyz_matrix(colour_space(space))
     return np.asarray(matrix / matrix.sum(axis=1, keepdims=True))  # the published digits leave white 1e-4 off
 
 
@@ -215,7 +219,23 @@ def develop(rgb: ArrayLike, space: str, ev100: float, tone: str) -> Array:
     A ``"photograph"`` (y, x, 3) has the glare of a lens around the Sun and stars; see `skyscatter.image.glare`.
     """
     values = np.asarray(rgb, dtype=float)
-    exposed = map_gamut(np.nan_to_num(values * (MID_GREY / metered_luminance(ev100)), nan=0.0), space)
+    scale, strength = MID_GREY / metered_luminance(ev100), colourfulness(tone, ev100)
+    exposed = _in_parts(lambda part: map_gamut(np.nan_to_num(part * scale, nan=0.0), space), values)
     if tone == "photograph" and exposed.ndim == 3:
         exposed = np.where(np.isnan(values), 0.0, with_glare(exposed))
-    return encode(apply_tone(exposed, tone, space, colourfulness(tone, ev100)))
+    return _in_parts(lambda part: encode(apply_tone(part, tone, space, strength)), exposed)
+
+
+def _in_parts(change: Callable[[Array], Array], colours: Array) -> Array:
+    """`change` of colours (..., 3), one by one as they are: in parts, which threads share."""
+    flat = colours.reshape(-1, colours.shape[-1])
+    if len(flat) <= PART:
+        return change(colours)
+    result = np.empty_like(flat)
+
+    def one(first: int) -> None:
+        result[first : first + PART] = change(flat[first : first + PART])
+
+    with steady_algebra(), Workers(processors()) as pool:
+        list(pool.map(one, range(0, len(flat), PART)))
+    return result.reshape(colours.shape)

@@ -6,19 +6,21 @@ import os
 import tomllib
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from pydantic import ValidationError
 
 from skyscatter.datafiles import models_dir
 from skyscatter.errors import ModelFileError
 from skyscatter.models.kinds import fitting_kinds, misplaced
-from skyscatter.models.nebula import NebulaModel
-from skyscatter.models.sky import Model
-from skyscatter.models.surfaces import SurfaceModel
 from skyscatter.problems import problem_lines
 from skyscatter.record import similar
 from skyscatter.registry import load_packages
+
+if TYPE_CHECKING:
+    from skyscatter.models.nebula import NebulaModel
+    from skyscatter.models.sky import Model
+    from skyscatter.models.surfaces import SurfaceModel
 
 
 def model_names() -> list[str]:
@@ -141,9 +143,15 @@ def parse_model(content: dict[str, Any], source: object) -> Model | NebulaModel 
 
 
 def sort_of(content: dict[str, Any]) -> type[Model] | type[NebulaModel] | type[SurfaceModel]:
-    """What a file describes, by the tables that only such a file has."""
+    """What a file describes, by the tables that only such a file has; the others are not loaded."""
     if not {"viewpoint", "bodies", "media"}.isdisjoint(content):
+        from skyscatter.models.surfaces import SurfaceModel
+
         return SurfaceModel
     if "view" in content:
+        from skyscatter.models.nebula import NebulaModel
+
         return NebulaModel
+    from skyscatter.models.sky import Model
+
     return Model

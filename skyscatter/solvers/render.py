@@ -293,7 +293,7 @@ def sun_corrections(
 
     Without the disk the recipe gains the lamp in its place.
     """
-    from skyscatter.solvers import corona, sundisk
+    from skyscatter.solvers import sundisk
 
     with_disk = recipe.get("sun_disk", True)
     if scene.lights is not None and not _skylights().sun_shines(scene):
@@ -301,7 +301,11 @@ def sun_corrections(
         return [], recipe | dark
     if with_disk:
         disk = sundisk.disk_correction(scene, table, camera, grid)
-        around = corona.corona_pixels(scene, table, camera, grid, wl)
+        around = None
+        if scene.sun.site is not None:  # no place, no eclipse
+            from skyscatter.solvers.corona import corona_pixels
+
+            around = corona_pixels(scene, table, camera, grid, wl)
         return [one for one in (disk, around) if one is not None], recipe
     seen = sundisk.disk_along(scene, table, grid, wl)
     lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table, wl)}

@@ -144,7 +144,7 @@ def _solve_tiles(
 
     def tick() -> None:
         if progress is not None:
-            progress(float(tiles.state.done.mean()))
+            progress(tiles.state.share)
         if checkpoint is not None:
             checkpoint.tick()
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.kernels.skyrows import join_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import slant_columns
@@ -118,7 +119,7 @@ class SkyTable:
         Elevation of the horizon, and of where there is no air above [rad].
     phase : ndarray, shape (component, angle, wavelength)
         Of those that scatter, times scattering per unit density, as `skyscatter.kernels.tabulated.angle_cell` reads it.
-    lost : ndarray, shape (component, node * angle, wavelength)
+    lost : ndarray, shape (component, node, angle, wavelength)
         What of these phase functions is lost close to the Sun, where peaks widen; for the first angles only.
     parts : Parts
         (node, turn, wavelength)
@@ -163,32 +164,23 @@ class SkyTable:
         columns, along = _cubics(_mirrored(), turn)
         columns = np.abs(columns - 1)
         columns = np.where(columns >= TURNS, 2 * (TURNS - 1) - columns, columns)
-        nodes = self.elevation.size
-        joined = _sparse(
-            (rows[:, :, None] * TURNS + columns[:, None, :]).reshape(len(directions), 16),
-            (across[:, :, None] * along[:, None, :]).reshape(len(directions), 16),
-            nodes * TURNS,
-        )
-        flat = (nodes * TURNS, self.beyond.shape[1])
-        scattered = joined @ (self.parts.rest if parts else self.smooth).reshape(flat)
-        last = self.phase.shape[1] - 1
-        cell, share = angle_cells(directions @ self.sun, last)
-        cells = _sparse(cell, share, last + 1)
-        angles = self.lost.shape[1] // nodes
-        inner = np.flatnonzero(cell[:, 1] < angles)
-        pairs = (rows[inner, :, None] * angles + cell[inner, None, :]).reshape(len(inner), 8)
-        near = _sparse(pairs, (across[inner, :, None] * share[inner, None, :]).reshape(len(inner), 8), nodes * angles)
-        for lit, phase, lost in zip(self.parts.lit, self.phase, self.lost, strict=True):
-            chance = cells @ phase
-            chance[inner] -= near @ lost
-            scattered += (joined @ lit.reshape(flat)) * chance
+        cell, share = angle_cells(directions @ self.sun, self.phase.shape[1] - 1)
+        work = np.empty((2, self.beyond.shape[1]))
+        none = self.parts.lit[:0], self.phase[:0], self.lost[:0]
+
+        def joined(smooth: Array, lit: Array, phase: Array, lost: Array) -> Array:
+            out = np.empty((len(directions), self.beyond.shape[1]))
+            join_rays(rows, across, columns, along, cell, share, smooth, lit, phase, lost, work, out)
+            return out
+
+        scattered = joined(self.parts.rest if parts else self.smooth, self.parts.lit, self.phase, self.lost)
         others = (self.parts.multiple, self.parts.ground) if parts else ()
-        multiple, ground = [joined @ part.reshape(flat) for part in others] or [np.zeros((0, flat[1]))] * 2
+        multiple, ground = [joined(part, *none) for part in others] or [np.zeros((0, work.shape[1]))] * 2
         dark = elevation > self.top
         if dark.any():
             for part in (scattered, *((multiple, ground) if parts else ())):
                 part[dark] = 0.0
-        beyond = _sparse(rows, across, nodes) @ self.beyond
+        beyond = _sparse(rows, across, self.elevation.size) @ self.beyond
         return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[rows[:, 1]])
 
     def _places(self, elevation: Array) -> tuple[NDArray[np.int64], Array]:
@@ -256,7 +248,6 @@ def make_table(
     lost = lost_peaks(fine, table, origin, elevation, below, kept)
     with Workers(threads) as pool:
         solved = _solved(fine, coarse, table, origin, frame.rays(elevation, _turns()), lost, tolerance, pool)
-        lost = lost.reshape(kept.size, -1, lost.shape[-1])
         found = SkyTable(frame, sun, elevation, below, edges.horizon, edges.top, phase, lost, *solved, disk)
         return _checked(found, fine, table, origin, directions, tolerance, pool)
 

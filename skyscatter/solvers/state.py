@@ -42,15 +42,16 @@ class RenderState:
     @classmethod
     def empty(cls, recipe: dict[str, Any], rays: int, wavelengths: int) -> RenderState:
         """A state in which nothing is done."""
-        zero = np.zeros((rays, wavelengths))
-        return cls(recipe, np.zeros(rays, bool), zero, zero.copy(), np.zeros(rays, np.int64))
+        # Not one array and its copy: pages of zeros take no time before something is put there.
+        radiance, error = np.zeros((rays, wavelengths)), np.zeros((rays, wavelengths))
+        return cls(recipe, np.zeros(rays, bool), radiance, error, np.zeros(rays, np.int64))
 
     @property
     def share(self) -> float:
         """Finished share of the work, 0 to 1."""
         if self.total:
             return self.passes / self.total
-        return float(self.done.mean()) if self.done.size else 0.0
+        return float(np.count_nonzero(self.done)) / self.done.size if self.done.size else 0.0
 
     def has(self, rays: slice) -> bool:
         """Whether some rays are finished."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -49,12 +50,12 @@ def lamp_names() -> tuple[str, ...]:
 
 
 def lamp_spectrum(name: str) -> SpectralTable:
-    """A shipped spectrum of a lamp by its name, in any unit per nm; origins are in data/README.md.
+    """A spectrum of a lamp by its name, in any unit per nm; origins of shipped ones are in data/README.md.
 
     Parameters
     ----------
     name : str
-        One of `lamp_names`.
+        One of `lamp_names`, or an illuminant of colour-science: "D55", "FL4", "LED-RGB1".
 
     Returns
     -------
@@ -65,7 +66,7 @@ def lamp_spectrum(name: str) -> SpectralTable:
     Raises
     ------
     DomainError
-        For a name that is not among `lamp_names`.
+        For a name that is neither.
 
     Examples
     --------
@@ -77,9 +78,26 @@ def lamp_spectrum(name: str) -> SpectralTable:
     589.0
     """
     if name not in lamp_names():
-        raise DomainError("spectrum", name, nearest(name, lamp_names()))
+        return _illuminant(name)
     table, column = (read_table("solar_astm_g173.csv"), "irradiance") if name == _SUN else (read_table(_LAMPS), name)
     return SpectralTable(wavelengths=tuple(table["wavelength_nm"].tolist()), values=tuple(table[column].tolist()))
+
+
+@cache
+def _illuminant(name: str) -> SpectralTable:
+    """An illuminant of colour-science from 380 to 780 nm, with an integral of 1; it takes a second to load."""
+    from skyscatter.spectra.library import colour_science
+
+    illuminants = colour_science().SDS_ILLUMINANTS
+
+    known = {key.lower(): key for key in illuminants}
+    if name.lower() not in known:
+        raise DomainError("spectrum", name, f"{nearest(name, lamp_names())}, or an illuminant of colour-science")
+    found = illuminants[known[name.lower()]]
+    nodes = np.arange(380.0, 781.0, 1.0)
+    values = np.interp(nodes, found.wavelengths, found.values)
+    values /= np.trapezoid(values, nodes)
+    return SpectralTable(wavelengths=tuple(nodes.tolist()), values=tuple(values.tolist()))
 
 
 def spectrum_shape(spectrum: SpectralTable, wavelengths_nm: ArrayLike) -> Array:

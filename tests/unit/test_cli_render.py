@@ -74,8 +74,6 @@ def test_wrong_input_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("command", "name", "words"),
     [
-        ("render", "earth", "a planet with its air; use skyscatter sky"),
-        ("render", "ring-nebula", "a nebula; use skyscatter nebula"),
         ("sky", "fog-room", "a scene of surfaces; use skyscatter render"),
         ("nebula", "fog-room", "a scene of surfaces; use skyscatter render"),
         ("sky", "ring-nebula", "a nebula; use skyscatter nebula"),
@@ -88,6 +86,18 @@ def test_each_sort_of_model_has_its_command(
     assert main([command, name, "-o", "out.png"]) == 2
     assert f"model = '{name}': is {words}" in capsys.readouterr().err
     assert not asked
+
+
+@pytest.mark.parametrize(("name", "option"), [("earth", "--sun-elevation"), ("ring-nebula", "--psf")])
+def test_render_renders_whatever_the_model_is(capsys: pytest.CaptureFixture[str], name: str, option: str) -> None:
+    """With the options of the command for it, wherever the name of the model stands; what it lacks is refused there."""
+    command = skyscatter.load_model(name).command
+    assert main(["render", "-o", "out.png", name, option, "x"]) == 2
+    assert main([command, "-o", "out.png", name, option, "x"]) == 2
+    by_render, by_command = capsys.readouterr().err.splitlines()
+    assert by_render == by_command
+    assert main(["render", name, "--position", "0,0,0"]) == 2
+    assert f"see skyscatter {command} --help" in capsys.readouterr().err
 
 
 def test_the_model_says_where_and_how_to_look(asked: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:

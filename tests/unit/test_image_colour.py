@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import warnings
 from typing import Any
@@ -16,6 +17,8 @@ from skyscatter.image.colour import (
     SPACES,
     cct,
     colour_space,
+    display_space,
+    dominant_wavelength,
     luminance_weights,
     observer,
     rgb_to_xyz_matrix,
@@ -195,3 +198,53 @@ def test_the_package_does_not_load_colour_science() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_dominant_wavelength(judge: Any) -> None:
+    """Of colours all over the diagram, purples among them; colour-science takes the nearest whole nanometre."""
+    colours = np.random.default_rng(1).random((200, 3)) + 0.02
+    white = np.array([0.3127, 0.3290])
+    expected = [float(judge.dominant_wavelength(xyz[:2] / xyz.sum(), white)[0]) for xyz in colours]
+    np.testing.assert_allclose(dominant_wavelength(colours), expected, atol=1.01)
+    assert min(expected) < -500 < 450 < max(expected)  # purples and others
+    grey = [[0.3127 / 0.3290, 1.0, (1 - 0.3127 - 0.3290) / 0.3290], [0.0, 0.0, 0.0], [np.nan, 1.0, 1.0]]
+    assert np.isnan(dominant_wavelength(grey)).all()
+
+
+def test_any_space_of_colour_science(judge: Any) -> None:
+    """Matrices agree with theirs, with the white adapted as ours are; and grey stays grey."""
+    for name, space in judge.RGB_COLOURSPACES.items():
+        ours = colour_space(name)
+        xyz = np.random.default_rng(2).random((5, 3))
+        transform = None if np.allclose(space.whitepoint, (0.3127, 0.3290), atol=1e-4) else "Bradford"
+        theirs = judge.XYZ_to_RGB(xyz, space, (0.3127, 0.3290), transform)
+        # Some of theirs hold matrices of the four or five digits that a standard prints.
+        np.testing.assert_allclose(xyz_to_rgb(xyz, ours.name), theirs, atol=2e-3)
+    with pytest.raises(DomainError, match="did you mean prophoto-rgb"):
+        colour_space("pro photo rgb")
+    with pytest.raises(DomainError, match="scene-linear only"):
+        display_space("aces2065-1")
+
+
+def test_spectra_and_colours_of_an_image(judge: Any) -> None:
+    wavelengths = np.arange(400.0, 701.0, 20.0)
+    image = SpectralImage(np.random.default_rng(3).random((2, 3, 16)), wavelengths)
+    spectra = image.to_colour()
+    assert isinstance(spectra, judge.MultiSpectralDistributions)
+    np.testing.assert_array_equal(spectra.signals["1,2"].values, image.radiance[1, 2])
+    np.testing.assert_array_equal(spectra.wavelengths, wavelengths)
+    found = image.mean_colour()
+    mean = image.xyz().mean(axis=(0, 1))
+    assert found is not None
+    assert found["chromaticity"] == pytest.approx((mean[:2] / mean.sum()).tolist(), abs=1e-4)
+    assert found["temperature_K"] == pytest.approx(float(cct(mean)), abs=1)
+    assert SpectralImage(np.ones((1, 1, 1)), [550]).mean_colour() is None
+    assert SpectralImage(np.zeros((1, 1, 3)), [450, 550, 650]).mean_colour() is None
+
+
+def test_loading_colour_science_leaves_the_program_as_it_was() -> None:
+    """Alone it makes numpy print arrays in the manner of 1.13, everywhere."""
+    load = "from skyscatter.spectra.library import colour_science; colour_science()"
+    code = f"import numpy as np; {load}; print(np.ones(2))"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("[1. 1.]\n", "")

@@ -203,11 +203,13 @@ print(sum(forms.compile_form(form).stats.cache_hits.values()))
 
 def test_what_lies_in_a_folder_that_may_not_be_written_to_is_used(tmp_path: Path) -> None:
     """As in the image of a container, run by a user who may write nowhere; where nothing lies ready, it is said."""
+    # Beside the sources of the package itself something may lie ready, too.
+    shutil.copytree(PACKAGE, tmp_path / "own/skyscatter", ignore=shutil.ignore_patterns("__pycache__"))
     said = []
     for folder, may in (("kept", "allowed"), ("kept", "refused"), ("empty", "refused")):
         (tmp_path / folder).mkdir(exist_ok=True)
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / folder)}
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / folder), "PYTHONPATH": str(tmp_path / "own")}
         command = [sys.executable, "-c", UNWRITABLE, may]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
         said.append((done.stdout.strip(), "cannot be kept" in done.stderr))
     assert said == [("0", False), ("1", False), ("0", True)]

@@ -10,6 +10,7 @@ from bases import complaint, members
 from scipy.integrate import quad
 
 from skyscatter.datafiles import read_table
+from skyscatter.errors import DomainError
 from skyscatter.spectra.cells import cell_edges, cell_means
 from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces.lamps import AreaLamp, Led, ParallelLamp, PointLamp, SpotLamp, Surroundings
@@ -209,3 +210,12 @@ def test_bad_light_from_outside_and_of_surfaces() -> None:
     assert "use a point lamp" in complaint(lambda: AreaLamp(power=1.0, lobe=CityLobe()))
     assert "intensities.1 = -1" in complaint(lambda: TabulatedLobe(angles_deg=(0, 90), intensities=(1, -1)))
     assert "must rise" in complaint(lambda: TabulatedLobe(angles_deg=(0, 0), intensities=(1, 1)))
+
+
+def test_illuminants_of_colour_science_are_lamps_too() -> None:
+    """HP1 is shipped under the name of what it is, on nodes 5 nm apart; others come from the library."""
+    for theirs, ours in (("HP1", "high-pressure-sodium"), ("led-b3", "led-4000k")):
+        named, shipped = (luminous_efficacy(lamp_spectrum(name)) for name in (theirs, ours))
+        assert named == pytest.approx(shipped, rel=1e-3)
+    with pytest.raises(DomainError, match="or an illuminant of colour-science"):
+        lamp_spectrum("FL99")

@@ -571,7 +571,7 @@ function gathered(points, most) {
     groups.set(key, group);
   }
   return [...groups.values()].map(({x, y, weight, area, light}) => (
-    {x: x / weight, y: y / weight, square: area > 1 ? 0.3 * area : 0, light}
+    {x: x / weight, y: y / weight, square: area > 9 ? 0.3 * area : 0, light}
   ));
 }
 
