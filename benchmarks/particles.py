@@ -56,9 +56,9 @@ def write_model(folder: Path, name: str, given: Any) -> Path:
 def parts(model: Path, given: Any) -> list[list[Any]]:
     """Seconds of building and of rendering, kernels warm."""
     import skyscatter
-    from skyscatter.cli.nebula import MARGIN
     from skyscatter.geometry.telescope import Telescope
     from skyscatter.solvers.volume import compile_volume
+    from skyscatter.space import MARGIN
 
     wavelengths = np.arange(380.0, 781.0, 10.0)
     scene: Any

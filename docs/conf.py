@@ -23,6 +23,7 @@ extensions = [
     "outside",
     "reference",
     "equations",
+    "live",
     "notebooks",
 ]
 exclude_patterns = ["_build", "_extensions", "paper", "gallery/inversion", "gallery/surfaces"]

@@ -87,7 +87,7 @@ _HOME = {
     "render": "skyscatter.solvers.render",
 }
 
-_MODULES = ("dehaze", "fields", "inversion", "surfaces")
+_MODULES = ("dehaze", "fields", "inversion", "surfaces", "window")
 
 __all__ = ["__version__", *_HOME, *_MODULES]
 
@@ -95,6 +95,7 @@ if TYPE_CHECKING:
     from skyscatter import fields as fields
     from skyscatter import inversion as inversion
     from skyscatter import surfaces as surfaces
+    from skyscatter import window as window
     from skyscatter.celestial.lights import SkyLights as SkyLights
     from skyscatter.columns import optical_depth as optical_depth
     from skyscatter.columns import transmittance as transmittance

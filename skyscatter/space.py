@@ -6,6 +6,8 @@ points west (to the right), y north (up) and z towards the observer; `View` says
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
@@ -19,6 +21,9 @@ from skyscatter.starfield import StarField
 from skyscatter.units import PARSEC, Elevation, PositiveMetres, RightAscension, Turn, default
 
 Array = NDArray[np.float64]
+
+#: Room around a nebula of finite extent whose picture has no stated width.
+MARGIN = 1.05
 
 
 class View(Record):
@@ -151,3 +156,43 @@ class SpaceScene(Record):
 
     def check_origins(self, origins: Array) -> None:
         """Rays may start anywhere."""
+
+
+def width_of_all(scene: Any, ratio: float) -> float:
+    """Width [m] of a picture that holds all components, seen along the line of sight, with a little room around.
+
+    Parameters
+    ----------
+    scene : SpaceScene
+    ratio : float
+        The picture's width over its height.
+
+    Raises
+    ------
+    DomainError
+        If a component has no end.
+
+    Examples
+    --------
+    >>> import skyscatter
+    >>> from skyscatter import fields
+    >>> from skyscatter.space import width_of_all
+    >>> ball = skyscatter.Component(
+    ...     name="ball", density=fields.Sphere(radius="10 m"), optics=skyscatter.Dust(visual_extinction=1.0)
+    ... )
+    >>> scene = skyscatter.SpaceScene(medium=skyscatter.Medium(components=(ball,)))
+    >>> round(width_of_all(scene, 1.0), 3)
+    21.0
+    """
+    half = np.zeros(2)
+    axes = np.stack([scene.view.right, scene.view.up])
+    for component in scene.medium.components:
+        field: Any = component.density
+        low, high = (np.asarray(edge, dtype=float) for edge in field.bounds)
+        corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
+        with np.errstate(invalid="ignore"):  # an endless field: infinity times zero
+            half = np.maximum(half, np.abs(axes @ corners).max(axis=1))
+    if not np.all(np.isfinite(half)) or not half.max() > 0.0:
+        rule = "the nebula has no finite extent; give --field-of-view or --pixel-scale"
+        raise DomainError("field_of_view", None, rule)
+    return float(2.0 * MARGIN * max(half[0], half[1] * ratio))

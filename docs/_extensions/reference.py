@@ -37,6 +37,7 @@ PACKAGES = {
     "surfaces": "Lamps and surfaces",
     "inversion": "Inversion",
     "dehaze": "Dehazing",
+    "window": "The window",
 }
 #: What pydantic gives every record, which is not about light.
 FOREIGN = {"BaseModel", "object", "tuple", "Enum", "IntFlag", "Flag", "int"}

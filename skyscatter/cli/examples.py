@@ -15,6 +15,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "skyscatter export earth --to three -o earth-three",
         "skyscatter export mars --to three --wavelengths 400:700:50 -o mars-three --json",
     ),
+    "view": ("skyscatter view", "skyscatter view ring-nebula --no-open --port 8050 --keep"),
     "nebula": (
         "skyscatter nebula ring-nebula --size 128x128 --palette hoo -o ring.png",
         "skyscatter nebula reflection-nebula --samples 64 --wavelengths 400:700:50 -o nebula.fits --progress log",

@@ -31,7 +31,7 @@ from skyscatter.problems import problem_lines
 
 #: Commands in the order of the help, each in a module of its name with a function, or a group `app`, of that name.
 COMMANDS = (
-    "sky", "flux", "export", "nebula", "render", "dehaze", "invert", "models", "store", "warm", "info",
+    "sky", "view", "flux", "export", "nebula", "render", "dehaze", "invert", "models", "store", "warm", "info",
 )  # fmt: skip
 
 

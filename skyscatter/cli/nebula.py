@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from skyscatter.cli import common, large, parse, sequence
@@ -17,8 +16,6 @@ from skyscatter.errors import DomainError
 from skyscatter.units import PARSEC
 
 DEFAULT_WAVELENGTHS = "380:780:10"
-#: Room around a nebula of finite extent whose picture has no stated width.
-MARGIN = 1.05
 
 
 def nebula(
@@ -246,6 +243,7 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
 def build_camera(request: Request, scene: Any, suited: float | None = None) -> Any:
     """Telescope of the request's width or pixel scale, else of the width that suits [m], else of all of it."""
     from skyscatter.geometry.telescope import Telescope
+    from skyscatter.space import width_of_all
 
     width, height = request.size
     if request.pixel_scale_deg is not None:
@@ -255,24 +253,8 @@ def build_camera(request: Request, scene: Any, suited: float | None = None) -> A
     if request.field is not None:
         across = request.field[1]
     else:
-        across = _whole_width(scene, width, height) if suited is None else suited
+        across = width_of_all(scene, width / height) if suited is None else suited
     return Telescope.from_length(width, height, across, scene.view.distance)
-
-
-def _whole_width(scene: Any, width: int, height: int) -> float:
-    """Width [m] of a picture that holds all components, seen along the scene's line of sight."""
-    half = np.zeros(2)
-    axes = np.stack([scene.view.right, scene.view.up])
-    for component in scene.medium.components:
-        low, high = (np.asarray(edge, dtype=float) for edge in component.density.bounds)
-        corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
-        with np.errstate(invalid="ignore"):  # an endless field: infinity times zero
-            half = np.maximum(half, np.abs(axes @ corners).max(axis=1))
-    if not np.all(np.isfinite(half)) or not half.max() > 0.0:
-        raise DomainError(
-            "field_of_view", None, "the nebula has no finite extent; give --field-of-view or --pixel-scale"
-        )
-    return float(2.0 * MARGIN * max(half[0], half[1] * width / height))
 
 
 def run(request: Request, arguments: list[str]) -> int:

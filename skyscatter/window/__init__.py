@@ -1,1 +1,46 @@
-"""A sky in a window: tables of skies that are drawn at once for any Sun and view, and the page that draws them."""
+"""A sky in a window: tables of skies that are drawn at once for any Sun and view, and the page that draws them.
+
+Examples
+--------
+A table of a sky, and its luminance at the zenith.
+
+>>> from skyscatter import window
+>>> table = window.make_table(window.SkySettings("earth-simple"), quick=True)
+>>> xyz = table.xyz([0, 0, 1], sun_elevation_deg=30, sun_azimuth_deg=180)
+>>> bool(1000 < xyz[1] < 5000)  # cd m-2
+True
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+_HOME = {
+    "default_table": "skyscatter.window.table",
+    "make_table": "skyscatter.window.table",
+    "SkySettings": "skyscatter.window.settings",
+    "SkyWidget": "skyscatter.window.widget",
+}
+
+__all__ = [*_HOME]
+
+if TYPE_CHECKING:
+    from skyscatter.window.settings import SkySettings as SkySettings
+    from skyscatter.window.table import default_table as default_table
+    from skyscatter.window.table import make_table as make_table
+    from skyscatter.window.widget import SkyWidget as SkyWidget
+
+
+if not TYPE_CHECKING:  # it would accept any name
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME:
+            value = getattr(import_module(_HOME[name]), name)
+            globals()[name] = value
+            return value
+        raise AttributeError(f"module 'skyscatter.window' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

@@ -6,7 +6,10 @@ import inspect
 
 import pytest
 
-PACKAGES = ("skyscatter", "skyscatter.fields", "skyscatter.surfaces", "skyscatter.inversion", "skyscatter.dehaze")
+PACKAGES = (
+    "skyscatter", "skyscatter.fields", "skyscatter.surfaces", "skyscatter.inversion", "skyscatter.dehaze",
+    "skyscatter.window",
+)  # fmt: skip
 NAMES = [(package, name) for package in PACKAGES for name in importlib.import_module(package).__all__]
 
 

@@ -44,7 +44,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_public_name_has_a_page_with_its_example(site: Path) -> None:
-    packages = ("skyscatter", "skyscatter.fields", "skyscatter.surfaces", "skyscatter.inversion", "skyscatter.dehaze")
+    packages = ("skyscatter", "skyscatter.fields", "skyscatter.surfaces", "skyscatter.inversion", "skyscatter.dehaze",
+                "skyscatter.window")  # fmt: skip
     for package in packages:
         for name in importlib.import_module(package).__all__:
             if f"{package}.{name}" in packages and package == "skyscatter":

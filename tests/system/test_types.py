@@ -16,7 +16,10 @@ from conftest import ROOT
 import skyscatter
 from skyscatter.models import files as model
 
-PUBLIC = ("skyscatter", "skyscatter.dehaze", "skyscatter.fields", "skyscatter.inversion", "skyscatter.surfaces")
+PUBLIC = (
+    "skyscatter", "skyscatter.dehaze", "skyscatter.fields", "skyscatter.inversion", "skyscatter.surfaces",
+    "skyscatter.window",
+)  # fmt: skip
 
 USE = """
 from pathlib import Path
