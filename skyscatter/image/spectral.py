@@ -173,6 +173,10 @@ class SpectralImage:
     @property
     def inside(self) -> NDArray[np.bool_]:
         """True where a pixel lies inside the camera's field, shape (y, x)."""
+        return self._inside.copy()
+
+    @cached_property
+    def _inside(self) -> NDArray[np.bool_]:
         outside: NDArray[np.bool_] = np.isnan(self._radiance).any(axis=-1)
         return ~outside
 
@@ -342,9 +346,9 @@ class SpectralImage:
         >>> blue.mean_colour()["dominant_wavelength_nm"]
         472.9
         """
-        if self._wavelengths.size == 1 or not self.inside.any():
+        if self._wavelengths.size == 1 or not self._inside.any():
             return None
-        xyz = self._xyz[self.inside].mean(axis=0)
+        xyz = self._xyz[self._inside].mean(axis=0)
         if not xyz.sum() > 0.0:
             return None
         temperature, wavelength = float(colour.cct(xyz)), float(colour.dominant_wavelength(xyz))
