@@ -17,6 +17,7 @@ from common import WAVELENGTHS, machine, parser, processors, report, table, vers
 
 import skyscatter
 from skyscatter import Component, Medium, Scene
+from skyscatter.errors import DomainError
 from skyscatter.media.fields import Uniform
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
@@ -99,9 +100,13 @@ def main() -> None:
     for medium in given.media.split(","):
         for elevation in (float(e) for e in given.suns.split(",")):
             scene = scene_of(medium, elevation)
-            runs = [picture(scene, given.threads, given.tolerance) for _ in range(given.repeats)]
-            middle = {key: statistics.median(run.get(key, 0.0) for run in runs) for key in ("whole", *PARTS)}
-            rows.append([medium, f"{elevation:g}", *middle.values()])
+            try:
+                runs = [picture(scene, given.threads, given.tolerance) for _ in range(given.repeats)]
+            except DomainError as refusal:
+                rows.append([medium, f"{elevation:g}", f"refused: {refusal.allowed}", *["-"] * len(PARTS)])
+            else:
+                middle = {key: statistics.median(run.get(key, 0.0) for run in runs) for key in ("whole", *PARTS)}
+                rows.append([medium, f"{elevation:g}", *middle.values()])
             print(*rows[-1], flush=True)
     about = (
         f"Panorama {SIZE[0]}x{SIZE[1]} from the ground, {WAVELENGTHS.size} wavelengths 380 to 780 nm, tolerance "
