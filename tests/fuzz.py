@@ -196,6 +196,8 @@ COMMANDS: dict[str, list[str]] = {
         "--json",
     ],
     "flux": ["--wavelengths", "--altitude", "--sun-elevation", "--tolerance", "-o", "--json"],
+    "export": ["--to", "--wavelengths", "--tolerance", "--threads", "-o", "--json"],
+    "view": ["--port", "--no-open", "--keep"],
     "models": ["show", "check", "list", "--plot"],
     "dehaze": ["-o", "--aod", "--aerosol", "--sensor", "--scale", "--json"],
     "invert": ["--data", "--free", "-o", "--method", "--noise", "--json"],
@@ -221,13 +223,15 @@ def nothing_is_rendered() -> Iterator[None]:
     from skyscatter.cli import common
     from skyscatter.dehaze import engine
     from skyscatter.inversion import fitting
+    from skyscatter.window.server import Window
 
-    places = [
+    places: list[tuple[Any, str]] = [
         (common, "render_request"),
         (skyscatter, "solve"),
         (engine, "dehaze_raster"),
         (fitting, "fit"),
         (skyscatter, "fit"),
+        (Window, "start"),
     ]
     before = [(home, name, getattr(home, name)) for home, name in places]
     for home, name in places:
