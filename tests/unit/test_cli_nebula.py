@@ -147,7 +147,7 @@ def test_wrong_input_is_refused_in_one_line(fake, capsys, tmp_path, arguments, w
 )
 def test_more_refusals(fake, capsys, arguments, word):
     assert main(["nebula", *arguments]) == 2
-    assert word in capsys.readouterr().err
+    assert word in capsys.readouterr().err.replace("'MODEL'", "'model'")  # older releases of typer shout
     assert fake.render is None
 
 
