@@ -561,7 +561,7 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: An
         "seconds": round(seconds, 3),
         "complete": rendered.finished >= 1.0,
         "finished": rendered.finished,
-        "colour": rendered.image.mean_colour() if hasattr(rendered.image, "mean_colour") else None,
+        "colour": rendered.image.mean_colour() if hasattr(rendered, "image") else None,
         "outputs": [str(path) for path in rendered.outputs],
     }
 

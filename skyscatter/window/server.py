@@ -298,10 +298,10 @@ class _Handler(BaseHTTPRequestHandler):
         name = self.query.get("page", "")
         if not _PAGE.fullmatch(name):
             raise _Refused(400, "a page names itself by 8 to 64 letters, digits and hyphens")
-        self._head(200, "text/event-stream")
-        page = self.window.opened(name)
+        page = self.window.opened(name)  # before the answer, after which the page asks
         said = time.monotonic()
         try:
+            self._head(200, "text/event-stream")
             while not self.window.ended.is_set() and self.window.pages.get(name) is page and not self._hung_up():
                 try:
                     words = f"data: {json.dumps(page.messages.get(timeout=LOOK))}\n\n"
