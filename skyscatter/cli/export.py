@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time as clock
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,8 +73,11 @@ def export(
         quiet=quiet,
         progress=common.talk(quiet, verbose, progress),
     )
-    if request.folder.exists() and not request.folder.is_dir():
-        raise DomainError("output", str(request.folder), "is a file: give the name of a folder")
+    above = next(place for place in (request.folder, *request.folder.absolute().parents) if place.exists())
+    if not above.is_dir():
+        raise DomainError("output", str(request.folder), f"{above} is a file: give the name of a folder")
+    if not os.access(above, os.W_OK):
+        raise DomainError("output", str(request.folder), f"{above} may not be written to: give another folder")
     return common.stoppable(lambda: run(request))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import webbrowser
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -48,10 +50,19 @@ def run(model: str, port: int, opens: bool, keep: bool) -> int:
     window.start()
     try:
         typer.echo(f"skyscatter: the window is at {window.address}")
-        if not (opens and webbrowser.open(window.address)):
-            typer.echo("skyscatter: open this address in a browser of this machine; Ctrl-C ends the window")
-        while not window.ended.wait(LOOK):
-            pass
+        with TemporaryDirectory(prefix="skyscatter-") as folder:
+            if not (opens and webbrowser.open(leading_to(window.address, Path(folder)))):
+                typer.echo("skyscatter: open this address in a browser of this machine; Ctrl-C ends the window")
+            while not window.ended.wait(LOOK):
+                pass
     finally:
         window.close()
     return 0
+
+
+def leading_to(address: str, folder: Path) -> str:
+    """Address of a file in a private folder that leads on to another: what a browser is started with, all users see."""
+    page = folder / "window.html"
+    page.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">', encoding="utf-8")
+    page.chmod(0o600)
+    return page.as_uri()

@@ -47,6 +47,8 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+#: Pages that may be open at a time: each holds a line, and browsers keep six to a server in all.
+MOST_PAGES = 4
 _PAGE = re.compile(r"[A-Za-z0-9-]{8,64}")
 
 
@@ -194,7 +196,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Files of the page, its line of messages, and what goes with them."""
-        self._answer({"/events": self._events, "/answer": self._fetch}, self._file)
+        self._answer({"/events": self._events, "/answer": self._fetch, "/room": self._room}, self._file)
 
     def do_POST(self) -> None:
         """Questions."""
@@ -202,7 +204,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, routes: dict[str, Callable[[], None]], otherwise: Callable[[], None] | None) -> None:
         self.window = self.server.window
-        parts = urlsplit(self.path)
+        try:
+            parts = urlsplit(self.path)
+        except ValueError:
+            self._reply(400, b"this is no address", "text/plain; charset=utf-8")
+            return
         self.route = parts.path
         self.query = {name: values[0] for name, values in parse_qs(parts.query).items()}
         try:
@@ -298,6 +304,8 @@ class _Handler(BaseHTTPRequestHandler):
         name = self.query.get("page", "")
         if not _PAGE.fullmatch(name):
             raise _Refused(400, "a page names itself by 8 to 64 letters, digits and hyphens")
+        if name not in self.window.pages:
+            self._room_for_one()
         page = self.window.opened(name)  # before the answer, after which the page asks
         said = time.monotonic()
         try:
@@ -315,6 +323,15 @@ class _Handler(BaseHTTPRequestHandler):
         finally:
             self.window.left(name, page)
             self.close_connection = True
+
+    def _room(self) -> None:
+        """Whether one more page may have a line: a browser that was refused one does not tell its page why."""
+        self._room_for_one()
+        self._reply(204, b"", "text/plain")
+
+    def _room_for_one(self) -> None:
+        if len(self.window.pages) >= MOST_PAGES:
+            raise _Refused(409, f"{MOST_PAGES} pages of this window are open; close one and load this page again")
 
     def _hung_up(self) -> bool:
         """Whether the other side has closed the connection."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,14 +61,14 @@ def export_three(
     source = Source.of(field, layout)
     textures = make_textures(source, threads, progress)
     images, gain = packed(textures)
-    into = Path(folder)
-    into.mkdir(parents=True, exist_ok=True)
-    for name, image in images.items():
-        _write(image, into / f"{name}.exr")
     content = _describe(source, gain, deviations(source, _kept(textures, gain)))
     text = json.dumps(content, indent=1, allow_nan=False)
-    with atomic_path(into / "atmosphere.json") as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    into = Path(folder)
+    into.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as files:  # all are written before the first is moved into place; atmosphere.json is the last
+        files.enter_context(atomic_path(into / "atmosphere.json")).write_text(text + "\n", encoding="utf-8")
+        for name, image in images.items():
+            _write(image, files.enter_context(atomic_path(into / f"{name}.exr")))
     return content
 
 
@@ -149,12 +150,11 @@ def _write(image: Array, path: Path) -> None:
     half = image.astype(np.float16)
     channels = {name: np.ascontiguousarray(half[..., k]) for k, name in enumerate("RGBA")}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "software": "skyscatter"}
-    with atomic_path(path) as temporary:
-        try:
-            with OpenEXR.File(header, channels) as file:
-                file.write(str(temporary))
-        except RuntimeError as error:  # the library's word for whatever the system refused
-            raise OSError(str(error)) from error
+    try:
+        with OpenEXR.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as error:  # the library's word for whatever the system refused
+        raise OSError(str(error)) from error
 
 
 def _describe(source: Source, gain: float, found: list[dict[str, float]]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ class Link {
     const number = ++this.count, before = this.latest.get(kind);
     if (before) this.waiting.delete(before);
     this.latest.set(kind, number);
-    this.waiting.set(number, heard);
+    this.waiting.set(number, { heard, question: { ...question, kind, number } });
     this.put({ ...question, kind, number });
     return number;
   }
@@ -21,7 +21,7 @@ class Link {
   }
 
   heard(message, data) {
-    const listener = this.waiting.get(message.number);
+    const listener = this.waiting.get(message.number)?.heard;
     if (!listener) return;
     if (message.what === "done" || message.what === "error") this.waiting.delete(message.number);
     try { listener(message, data); } catch (error) { console.error(error); this.failed(error); }
@@ -44,11 +44,23 @@ export class Server extends Link {
   open() {
     this.ready = new Promise(resolve => {
       this.events = new EventSource(`events?page=${this.page}`);
-      this.events.onopen = () => { resolve(); this.found(); };
+      this.events.onopen = () => { resolve(); this.found(); this.again(); };
     });
-    this.events.onerror = () => this.lost();
+    this.events.onerror = () => { this.events.readyState === EventSource.CLOSED ? this.refused() : this.lost(); };
     // One after the other, so that a table that is fetched is not overtaken by the word that all is done.
     this.events.onmessage = event => { this.queue = this.queue.then(() => this.take(JSON.parse(event.data))).catch(() => {}); };
+  }
+
+  /** What had no answer when a line broke is asked once more, of a program that knows nothing of it. */
+  again() {
+    if (this.opened) for (const { question } of this.waiting.values()) this.put(question);
+    this.opened = true;
+  }
+
+  /** Say why there is no line. */
+  async refused() {
+    const answer = await fetch("room").catch(() => null);
+    this.lost(answer && answer.status === 409 ? await answer.text() : undefined);
   }
 
   async take(message) {

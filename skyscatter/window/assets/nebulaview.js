@@ -1,5 +1,7 @@
 // A nebula in its canvas: pictures come from the solver, better from pass to pass.
 
+import { numberOf } from "./state.js";
+
 /** Milliseconds of rest after which the solver is asked, and the longest side of a picture [pixel]. */
 const REST = 120, LONGEST = 288;
 
@@ -89,7 +91,7 @@ export class NebulaView {
     return { turn: within(Math.round(state.turn + dx * perPixel)), inclination: within(Math.round(state.inclination + dy * perPixel)) };
   }
 
-  zoom(state, factor) { return { fieldWidth: state.fieldWidth * factor }; }
+  zoom(state, factor) { return { fieldWidth: numberOf("fieldWidth", state.fieldWidth * factor) }; }
 
   home(state, facts) { return facts ? { inclination: facts.inclination, turn: facts.turn, fieldWidth: facts.fieldWidth } : {}; }
 

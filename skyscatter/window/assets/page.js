@@ -3,7 +3,7 @@ import { Controls } from "./controls.js";
 import { NebulaView } from "./nebulaview.js";
 import { SkyView } from "./skyview.js";
 import { plot, superscript } from "./spectrum.js";
-import { NUMBERS, fromHash, momentOf, start as firstState, toHash } from "./state.js";
+import { FLAT, NUMBERS, fromHash, momentOf, start as firstState, toHash } from "./state.js";
 
 /** Milliseconds of rest after which a spectrum is asked for, and after which the address is written. */
 const REST = 300;
@@ -27,9 +27,12 @@ class Page {
     for (const node of link.alone ? root.querySelectorAll("[data-solver]") : []) node.hidden = true;
     this.controls = new Controls(root, (name, value) => this.change({ [name]: value }));
     this.one("form").addEventListener("submit", event => event.preventDefault());
-    link.lost = () => this.status("the program behind this page has ended; start it again and load this page anew", null, true);
+    link.lost = words => {
+      this.lost = true;
+      this.status(words ?? "the line to the program is gone; if it has ended, start it again and open the address that it prints", null, true);
+    };
     link.failed = error => this.status(`the page has failed: ${error.message}; please report it`, null, true);
-    link.found = () => { if (this.lost) { this.lost = false; this.show(); } };
+    link.found = () => { if (this.lost) { this.lost = false; this.status("solving", 0); this.show(); } };
     this.pointer();
     this.buttons();
     if (address) addEventListener("hashchange", () => { if (location.hash.slice(1) !== toHash(this.state)) this.restore(); });
@@ -76,10 +79,15 @@ class Page {
     }
     for (const node of this.root.querySelectorAll("[data-kind]")) node.hidden = node.dataset.kind !== facts.kind || (this.link.alone && "solver" in node.dataset);
     if (!facts.places) this.one("[data-group=place]").hidden = true;
-    for (const name of ["haze", "ozone"]) this.controls.offer(name, (facts.changes ?? []).includes(name));
+    for (const name of ["haze", "ozone"]) {
+      const offered = (facts.changes ?? []).includes(name);
+      this.controls.offer(name, offered);
+      if (!offered) this.state[name] = 1; // what this model lacks cannot be more or less
+    }
     // Without a solver there is but the table's own ground and height.
     for (const name of ["ownGround", "ground", "altitude"]) this.controls.offer(name, !this.link.alone);
     this.controls.rows.altitude.field.max = facts.top ?? NUMBERS.altitude.most;
+    this.state.altitude = Math.min(this.state.altitude, facts.top ?? NUMBERS.altitude.most);
     for (const [kind, canvas] of Object.entries(this.canvases)) canvas.hidden = kind !== facts.kind;
     if (another) this.clear();
     this.fit();
@@ -113,7 +121,9 @@ class Page {
 
   /** Show the state: picture, fields, address. */
   show() {
-    const { state } = this;
+    const { state } = this, widest = state.view === "perspective" ? FLAT : NUMBERS.fov.most;
+    state.fov = Math.min(state.fov, widest);
+    this.controls.rows.fov.field.max = widest;
     this.view?.show(state);
     this.controls.show(state);
     if (state.autoExposure && this.view?.exposure !== undefined) this.controls.rows.exposure.show(this.view.exposure);
@@ -135,7 +145,6 @@ class Page {
 
   status(words, share, wrong = false) {
     const line = this.one(".status"), bar = this.one(".share");
-    if (wrong && words.includes("has ended")) this.lost = true;
     if (line.textContent !== words) line.textContent = words;
     line.classList.toggle("wrong", wrong);
     bar.hidden = share === null;

@@ -1,6 +1,6 @@
 // A sky in its canvas: drawn at once from a table, and refined by the solver behind.
 import { SkyPicture } from "./sky.js";
-import { viewOf, viewText } from "./state.js";
+import { FLAT, viewOf, viewText } from "./state.js";
 
 /** Milliseconds of rest after which the solver is asked, and after which the picture is drawn whole. */
 const REST = 250, SETTLE = 180;
@@ -203,7 +203,7 @@ export class SkyView {
   }
 
   zoom(state, factor) {
-    const most = state.view === "perspective" ? 170 : 360;
+    const most = state.view === "perspective" ? FLAT : 360;
     return state.view === "landscape" || state.view === "perspective" ? { fov: Math.min(Math.max(state.fov * factor, 1), most) } : {};
   }
 

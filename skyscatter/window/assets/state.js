@@ -19,6 +19,8 @@ export const NUMBERS = {
   fieldWidth: { group: "side", label: "Width", low: 0.01, high: 5, step: 0.01, value: 1, least: 1e-9, most: 1e6, unit: "pc" },
   exposure: { group: "exposure", label: "Exposure", low: -12, high: 20, step: 0.1, value: 14, least: -30, most: 30, unit: "EV" },
 };
+/** The widest picture on a plane [°]. */
+export const FLAT = 170;
 export const VIEWS = { landscape: "Landscape", panorama: "Panorama", fisheye: "Fisheye", perspective: "Perspective" };
 
 /** A state before anything was changed. */
@@ -53,7 +55,7 @@ export function fromHash(text) {
     if (name in NUMBERS) { const number = numberOf(name, value); if (!Number.isNaN(number)) state[name] = number; }
     else if (name === "view") { if (value in VIEWS) state.view = value; }
     else if (name === "ownGround" || name === "autoExposure") state[name] = value === "true";
-    else if (name === "date") { if (/^\d{4}-\d\d-\d\d$/.test(value)) state.date = value; }
+    else if (name === "date") { if (/^\d{4}-\d\d-\d\d$/.test(value) && !Number.isNaN(Date.parse(`${value}T00:00:00Z`))) state.date = value; }
     else if (name === "cross") { const c = value.split(",").map(Number); if (c.length === 2 && c.every(Number.isFinite)) state.cross = c; }
     else if (name === "model") state.model = value;
   }
