@@ -98,7 +98,8 @@ _PROGRAMS = {
 def scene_files(dome: Path, program: str) -> list[Path]:
     """Names of the scene files of a program that belong to a dome; `DomainError` where it cannot read that one."""
     if program not in _PROGRAMS:
-        raise DomainError("for", program, f"choose one of {', '.join(_PROGRAMS)}")
+        rule = f"choose one of {', '.join(_PROGRAMS)}; Blender's angles are in the .sun.json of every dome"
+        raise DomainError("for", program, rule)
     known = _PROGRAMS[program]
     if dome.suffix.lower() not in known.domes:
         raise DomainError("for", program, f"takes {' or '.join(known.domes)}: write -o {dome.stem}{known.domes[0]}")

@@ -12,7 +12,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import pytest
 
 import skyscatter
 from skyscatter.cli.main import main
+from skyscatter.cli.view import leading_to
 from skyscatter.errors import DomainError
 from skyscatter.window import server as serving
 from skyscatter.window.bundle import live_page, modules, widget_module
@@ -164,6 +166,32 @@ def test_other_pages_may_not_ask(window: Window) -> None:
         assert status(Sec_Fetch_Site="cross-site") == 403
         assert status(Content_Type="text/plain") == 415  # what a form of another page could send
     assert ask_http(window, "/page.js", Cookie=good["Cookie"], Sec_Fetch_Site="cross-site").status == 403
+
+
+def test_there_is_room_for_four_pages(window: Window) -> None:
+    """Each holds a line of the six that browsers keep to a server; the fifth page would wait without a word."""
+    token = {"X_Skyscatter_Token": window.token}
+    with ExitStack() as lines:
+        for number in range(4):
+            assert ask_http(window, "/room", **token).status == 204
+            lines.enter_context(line(window, f"page-number-{number}"))
+        refused = ask_http(window, "/room", **token)
+        assert refused.status == 409
+        assert b"close one" in refused.content  # type: ignore[attr-defined]
+        assert ask_http(window, "/events?page=page-number-5", **token).status == 409
+        lines.enter_context(line(window, "page-number-2"))  # the same page anew
+    wait_for(lambda: not window.pages)
+    assert ask_http(window, "/room", **token).status == 204
+
+
+def test_the_browser_is_started_without_the_token(window: Window, tmp_path: Path) -> None:
+    """What a program is started with, all users of a machine can see."""
+    leads = leading_to(window.address, tmp_path)
+    assert window.token not in leads
+    (page,) = tmp_path.iterdir()
+    assert leads == page.as_uri()
+    assert window.address in page.read_text()
+    assert page.stat().st_mode & 0o077 == 0
 
 
 def test_questions_that_are_none_are_refused(window: Window) -> None:

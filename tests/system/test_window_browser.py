@@ -273,6 +273,36 @@ def test_a_page_of_the_documentation_draws_without_any_server(browser: Browser, 
     tab.close()
 
 
+def test_what_the_next_planet_lacks_is_left_behind(tab: Tab) -> None:
+    """More ozone is asked of Earth alone; with a factor that Mars does not have there would be no picture of it."""
+    slide(tab, "ozone", 2)
+    solved(tab)
+    tab.run("e = document.querySelector('select'); e.value = 'mars'; e.dispatchEvent(new Event('change'))")
+    tab.wait("location.hash.includes('model=mars')")
+    solved(tab)
+    assert "ozone" not in tab.run("location.hash")
+
+
+def test_a_line_that_breaks_is_mended(tab: Tab, window: Window) -> None:
+    """What had no answer is asked again, and the page says what it shows."""
+    slide(tab, "haze", 3)
+    tab.wait(STATUS, lambda words: "solving" in words)
+    window.opened(next(iter(window.pages)))  # as if the page had opened another line
+    tab.wait(STATUS, lambda words: "the line" in words or words.startswith("solved"))
+    solved(tab)
+    assert tab.run("document.querySelector('[data-name=haze]').value") == "3"
+
+
+def test_no_picture_on_a_plane_is_wider_than_it_can_be(browser: Browser, window: Window) -> None:
+    tab = browser.tab(f"{window.address}#view=perspective&fov=300&date=2026-99-99", 500, 300)
+    solved(tab)
+    assert tab.run("document.querySelector('[data-name=fov]').value") == "170"
+    slide(tab, "latitude", 10)
+    tab.wait("location.hash.includes('latitude=10')")
+    assert tab.complaints() == []
+    tab.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "hash_",

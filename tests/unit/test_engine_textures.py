@@ -11,7 +11,7 @@ import pytest
 
 import skyscatter
 from skyscatter.cli.main import main
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.solvers.engines import three
 from skyscatter.solvers.engines.bruneton import (
     IRRADIANCE_SIZE,
@@ -209,6 +209,7 @@ def test_what_cannot_be_exported_is_refused(field: skyscatter.RadianceField, tmp
         (["--to", "unity"], "choose one of three"),
         (["--wavelengths", "550"], "textures have colours"),
         (["-o", __file__], "is a file"),
+        (["-o", f"{__file__}/deeper/down"], "is a file"),
         (["--tolerance", "x"], "tolerance"),
     ],
 )
@@ -217,6 +218,25 @@ def test_command_refuses(words: list[str], said: str, capsys: Any) -> None:
     error = capsys.readouterr().err
     assert said in error
     assert len(error.splitlines()) == 1
+
+
+def test_an_export_that_fails_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Textures of one sky beside the parameters of another would be loaded, with a wrong brightness."""
+    images = {name: np.full((2, 2, 4), 0.5) for name in ("transmittance", "scattering")}
+    three.write_folder(tmp_path, images, {"is": "old"})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(before) == {"transmittance.exr", "scattering.exr", "atmosphere.json"}
+    write = three._write
+
+    def fails(image: Any, path: Path) -> None:
+        if "scattering" in path.name:
+            raise OSError("no room")
+        write(image, path)
+
+    monkeypatch.setattr(three, "_write", fails)
+    with pytest.raises(SkyscatterError, match="no room"):
+        three.write_folder(tmp_path, {name: 2 * image for name, image in images.items()}, {"is": "new"})
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.slow

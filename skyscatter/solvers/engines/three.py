@@ -62,14 +62,18 @@ def export_three(
     textures = make_textures(source, threads, progress)
     images, gain = packed(textures)
     content = _describe(source, gain, deviations(source, _kept(textures, gain)))
-    text = json.dumps(content, indent=1, allow_nan=False)
-    into = Path(folder)
-    into.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as files:  # all are written before the first is moved into place; atmosphere.json is the last
-        files.enter_context(atomic_path(into / "atmosphere.json")).write_text(text + "\n", encoding="utf-8")
-        for name, image in images.items():
-            _write(image, files.enter_context(atomic_path(into / f"{name}.exr")))
+    write_folder(Path(folder), images, content)
     return content
+
+
+def write_folder(folder: Path, images: dict[str, Array], content: dict[str, Any]) -> None:
+    """Textures and what belongs to them: all are written before the first is moved into place."""
+    text = json.dumps(content, indent=1, allow_nan=False)
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as files:  # what is opened first is moved last
+        files.enter_context(atomic_path(folder / "atmosphere.json")).write_text(text + "\n", encoding="utf-8")
+        for name, image in images.items():
+            _write(image, files.enter_context(atomic_path(folder / f"{name}.exr")))
 
 
 def needed_suns(medium: Medium) -> tuple[float, float]:
