@@ -43,6 +43,9 @@ class Image:
     def auto_exposure(self):
         return 12.5
 
+    def mean_colour(self):
+        return {"chromaticity": [0.3, 0.3], "temperature_K": 7000, "dominant_wavelength_nm": 480.0}
+
     def save(self, path, **options):
         self.saved[Path(path).name] = options
         Path(path).write_text("image")
@@ -439,6 +442,7 @@ def test_json_is_one_object_on_stdout(fake, capsys, solver, errors):
     assert summary["outputs"] == ["sky.exr"]
     assert (summary["solver"], summary["model"], summary["complete"]) == (solver, "earth", True)
     assert (summary["exposure_ev"], summary["skyscatter"]) == (12.5, skyscatter.__version__)
+    assert summary["colour"]["dominant_wavelength_nm"] == 480.0
     assert summary["seconds"] >= 0
 
 
