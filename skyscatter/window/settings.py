@@ -62,7 +62,7 @@ class SkySettings:
     haze: float = 1.0
     ozone: float = 1.0
     ground: float | None = None
-    altitude_m: float = 1000.0
+    altitude_m: float = 2.0
 
     def __post_init__(self) -> None:
         for name in ("haze", "ozone"):

@@ -49,7 +49,7 @@ class Skies:
             haze=number(question, "haze", 0.0, MOST, 1.0),
             ozone=number(question, "ozone", 0.0, MOST, 1.0),
             ground=optional(question, "ground", 0.0, 1.0),
-            altitude_m=number(question, "altitude", 0.0, HIGHEST, 1000.0),
+            altitude_m=number(question, "altitude", 0.0, HIGHEST, 2.0),
         )
 
     def table(self, question: Message, told: Told) -> Iterator[tuple[Message, bytes]]:

@@ -150,7 +150,7 @@ def test_numbers_by_keyboard_alone_are_the_solvers(tab: Tab) -> None:
     assert "cd m⁻²" in read
     tab.press("Enter")
     said = tab.wait("document.querySelector('.spectrum').dataset.luminance")
-    scene = skyscatter.load_model("earth").scene(sun_elevation_deg=30, sun_azimuth_deg=180, altitude=1000.0)
+    scene = skyscatter.load_model("earth").scene(sun_elevation_deg=30, sun_azimuth_deg=180, altitude=2.0)
     cross = [float(v) for v in tab.wait("new URLSearchParams(location.hash.slice(1)).get('cross')").split(",")]
     field = skyscatter.solve(scene, WAVELENGTHS, sun_elevations_deg=(30, 30))
     answer = field.radiance(scene.observer.position, direction_from_azimuth_elevation(*cross))

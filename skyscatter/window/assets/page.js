@@ -49,7 +49,7 @@ class Page {
       sky.solved = () => this.answered();
       sky.settled = () => this.cross();
       this.views = { sky };
-      sky.first({ model: "earth", haze: 1, ozone: 1, ground: null, altitude: 1000 });
+      sky.first({ model: "earth", haze: 1, ozone: 1, ground: null, altitude: 2 });
     } catch (error) { this.status(error.message, null, true); this.views = {}; }
     const nebula = new NebulaView(this.canvases.nebula, this.link, say);
     nebula.solved = () => this.answered();

@@ -221,7 +221,7 @@ export class SkyTable {
 
 // --- the sky under one Sun, on a grid that is even in rows and columns and fine enough for lines between -------------
 
-const TIE = 2e-6;  // rays so close above the horizon [rad] see the ground, by which rounding of single precision does not matter
+const TIE = 1e-7;  // in single precision rows of pixels are told from the horizon [rad] by no less
 const GRID = {below: 32, above: 176, turns: 72, up: 2, bent: 2};
 
 class Grid {
@@ -291,7 +291,7 @@ class Grid {
   /** XYZ along a ray, as the shader has it. */
   light(elevation, turn, cosine) {
     const {table, rows, values} = this, {below, above, turns} = GRID;
-    const down = elevation < this.horizon + TIE;
+    const down = elevation < this.horizon;
     const x = clamp(Math.sqrt(turn / Math.PI) * (turns - 1), 0, turns - 1);
     const y = down
       ? (below - 1) * (1 - clamp(Math.asinh((this.horizon - elevation) / this.near) / this.deepest, 0, 1))
@@ -685,7 +685,7 @@ vec3 sky(vec3 d) {
   float elevation = atan(d.z, length(d.xy)), turn = atan(d.x, d.y) - sunAzimuth;
   turn = abs(turn - 2.0 * PI * round(turn / (2.0 * PI)));
   float x = clamp(sqrt(turn / PI) * ${GRID.turns - 1}.0, 0.0, ${GRID.turns - 1}.0), y;
-  bool down = elevation < horizon + ${TIE};  // a row of pixels may lie on it
+  bool down = elevation < horizon;
   if (down) {
     y = ${GRID.below - 1}.0 * (1.0 - clamp(asinh((horizon - elevation) / nearest) / deepest, 0.0, 1.0));
   } else {
@@ -813,7 +813,8 @@ class WebGl {
       [view.radius, view.half, 0, 0], [view.focal, 0, 0, 0],
     ][view.number]);
     set("1f", "sunAzimuth", sunAzimuth);
-    set("1f", "horizon", grid.horizon);
+    // A row of a panorama may lie on the horizon: all of it is ground then.
+    set("1f", "horizon", grid.horizon + (view.number === 0 ? TIE : 0));
     set("1f", "nearest", grid.near);
     set("1f", "deepest", grid.deepest);
     set("Matrix3fv", "expose", false, columns(expose));

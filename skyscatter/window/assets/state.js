@@ -10,7 +10,7 @@ export const NUMBERS = {
   haze: { group: "air", label: "Haze", low: 0, high: 4, step: 0.02, value: 1, most: 10, unit: "×" },
   ozone: { group: "air", label: "Ozone", low: 0, high: 4, step: 0.02, value: 1, most: 10, unit: "×" },
   ground: { group: "air", label: "Albedo", low: 0, high: 1, step: 0.01, value: 0.2, unit: "" },
-  altitude: { group: "air", label: "Height", low: 0, high: 9000, step: 1, value: 1000, most: 400000, unit: "m" },
+  altitude: { group: "air", label: "Height", low: 0, high: 9000, step: 1, value: 2, most: 400000, unit: "m" },
   viewAzimuth: { group: "view", label: "Look to", low: 0, high: 360, step: 0.5, value: 180, unit: "°" },
   viewElevation: { group: "view", label: "Look up", low: -90, high: 90, step: 0.5, value: 15, unit: "°" },
   fov: { group: "view", label: "Width", low: 10, high: 170, step: 0.5, value: 100, least: 1, most: 360, unit: "°" },
