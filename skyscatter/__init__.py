@@ -29,8 +29,9 @@ array([0.75, 0.84, 0.9 ])
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from skyscatter.lazy import lazy_names
 
 __version__ = "0.1.0"
 
@@ -150,16 +151,4 @@ if TYPE_CHECKING:
 
 
 if not TYPE_CHECKING:  # it would accept any name
-
-    def __getattr__(name: str) -> Any:
-        if name in _HOME:
-            value = getattr(import_module(_HOME[name]), name)
-            globals()[name] = value
-            return value
-        if name in _MODULES:
-            return import_module(f"skyscatter.{name}")
-        raise AttributeError(f"module 'skyscatter' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME, *_MODULES})
+    __getattr__, __dir__ = lazy_names(globals(), _HOME, _MODULES)

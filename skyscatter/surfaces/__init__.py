@@ -12,8 +12,9 @@ array([0.021])
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from skyscatter.lazy import lazy_names
 
 _HOME = {
     "AreaLamp": "skyscatter.surfaces.lamps",
@@ -92,14 +93,4 @@ if TYPE_CHECKING:
 
 
 if not TYPE_CHECKING:  # it would accept any name
-
-    def __getattr__(name: str) -> Any:
-        if name in _HOME:
-            value = getattr(import_module(_HOME[name]), name)
-            globals()[name] = value
-            return value
-        raise AttributeError(f"module 'skyscatter.surfaces' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    __getattr__, __dir__ = lazy_names(globals(), _HOME)

@@ -72,7 +72,7 @@ def _portable(error: Exception) -> BaseException:
     """An error that comes through to other processes."""
     try:
         pickle.loads(pickle.dumps(error))
-    except Exception:
+    except Exception:  # whatever its own pickling raises: the error itself goes on, by its words
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
 

@@ -15,8 +15,8 @@ ROOT = Path(skyscatter.__file__).parent
 #: Packages and modules below `skyscatter`, from the ground floor up; docs/architecture.md draws them.
 FLOORS = (
     {"kernels"},
-    {"errors", "errorkind", "problems", "constants", "units", "record", "registry", "atomic", "datafiles", "tablefile",
-     "netcdf", "progress", "workers", "memory", "tasks", "optics", "spectra", "geometry"},
+    {"errors", "errorkind", "lazy", "problems", "constants", "units", "record", "registry", "atomic", "datafiles",
+     "tablefile", "netcdf", "progress", "workers", "memory", "tasks", "optics", "spectra", "geometry"},
     {"media", "fields", "ground", "lights", "starfield", "surfaces", "celestial"},
     {"scene", "space", "models"},
     {"solvers", "columns", "image"},
