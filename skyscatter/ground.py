@@ -1,4 +1,4 @@
-"""The surface of a planet: a Lambertian reflector, uniform or painted with a map."""
+"""The surface of a planet: a Lambertian reflector, uniform or painted with a map, or any other opaque material."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from skyscatter.media.arrays import ArrayField
 from skyscatter.record import Record
 from skyscatter.spectra.surfaces import check_albedo, spectrum_of
 from skyscatter.spectra.table import Albedo, Albedos
+from skyscatter.surfaces.materials import AnyMaterial
 from skyscatter.units import PositiveMetres, default
 
 #: Albedos that a map can tell apart; the kernels number them, and what lies outside, in a byte.
@@ -76,7 +77,7 @@ class GroundMap(Record):
 
 
 class Ground(Record):
-    """The planet's surface, a Lambertian reflector.
+    """The planet's surface, a Lambertian reflector if no material is given.
 
     Parameters
     ----------
@@ -85,6 +86,9 @@ class Ground(Record):
     map : GroundMap, optional
         Cells with other albedos around the point below the observer; `albedo` then is that of everything outside
         them.  For the solvers ``path`` and ``single``.
+    material : material, optional
+        What the ground does to light, in place of `albedo` and `map`: such as `skyscatter.surfaces.Rpv` for land and
+        `skyscatter.surfaces.Sea`.  For the solver ``path``.
 
     Notes
     -----
@@ -103,11 +107,25 @@ class Ground(Record):
 
     albedo: Albedo = default(0.0)
     map: GroundMap | None = None
+    material: AnyMaterial | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Ground:
         check_albedo(self.albedo)
+        if self.material is None:
+            return self
+        if self.material.kind in ("interface", "dielectric"):
+            rule = "lets light into the planet, which holds nothing; take an opaque material, or put a body on the ground"
+            raise DomainError("material", self.material.kind, rule)
+        for name in ("albedo", "map"):
+            if name in self.model_fields_set and getattr(self, name) not in (0.0, None):
+                raise DomainError(name, getattr(self, name), "the ground's material says it all; leave one of them out")
         return self
+
+    @property
+    def shines_evenly(self) -> bool:
+        """Whether it is Lambertian, as most solvers take it."""
+        return self.material is None
 
     def reflectance(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
         """Albedo outside the map per wavelength, shape (wavelength,)."""

@@ -14,10 +14,14 @@ from skyscatter.celestial.marssight import MarsSight
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.ground import Ground
-from skyscatter.media.medium import Medium
+from skyscatter.media.everywhere import Everywhere
+from skyscatter.media.medium import Component, Medium
+from skyscatter.media.space import SpatialField
 from skyscatter.record import Record
 from skyscatter.spectra.solar import SOLAR_RADIUS, blackbody_irradiance, disk_mean, limb_darkening, solar_irradiance
 from skyscatter.spectra.table import Radiance, StarSpectrum, evaluate
+from skyscatter.surfaces.lamps import AnyLamp
+from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene
 from skyscatter.surfaces.townmap import AnyTown
 from skyscatter.units import (
     AstronomicalUnits,
@@ -31,6 +35,35 @@ from skyscatter.units import (
 )
 
 AU = 149597870700.0  #: astronomical unit [m], IAU 2012 resolution B2
+
+
+#: Names that bodies and media of a sky cannot have: what the planet and its air are called.
+TAKEN = ("ground", "air")
+
+
+def check_world(
+    medium: Medium,
+    fields: tuple[Component, ...],
+    bodies: tuple[Body, ...],
+    media: tuple[SurfaceMedium, ...],
+    lamps: tuple[AnyLamp, ...],
+) -> None:
+    """Refuse what a sky cannot hold."""
+    names = [component.name for component in (*medium.components, *fields)]
+    for component in fields:
+        if not isinstance(component.density, SpatialField) or isinstance(component.density, Everywhere):
+            rule = "is no field in three dimensions with an end; shells of air belong to components"
+            raise DomainError("fields", component.density.kind, rule)
+        if names.count(component.name) > 1:
+            raise DomainError("fields", component.name, "two components of one name; rename one")
+    for field, parts in (("bodies", bodies), ("media", media)):
+        for part in parts:
+            if part.name in TAKEN:
+                raise DomainError(field, part.name, "is what the planet has already; choose another name")
+    for lamp in lamps:
+        if lamp.kind == "surroundings":
+            raise DomainError("lamps", lamp.kind, "are for rooms; light from all around a planet is the background")
+    SurfaceScene(media=(SurfaceMedium(name="air"), *media), bodies=bodies, lamps=lamps)
 
 
 #: Half the radius of a neutron star [m]: what is smaller was not meant in metres.
@@ -210,6 +243,20 @@ class Scene(Record):
     towns : tuple of Town or TownMap, optional
         Lamps on the ground, whose light the air scatters, for pictures; with `lights` they shine where these name
         towns.
+    fields : tuple of Component
+        What the air holds beside its shells, with densities in three dimensions: clouds, plumes, fog in a valley.
+    bodies : tuple of Body
+        What stands on the ground or hangs in the air.
+    media : tuple of SurfaceMedium
+        What fills the bodies that name it.
+    lamps : tuple of lamps
+        What shines beside the star and bodies that do.
+
+    Notes
+    -----
+    Places of fields, bodies and lamps are in metres from the point of the ground below the observer: x east, y north,
+    z up.  The ground falls away from that plane by d^2 / 2 R at a distance d.  Scenes with any of them, or with a
+    ground of another material than Lambert's, are for the solver ``path``, see `skyscatter.solvers.world`.
 
     Examples
     --------
@@ -221,6 +268,20 @@ class Scene(Record):
     >>> end = start + 3000e3 * scene.sun.direction  # above the air
     >>> skyscatter.transmittance(scene, start, end, [450, 550, 650]).round(2)
     array([0.05, 0.17, 0.33])
+
+    The shadow of a wall of 2 m that stands south of the observer, under the midday Sun: the ground before it is lit by
+    the blue sky alone.
+
+    >>> from skyscatter.surfaces import Body, Box, Lambert
+    >>> wall = Body(shape=Box(position=(0, "-1 m", "1 m"), size=("9 m", "10 cm", "2 m")), material=Lambert())
+    >>> model = skyscatter.load_model("earth-simple")
+    >>> scene = model.model_copy(update={"bodies": (wall,)}).scene(sun_elevation_deg=45, altitude="2 m")
+    >>> down = scene.observer.position, [0, 0, -1], [450, 650]
+    >>> seen = skyscatter.radiance(scene, *down, solver="path", samples=64)
+    >>> bool(seen.radiance[0, 0] > 2 * seen.radiance[0, 1]) if seen.radiance.ndim > 1 else bool(
+    ...     seen.radiance[0] > 2 * seen.radiance[1]
+    ... )
+    True
     """
 
     medium: Medium
@@ -231,6 +292,10 @@ class Scene(Record):
     background: Radiance = default(0.0)
     lights: SkyLights | None = None
     towns: tuple[AnyTown, ...] | None = None
+    fields: tuple[Component, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    media: tuple[SurfaceMedium, ...] = ()
+    lamps: tuple[AnyLamp, ...] = ()
 
     @model_validator(mode="after")
     def _check_lights(self) -> Scene:
@@ -241,6 +306,17 @@ class Scene(Record):
         if self.lights is not None and self.sun.site is None:
             raise DomainError("lights", ", ".join(self.lights.shine), "need a place and a time; see Model.scene_at")
         return self
+
+    @model_validator(mode="after")
+    def _check_world(self) -> Scene:
+        check_world(self.medium, self.fields, self.bodies, self.media, self.lamps)
+        return self
+
+    @property
+    def world(self) -> str:
+        """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
+        held = (name for name in ("fields", "bodies", "media", "lamps") if getattr(self, name))
+        return next(held, "" if self.ground.material is None else "ground.material")
 
     @property
     def observer(self) -> Observer:

@@ -234,6 +234,7 @@ TIME = Measure("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "d"
 NUMBER = Measure("number", "", {"%": 0.01}, "30%")
 RELATIVE = _Relative("value in any unit", "", {}, "1")
 RELATIVE_AMOUNT = _Relative("value in any unit", "", {}, "1", low=0.0)
+SPEED = Measure("speed", "m s-1", {"m s-1": 1.0, "m/s": 1.0, "km/h": 1 / 3.6}, "5 m/s", low=0.0)
 SHARE = Measure("share", "", {"%": 0.01}, "30%", low=0.0, high=1.0)
 EXTINCTION = Measure("coefficient", "m-1", _powers({"m": 1.0, "km": 1e3, "cm": 1e-2, "Mm": 1e6}, -1), "0.02 km-1")
 AREA = Measure("cross section", "m2", {"m2": 1.0, "cm2": 1e-4, "um2": 1e-12, "nm2": 1e-18}, "1e-20 cm2")
@@ -328,6 +329,7 @@ if TYPE_CHECKING:
     Turn = Given[float, Amount]
     Elevation = Given[float, Amount]
     LowElevation = Given[float, Amount]
+    AngularRadius = Given[float, Amount]
     HighElevation = Given[float, Amount]
     RightAscension = Given[float, Amount]
     HalfAngle = Given[float, Amount]
@@ -337,6 +339,7 @@ if TYPE_CHECKING:
     PositiveNumber = Given[float, Amount]
     NonNegative = Given[float, Amount]
     Share = Given[float, Amount]
+    WindSpeed = Given[float, Amount]
     Coefficient = Given[float, Amount]
     NumberDensity = Given[float, Amount]
     MassDensity = Given[float, Amount]
@@ -385,6 +388,7 @@ else:
     Turn = Annotated[float, ANGLE.within(-360.0, 360.0)]
     Elevation = Annotated[float, ANGLE.within(-90.0, 90.0)]
     LowElevation = Annotated[float, ANGLE.within(-90.0, 90.0, below=True)]
+    AngularRadius = Annotated[float, ANGLE.within(0.0, 5.0)]
     HighElevation = Annotated[float, ANGLE.within(-90.0, 90.0, above=True)]
     RightAscension = Annotated[float, ANGLE.within(0.0, 360.0, below=True)]
     HalfAngle = Annotated[float, ANGLE.within(0.0, 90.0, above=True, below=True)]
@@ -394,6 +398,7 @@ else:
     PositiveNumber = Annotated[float, NUMBER.within(0.0, above=True)]
     NonNegative = Annotated[float, NUMBER.within(0.0)]
     Share = Annotated[float, SHARE]
+    WindSpeed = Annotated[float, SPEED.within(0.0, 20.0)]
     Coefficient = Annotated[float, EXTINCTION.within(0.0)]
     NumberDensity = Annotated[float, NUMBER_DENSITY.within(0.0)]
     MassDensity = Annotated[float, MASS_DENSITY.within(0.0)]

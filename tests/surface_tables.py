@@ -89,6 +89,8 @@ def media_table(fillings: list[Filling], wavelengths: int) -> MediaTable:
         extinction=np.array([sigma_t[part].sum(axis=0) * ok for part, ok in sums]),
         scattering=np.array([sigma_s[part].sum(axis=0) * ok for part, ok in sums]),
         space=space_of(stuff),
+        shells=None,
+        centre=np.zeros(3),
         density=density,
         sigma_s=sigma_s,
         sigma_t=sigma_t,

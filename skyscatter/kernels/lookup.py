@@ -25,7 +25,7 @@ from skyscatter.kernels.jit import entry, inlined, kernel
 #: Nodes of altitude that are tabulated in one go.
 NODES_AT_ONCE = 16
 #: Gauss-Legendre rule of 4 points on [0, 1].
-_POINTS, _WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True))
+GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True))
 
 
 @by_address
@@ -62,11 +62,11 @@ def place_points(radius, low, foot, high, p, t, at, length):
     for j in range(p.size):
         t_next = math.sqrt(max((r_next - p[j]) * (r_next + p[j]), t[j] * t[j]))
         step = t_next - t[j]
-        for k in range(_POINTS.size):
-            s = t[j] + step * _POINTS[k]
+        for k in range(GAUSS_POINTS.size):
+            s = t[j] + step * GAUSS_POINTS[k]
             rise = (s - t[j]) * (s + t[j]) / (radius + low + math.sqrt(p[j] * p[j] + s * s))
             at[k, j] = (low - foot + rise) / height
-            length[k, j] = step * _WEIGHTS[k]
+            length[k, j] = step * GAUSS_WEIGHTS[k]
         t[j] = t_next
 
 
@@ -76,7 +76,7 @@ def add_cell(cubic, at, length, column):
     a, b, c, d = cubic[0], cubic[1], cubic[2], cubic[3]
     for j in range(column.size):
         total = column[j]
-        for k in range(_POINTS.size):
+        for k in range(GAUSS_POINTS.size):
             v = at[k, j]
             total += length[k, j] * (a + v * (b + v * (c + v * d)))
         column[j] = total

@@ -54,6 +54,11 @@ class AroundPlanet(Shape):
     radius: PositiveMetres
     profile: AnyField
 
+    @property
+    def is_round(self) -> bool:
+        """Whether its shells are spheres, stretched along no axis."""
+        return self.axes == (1.0, 1.0, 1.0)
+
     def leaf(self) -> Leaf:
         """The shape in its own frame: the planet's radius is 1."""
         row = self.profile.row()

@@ -14,7 +14,9 @@ from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
-from skyscatter.scene import AU, Scene, Site, Star, Sun
+from skyscatter.scene import AU, Scene, Site, Star, Sun, check_world
+from skyscatter.surfaces.lamps import AnyLamp
+from skyscatter.surfaces.scene import Body, SurfaceMedium
 from skyscatter.surfaces.townmap import AnyTown
 from skyscatter.units import PositiveMetres
 
@@ -65,6 +67,14 @@ class Model(ModelFile):
         The atmosphere.
     towns : tuple of Town or TownMap, optional
         Lamps on the ground, whose light the air scatters, for pictures.
+    fields : tuple of Component
+        What the air holds beside its shells, in three dimensions: clouds, plumes.
+    bodies : tuple of Body
+        What stands on the ground or hangs in the air.
+    media : tuple of SurfaceMedium
+        What fills the bodies that name it.
+    lamps : tuple of lamps
+        What shines beside the star.
 
     Examples
     --------
@@ -90,10 +100,14 @@ class Model(ModelFile):
     star: Star = Star()
     components: tuple[Component, ...]
     towns: tuple[AnyTown, ...] | None = None
+    fields: tuple[Component, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    media: tuple[SurfaceMedium, ...] = ()
+    lamps: tuple[AnyLamp, ...] = ()
 
     @model_validator(mode="after")
     def _check(self) -> Model:
-        _ = self.medium
+        check_world(self.medium, self.fields, self.bodies, self.media, self.lamps)
         return self
 
     @property
@@ -146,7 +160,8 @@ class Model(ModelFile):
         return self._seen(sun=sun, altitude=altitude, towns=self.towns)
 
     def _seen(self, **fields: Any) -> Scene:
-        return Scene(medium=self.medium, ground=self.ground, star=self.star, **fields)
+        held = {name: getattr(self, name) for name in ("fields", "bodies", "media", "lamps")}
+        return Scene(medium=self.medium, ground=self.ground, star=self.star, **held, **fields)
 
     def scene_at(
         self, latitude_deg: float, longitude_deg: float, time: Any, altitude: Any = 0.0, lights: Any = None

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.errors import DomainError
 from skyscatter.ground import Ground
 from skyscatter.kernels.columns import FieldTable
 from skyscatter.kernels.eclipse import NO_ECLIPSE
@@ -103,6 +104,9 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
 
     Eclipses are for those solvers that can follow them: `skyscatter.solvers.eclipse.eclipse_table`.
     """
+    if scene.world:
+        rule = "is more than shells of air over Lambertian ground, for the solver path alone; leave it out"
+        raise DomainError(scene.world, "given", rule)
     fields, columns = field_tables(scene.medium)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, tuple(float(w) for w in wavelengths))
     distance, star = scene.star_distance, scene.star

@@ -144,6 +144,9 @@ def render(
     if not sun_disk:
         if not isinstance(scene, Scene):
             raise DomainError("sun_disk", sun_disk, "is for skies of planets; leave it out")
+        if scene.world:
+            rule = f"is for skies of air alone: before the Sun there may be some of the {scene.world}; leave it out"
+            raise DomainError("sun_disk", sun_disk, rule)
         recipe["sun_disk"] = False
     inside = np.isfinite(grid[..., 0])
     numbers = np.flatnonzero(inside.ravel())
@@ -190,7 +193,7 @@ def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int) -> Calla
     check_subpixels(subpixels)
     if subpixels == 1:
         return None
-    if isinstance(scene, Scene) or is_space(scene):
+    if (isinstance(scene, Scene) and not scene.world) or is_space(scene):
         raise DomainError("subpixels", subpixels, "is for scenes of surfaces; leave it out, and make a larger picture")
     fine = fine_directions(camera, scene.observer, grid, subpixels).reshape(-1, subpixels**2, 3)
     return lambda module: Subpixels(module, fine, subpixels**2)
@@ -261,6 +264,8 @@ def _picture(
         added.add(grid, cube, layers, state.recipe)
         return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers, sky=added.sky)
     error = spread(state.standard_error)
+    if scene.world:
+        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers)
     corrections, recipe = sun_corrections(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
     for pixels, light in corrections:
         for values in (cube, *(layers[name] for name in ("direct",) if name in layers)):

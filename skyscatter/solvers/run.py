@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 SLICE, FIRST_RAYS = 1.0, 4
 #: The modules of the solvers, by the sort of medium.
 SHELLS = {"orders": "orders", "path": "path", "single": "single"}
+WORLDS = {"path": "world"}
 VOLUMES = {"path": "volume_path", "single": "volume_single", "photons": "photons"}
 SURFACES = {"path": "surface_path", "photons": "photons"}
 SOLVERS = tuple(SHELLS)
@@ -66,7 +67,13 @@ class Interrupted(KeyboardInterrupt):
 
 def load_solver(name: str, scene: AnyScene) -> Any:
     """The module of a solver for a scene."""
-    modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
+    if isinstance(scene, Scene) and scene.world:
+        modules = WORLDS
+        if name in SHELLS and name not in modules:
+            rule = f"knows shells of air over Lambertian ground only, and this scene has {scene.world}; take path"
+            raise DomainError("solver", name, rule)
+    else:
+        modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
     if name not in modules:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
     if name == "orders" and isinstance(scene, Scene) and _eclipsed(scene):

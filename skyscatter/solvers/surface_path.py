@@ -80,19 +80,26 @@ def prepare(
     from skyscatter.solvers.surfaces import compile_surfaces
 
     table = compile_surfaces(scene, tuple(float(w) for w in wavelengths))
-    if options.sampling == "angular" and np.any(np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP))):
+    if options.sampling == "angular" and np.any(without_extent(table)):
         rule = "finds no lamp without extent, and there is one; leave it out, or make it a body that shines"
         raise DomainError("sampling", options.sampling, rule)
     if out_of_reach(table):
         warnings.warn(
-            "path does not find the light of lamps without extent that comes through smooth glass or off mirrors; make "
-            "the lamps bodies that shine, or choose the solver photons",
+            "path does not find the light of lamps without extent that comes through smooth glass or off mirrors, and "
+            "that of disks by chance only; make the lamps bodies that shine, give the surfaces a roughness, or choose "
+            "the solver photons",
             stacklevel=2,
         )
     walks = guided(table)
     warn_of_far_lamps(walks, rays.origins, walks_for(options), "choose the solver photons, or give more samples")
     warn_of_small_lamps(walks, walks_for(options))
     return walks
+
+
+def without_extent(table: SurfaceTable) -> NDArray[np.bool_]:
+    """Which lamps no ray can meet, (lamp,)."""
+    lamps = table.lamps
+    return np.asarray((lamps.kind == POINT_LAMP) | ((lamps.kind == PARALLEL_LAMP) & (lamps.limb_row < 0)))
 
 
 def out_of_reach(table: SurfaceTable) -> bool:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
+from skyscatter.kernels.codes.shells import LINEAR
+from skyscatter.kernels.lookup import ColumnTable, build_column_table
 from skyscatter.kernels.surfaces.tables import LampTable, MediaTable, ShapeTable, SurfaceTable
+from skyscatter.media.fields import FieldRow
 from skyscatter.media.medium import Medium
-from skyscatter.solvers.compile import PHASE_CELLS, matrix_tables, medium_optics
+from skyscatter.media.planets import AroundPlanet
+from skyscatter.media.tables import pack_rows
+from skyscatter.solvers.compile import DISK_RINGS, PHASE_CELLS, matrix_tables, medium_optics
 from skyscatter.space import SpaceScene
 from skyscatter.surfaces.indices import refractive_index
 from skyscatter.surfaces.lobes import IsotropicLobe, LobeTable, lobe_table
@@ -26,6 +31,7 @@ from skyscatter.surfaces.packing import (
     starting_stack,
 )
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene
+from skyscatter.workers import in_parts
 
 if TYPE_CHECKING:
     from skyscatter.media.medium import Component
@@ -91,6 +97,12 @@ def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ..
     sigma_s, sigma_t, emission, phase, cdf = _optics(components, wavelengths)
     endless = np.array([isinstance(component.density, Everywhere) for component in components], bool)
     density = endless.astype(float)
+    air, planet = shells_of(components)
+    in_shells = np.array([shell is not None for shell in air], bool)
+    others = tuple(
+        Everywhere() if shell is not None else component.density
+        for component, shell in zip(components, air, strict=True)
+    )
     owners = [slice(a, b) for a, b in pairwise(first)]
     constant = np.array([bool(endless[own].all()) for own in owners])
     index = np.array([refractive_index(medium.index, wl) for medium in media])
@@ -102,7 +114,9 @@ def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ..
         constant=constant,
         extinction=np.array([c * (density[own] @ sigma_t[own]) for c, own in zip(constant, owners, strict=True)]),
         scattering=np.array([c * (density[own] @ sigma_s[own]) for c, own in zip(constant, owners, strict=True)]),
-        space=None if constant.all() else medium_table(tuple(component.density for component in components)),
+        space=None if (endless | in_shells).all() else medium_table(others),
+        shells=None if planet is None else shell_table(air, planet.radius),
+        centre=np.zeros(3) if planet is None else np.array(planet.position, float),
         density=density,
         sigma_s=sigma_s,
         sigma_t=sigma_t,
@@ -111,6 +125,33 @@ def compile_media(media: tuple[SurfaceMedium, ...], wavelengths: tuple[float, ..
         phase_cdf=cdf,
         rate=sigma_t.max(axis=1, initial=0.0),
     )
+
+
+def shells_of(components: list[Component]) -> tuple[list[FieldRow | None], AroundPlanet | None]:
+    """Which components are shells around the first planet among them, as rows of a table, and a field around it.
+
+    Shells that are turned, stretched, or around another planet stay fields of three dimensions.
+    """
+    def same(density: Any) -> bool:
+        return isinstance(density, AroundPlanet) and density == planet.model_copy(update={"profile": density.profile})
+
+    around = (component.density for component in components)
+    planet = next((field for field in around if isinstance(field, AroundPlanet) and field.is_round), None)
+    if planet is None:
+        return [None] * len(components), None
+    return [c.density.profile.row() if same(c.density) else None for c in components], planet
+
+
+@lru_cache(maxsize=8)
+def _shell_table(rows: tuple[FieldRow, ...], radius: float) -> ColumnTable:
+    return build_column_table(pack_rows(rows, radius), in_parts=in_parts)
+
+
+def shell_table(rows: list[FieldRow | None], radius: float) -> ColumnTable:
+    """Columns of shells; an empty one for each component that is none."""
+    top = max(row.top for row in rows if row is not None)
+    nothing = FieldRow(LINEAR, (), top, (0.0, top), (0.0, 0.0), (top,))
+    return _shell_table(tuple(row or nothing for row in rows), radius)
 
 
 def compile_matrices(scene: SurfaceScene | SpaceScene, wavelengths: ArrayLike) -> Array:
@@ -174,6 +215,8 @@ class Lamp(NamedTuple):
     points: Array  #: (n, 3) where the media around it are looked at; none for light from outside
     towards: Array  #: (n, 3) a direction into the medium that is asked for
     skip: Integers  #: (n,) item on which the point lies, or -1
+    disk: float = 0.0  #: sine of the angular radius of parallel light
+    limb: Array | None = None  #: (ring, wavelength) radiance of its disk over the mean
 
 
 #: No round numbers: a ray along edges and faces is met more often than chance would have it.
@@ -193,9 +236,11 @@ def point_lamp(name: str, power: Array, position: ArrayLike, axis: Array, lobe: 
     return Lamp(name, POINT_LAMP, power, place, axis, lobe, _NO_ITEMS, np.zeros(0), *beside)
 
 
-def parallel_lamp(name: str, irradiance: Array, towards: Array) -> Lamp:
-    """Light from one direction."""
-    return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, *_FROM_OUTSIDE)
+def parallel_lamp(
+    name: str, irradiance: Array, towards: Array, disk: float = 0.0, limb: Array | None = None
+) -> Lamp:
+    """Light from one direction, or from a disk around it."""
+    return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, *_FROM_OUTSIDE, disk, limb)
 
 
 def surroundings(name: str, radiance: Array) -> Lamp:
@@ -241,7 +286,9 @@ def free_lamps(scene: SurfaceScene, wl: Array) -> list[Lamp]:
     for lamp in scene.lamps:
         amount = lamp.spectral_amount(wl)
         if lamp.kind == "parallel":
-            lamps.append(parallel_lamp(lamp.name, amount, lamp.towards))
+            disk = float(np.sin(np.radians(lamp.angular_radius_deg)))
+            limb = lamp.limb(np.sqrt(1 - np.linspace(0.0, 1.0, DISK_RINGS)), wl) if disk > 0 else None
+            lamps.append(parallel_lamp(lamp.name, amount, lamp.towards, disk, limb))
         elif lamp.kind == "surroundings":
             lamps.append(surroundings(lamp.name, amount))
         else:
@@ -271,6 +318,9 @@ def everything(
     points = [lamp.points for lamp in lamps if len(lamp.points)]
     if media.space is not None:
         points.append(np.array([media.space.low, media.space.high]))
+    if media.shells is not None:
+        edge = media.shells.radius + media.shells.top
+        points.append(media.centre + np.concatenate([np.eye(3), -np.eye(3)]) * edge)
     if viewpoint is not None:
         points.append(viewpoint[None])
     if reach > 0:
@@ -304,6 +354,8 @@ def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre:
     for cdf in item_cdf:
         cdf[-1] = 1.0
     stacks = [lamp_stack(shapes, lamp, centre, radius) for lamp in lamps]
+    limbs = [lamp.limb for lamp in lamps if lamp.limb is not None]
+    rows = np.cumsum([lamp.limb is not None for lamp in lamps]) - 1
     return LampTable(
         kind=np.array([lamp.kind for lamp in lamps], np.int64),
         power=power,
@@ -319,6 +371,9 @@ def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre:
         area=np.array([lamp.areas.sum() for lamp in lamps], float),
         share=share / share.sum() if share.sum() > 0 else share,
         stack=np.array(stacks, np.int64).reshape(-1, STACK),
+        limb_row=np.array([-1 if lamp.limb is None else row for lamp, row in zip(lamps, rows, strict=True)], np.int64),
+        disk=np.array([lamp.disk for lamp in lamps], float),
+        limb=np.array(limbs, float).reshape(len(limbs), DISK_RINGS, wavelengths),
         centre=centre,
         radius=radius,
     )

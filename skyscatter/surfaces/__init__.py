@@ -37,6 +37,8 @@ _HOME = {
     "Plane": "skyscatter.surfaces.shapes",
     "PointLamp": "skyscatter.surfaces.lamps",
     "Rectangle": "skyscatter.surfaces.shapes",
+    "Rpv": "skyscatter.surfaces.grounds",
+    "Sea": "skyscatter.surfaces.grounds",
     "Sphere": "skyscatter.surfaces.shapes",
     "SpotLamp": "skyscatter.surfaces.lamps",
     "SurfaceMedium": "skyscatter.surfaces.scene",
@@ -57,6 +59,8 @@ __all__ = list(_HOME)
 
 if TYPE_CHECKING:
     from skyscatter.models.surfaces import SurfaceModel as SurfaceModel
+    from skyscatter.surfaces.grounds import Rpv as Rpv
+    from skyscatter.surfaces.grounds import Sea as Sea
     from skyscatter.surfaces.indices import refractive_index as refractive_index
     from skyscatter.surfaces.lamps import AreaLamp as AreaLamp
     from skyscatter.surfaces.lamps import Led as Led

@@ -10,10 +10,12 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.spectra.solar import disk_mean, limb_darkening
 from skyscatter.spectra.table import Irradiance, OptionalSpectral, Radiance, evaluate
 from skyscatter.surfaces.lobes import AnyLobe, ConeLobe, CosinePowerLobe, IsotropicLobe, LambertLobe, Lobe
 from skyscatter.surfaces.power import Powered, Shining
 from skyscatter.units import (
+    AngularRadius,
     Candela,
     Degrees,
     Elevation,
@@ -264,6 +266,10 @@ class ParallelLamp(Shining):
         The same as angles [degree]: azimuth in the x-y plane from +y towards +x, elevation above it towards +z.
     irradiance : float or SpectralTable, optional
         On a surface that faces the light [W m-2 nm-1].
+    angular_radius_deg : float
+        Of the disk from which the light comes, up to 5 [degree]; 0, one direction, when not given.  The Sun's is 0.267.
+    limb_darkening : bool
+        Darken the disk as the Sun's (Neckel & Labs 1994); a uniform disk otherwise.
     watts_per_m2, lux : float, optional
         The same in all, with a `spectrum`, such as "sun".
 
@@ -293,6 +299,8 @@ class ParallelLamp(Shining):
     direction: OptionalTriple[Triple] = default(None)
     azimuth_deg: OptionalNumber[Degrees] = default(None)
     elevation_deg: OptionalNumber[Elevation] = default(None)
+    angular_radius_deg: AngularRadius = default(0.0)
+    limb_darkening: bool = False
     irradiance: OptionalSpectral[Irradiance] = default(None)
     watts_per_m2: OptionalNumber[WattsPerArea] = default(None)
     lux: OptionalNumber[Lux] = default(None)
@@ -304,7 +312,15 @@ class ParallelLamp(Shining):
             raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
         if self.direction is not None and not any(self.direction):
             raise DomainError("direction", self.direction, "must not be zero")
+        if self.limb_darkening and self.angular_radius_deg == 0:
+            raise DomainError("limb_darkening", True, "is for a disk; give its angular_radius_deg as well")
         return self
+
+    def limb(self, mu: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Radiance of its disk relative to the mean, over the cosine `mu` at the surface of a star; (mu, wl)."""
+        if not self.limb_darkening:
+            return np.ones((np.size(mu), np.size(wavelengths_nm)))
+        return limb_darkening(mu, wavelengths_nm) / disk_mean(wavelengths_nm)
 
     @property
     def towards(self) -> Array:

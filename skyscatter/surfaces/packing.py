@@ -13,6 +13,7 @@ from skyscatter.kernels.codes import surfaces as codes
 from skyscatter.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table
+from skyscatter.surfaces.grounds import Rpv, Sea
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
 from skyscatter.surfaces.meshes import Faceted
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
@@ -140,13 +141,14 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     Parameters
     ----------
     materials : sequence of records
-        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`.
+        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`, `Rpv`, `Sea`.
     wavelengths_nm : array_like, shape (wavelength,)
     """
     wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
     count = len(materials)
     kind, roughness = np.zeros(count, np.int64), np.zeros(count)
     reflectance, index, absorption = np.zeros((3, count, wl.size))
+    bowl = np.zeros((count, 3, wl.size))
     lost, lost_mean = np.zeros((count, RATIOS, ANGLES)), np.zeros((count, RATIOS))
     for k, material in enumerate(materials):
         if isinstance(material, Interface):
@@ -160,11 +162,16 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
         elif isinstance(material, Conductor):
             kind[k], roughness[k] = codes.CONDUCTOR, material.roughness
             index[k], absorption[k] = material.index(wl)
+        elif isinstance(material, Rpv):
+            kind[k], (reflectance[k], *bowl[k]) = codes.RPV, material.parameters(wl)
+        elif isinstance(material, Sea):
+            kind[k], roughness[k] = codes.SEA, material.slope
+            index[k], reflectance[k], bowl[k, 0] = material.refractive_index(wl), material.diffuse(wl), 1 - material.foam_cover
         else:
             raise TypeError(f"no material: {type(material).__name__}")
-        if roughness[k] > 0.0:
+        if roughness[k] > 0.0 and kind[k] != codes.SEA:
             lost[k], lost_mean[k] = lost_table(roughness[k])
-    return MaterialTable(kind, roughness, reflectance, index, absorption, lost, lost_mean)
+    return MaterialTable(kind, roughness, reflectance, index, absorption, bowl, lost, lost_mean)
 
 
 def body_items(shapes: ShapeTable, body: int) -> Integers:

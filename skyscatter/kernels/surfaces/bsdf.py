@@ -24,6 +24,8 @@ from skyscatter.kernels.codes.surfaces import (
     LAMBERT,
     MIRROR,
     REFLECTED,
+    RPV,
+    SEA,
     TRANSMITTED,
 )
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
@@ -35,6 +37,7 @@ from skyscatter.kernels.surfaces.facets import (
     passed_share,
 )
 from skyscatter.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
+from skyscatter.kernels.surfaces.grounds import draw_sea, ground_density, ground_value, mirror_share
 from skyscatter.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe, smith_lambda
 
 
@@ -47,7 +50,7 @@ def dot(a, b):
 @inlined
 def is_delta(materials, k):
     """Whether a material has no directions but those that are no matter of chance."""
-    return materials.kind[k] != LAMBERT and materials.roughness[k] == 0.0
+    return materials.kind[k] != LAMBERT and materials.kind[k] != RPV and materials.roughness[k] == 0.0
 
 
 @inlined
@@ -93,7 +96,10 @@ def evaluate_bsdf(materials, k, n, wo, wi, index_here, index_there, adjoint, val
         value[i], chance[i] = 0.0, 0.0
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
     cosine = side * dot(n, wi)
-    if kind == LAMBERT:
+    if kind >= RPV:
+        ground_value(materials, k, n, side, wo, wi, index_here, value)
+        ground_density(materials, k, n, side, wo, wi, index_here, chance)
+    elif kind == LAMBERT:
         if cosine > 0.0:
             for i in range(last):
                 value[i], chance[i] = materials.reflectance[k, i] * cosine / math.pi, cosine / math.pi
@@ -128,7 +134,9 @@ def bsdf_value(materials, k, n, wo, wi, index_here, index_there, adjoint, out):
     kind, alpha = materials.kind[k], materials.roughness[k]
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
     cosine = side * dot(n, wi)
-    if kind == LAMBERT:
+    if kind >= RPV:
+        ground_value(materials, k, n, side, wo, wi, index_here, out)
+    elif kind == LAMBERT:
         for i in range(out.size):
             out[i] = materials.reflectance[k, i] * max(cosine, 0.0) / math.pi
     elif alpha == 0.0 or (cosine <= 0.0 and kind != DIELECTRIC):
@@ -152,6 +160,9 @@ def bsdf_pdf(materials, k, n, wo, wi, index_here, index_there, out):
     kind, alpha = materials.kind[k], materials.roughness[k]
     side = 1.0 if dot(n, wo) >= 0.0 else -1.0
     cosine = side * dot(n, wi)
+    if kind >= RPV:
+        ground_density(materials, k, n, side, wo, wi, index_here, out)
+        return
     lobe, facet, broad = 0.0, 0.0, 0.0
     if alpha > 0.0 and cosine > 0.0:
         lobe, facet = reflected_lobe(alpha, n, side, wo, wi)
@@ -322,7 +333,13 @@ def sample_bsdf(
         go_straight(hero, dispersive and kind == DIELECTRIC, wo, wi, value, chance)
         return TRANSMITTED + DELTA
     to, cosine = 1.0, 0.0
-    if kind == LAMBERT:
+    if kind == SEA:
+        mirrors = mirror_share(materials, k, hero, here, min(side * dot(n, wo), 1.0))
+        if w < mirrors:
+            draw_sea(materials, k, n, side, wo, u, v, wi)
+        else:
+            draw_around(n, side, math.sqrt(max(u, 1e-18)), v, wi)
+    elif kind == LAMBERT or kind == RPV:
         draw_around(n, side, math.sqrt(max(u, 1e-18)), v, wi)
     else:
         draw_facet(alpha, n, side, wo, u, v, wi)

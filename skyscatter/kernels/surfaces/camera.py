@@ -21,7 +21,7 @@ from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.random import start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import is_delta
 from skyscatter.kernels.surfaces.clearance import empty_ball
-from skyscatter.kernels.surfaces.lamps import brightness
+from skyscatter.kernels.surfaces.lamps import brightness, disk_light
 from skyscatter.kernels.surfaces.media import (
     current_medium,
     medium_density,
@@ -271,6 +271,8 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
                 continue
         if item < 0:
             see_surroundings(scene.lamps, ray, order, s, sums, by_order, polar)
+            if straight and scene.lamps.limb.shape[0] > 0 and disk_light(scene.lamps, d, s.light, s.light_through):
+                see_light(ray, order, s, sums, by_order, polar)
             return
         for n in range(3):
             x[n] += far * d[n]

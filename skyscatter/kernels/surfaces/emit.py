@@ -12,6 +12,7 @@ import math
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SURFACE_LAMP
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import kernel, merged
+from skyscatter.kernels.surfaces.lamps import darken, point_on_disk
 from skyscatter.kernels.surfaces.shapes import sample_item
 from skyscatter.kernels.tabulated import cell_of, draw_in_cell
 
@@ -81,8 +82,9 @@ def emit_photon(scene, e, count, s):
             x[n], d[n] = s.place[n], s.place[3 + n]
         turn(d, lobe_cosine(lamps, k, e[2]), 2.0 * math.pi * e[3])
     elif kind == PARALLEL_LAMP:
+        point_on_disk(lamps, k, e[2], e[3], d)
         for n in range(3):
-            d[n] = -lamps.position[k, n]
+            d[n] = -d[n]
         start_on_disk(lamps, walk, e[4], e[5])
         scale = math.pi * lamps.radius * lamps.radius
     else:
@@ -93,6 +95,8 @@ def emit_photon(scene, e, count, s):
         scale = 4.0 * math.pi * math.pi * lamps.radius * lamps.radius
     for i in range(walk.value.size):
         walk.value[i], walk.chance[i] = scale * lamps.power[k, i] / (lamps.share[k] * count), 1.0
+    if lamps.limb_row[k] >= 0:
+        darken(lamps, k, e[2], walk.value)
     for n in range(s.stack.size):
         s.stack[n] = lamps.stack[k, n]
     return k, skip

@@ -22,10 +22,10 @@ from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import kernel, merged
 from skyscatter.kernels.path import Walk, make_walk
 from skyscatter.kernels.random import EVEN_DIMENSIONS, uniform
-from skyscatter.kernels.surfaces.fields import clip_to_fields
 from skyscatter.kernels.surfaces.media import (
     MediaWork,
     add_columns,
+    clip_to_media,
     dim_constant,
     make_media_work,
     medium_density,
@@ -186,7 +186,7 @@ def gather_emission(media, m, x, d, far, s):
             sigma = media.extinction[m, i]
             out[i] *= s.lost[i] / sigma if s.lost[i] > 0.0 else (far if out[i] > 0.0 else 0.0)
         return
-    start, end = clip_to_fields(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    start, end = clip_to_media(media, x, d)
     start, end = max(start, 0.0), min(end, far)
     for c in range(media.first[m], media.first[m + 1]):
         if media.density[c] > 0.0 and far < math.inf:

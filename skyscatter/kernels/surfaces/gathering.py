@@ -40,9 +40,12 @@ from skyscatter.kernels.surfaces.lamps import (
     LampGuide,
     aim,
     brightness,
+    darken,
+    disk_light,
     guess_at_point,
     meeting_density,
     pick,
+    ring_of,
 )
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, guess_on_leg
 from skyscatter.kernels.surfaces.media import scattering
@@ -189,6 +192,8 @@ def light_leg(table, hero, sampling, first, s):
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):
         s.light[i] *= mean * walk.value[i] * s.halfway[i] * towards[i] * lamps.power[k, i]
+    if lamps.limb_row[k] >= 0:
+        darken(lamps, k, ring_of(lamps, k, s.aside), s.light)
     return True
 
 
@@ -232,6 +237,8 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):
         s.light[i] *= mean * walk.value[i] * s.factor[i] * lamps.power[k, i]
+    if lamps.limb_row[k] >= 0:
+        darken(lamps, k, ring_of(lamps, k, s.aside), s.light)
     return True
 
 
@@ -252,6 +259,12 @@ def light_end(table, sampling, s, sums):
         if table.guide.open:
             for i in range(s.factor.size):
                 s.factor[i] = walk.value[i] * s.through[i] * table.guide.background[i]
+            add_light(s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
+        # Disks are far smaller than what scatters: they are met only where none of them was aimed at.
+        unaimed = sampling == ANGULAR or s.at[BEFORE] == NO_AIM
+        if unaimed and lamps.limb.shape[0] > 0 and disk_light(lamps, d, s.factor, s.spare):
+            for i in range(s.factor.size):
+                s.factor[i] *= walk.value[i] * s.through[i]
             add_light(s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
         return
     k = table.shapes.lamp[item_body(table.shapes, s.at[ITEM])]

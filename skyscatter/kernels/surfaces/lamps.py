@@ -3,7 +3,7 @@
 A lamp is chosen by its power and by a guess of how much of it arrives; a tenth of the choices asks for no guess, so
 that none can be wrong by more than that.  On a surface a point is drawn by area, on a sphere that is seen from outside
 within the cone that it fills: densities per solid angle p = d^2 / (A cos) and 1 / (2 pi (1 - cos a)).  Parallel lamps
-and points cannot be met by chance; the surroundings are met by every ray that escapes, and are not looked for.
+and points cannot be met by chance, but for the disks of parallel lamps from where none can be aimed at; the surroundings are met by every ray that escapes, and are not looked for.
 """
 
 from __future__ import annotations
@@ -68,6 +68,55 @@ def brightness(lamps, k, cosine):
 
 
 @inlined
+def point_on_disk(lamps, k, u, v, d):
+    """Unit vector towards a point of the disk of a parallel lamp, even over it, into `d` (3,)."""
+    for n in range(3):
+        d[n] = lamps.position[k, n]
+    if lamps.limb_row[k] >= 0:
+        turn(d, math.sqrt(1.0 - u * lamps.disk[k] ** 2), 2.0 * math.pi * v)
+
+
+@inlined
+def ring_of(lamps, k, d):
+    """Squared fractional radius at which a direction meets the disk of parallel lamp k; more than 1 beside it."""
+    a = lamps.position[k]
+    if lamps.limb_row[k] < 0 or d[0] * a[0] + d[1] * a[1] + d[2] * a[2] <= 0.0:
+        return 2.0
+    x, y, z = d[1] * a[2] - d[2] * a[1], d[2] * a[0] - d[0] * a[2], d[0] * a[1] - d[1] * a[0]
+    return (x * x + y * y + z * z) / lamps.disk[k] ** 2
+
+
+@inlined
+def darken(lamps, k, square, light):
+    """Multiply light (wavelength,) by the radiance over its mean at a squared fractional radius of lamp k's disk."""
+    row, last = lamps.limb_row[k], lamps.limb.shape[1] - 1
+    at = min(square, 1.0) * last
+    n = min(int(at), last - 1)
+    w = at - n
+    for i in range(light.size):
+        light[i] *= lamps.limb[row, n, i] + w * (lamps.limb[row, n + 1, i] - lamps.limb[row, n, i])
+
+
+@kernel
+def disk_light(lamps, d, light, spare):
+    """Radiance of the disks of parallel lamps in direction d, into `light` (wavelength,); False beside them."""
+    found = False
+    for k in range(lamps.kind.size):
+        square = ring_of(lamps, k, d)
+        if square <= 1.0:
+            if not found:
+                for i in range(light.size):
+                    light[i] = 0.0
+            found = True
+            for i in range(light.size):
+                spare[i] = lamps.power[k, i] / (math.pi * lamps.disk[k] ** 2)
+            darken(lamps, k, square, spare)
+            for i in range(light.size):
+                light[i] += spare[i]
+    return found
+
+
+@inlined
 def cone_of(p, x):
     """Direction and distance to the middle of a sphere, and 1 - cos of the angle that it fills; 0 from inside."""
     a, b, c = p[0] - x[0], p[1] - x[1], p[2] - x[2]
@@ -115,8 +164,7 @@ def aim(shapes, lamps, k, x, u, v, d, point):
         without extent; 0 if nothing shines this way
     """
     if lamps.kind[k] == PARALLEL_LAMP:
-        for n in range(3):
-            d[n] = lamps.position[k, n]
+        point_on_disk(lamps, k, u, v, d)
         return math.inf, np.int64(-1), 0.0, 1.0
     if lamps.kind[k] == POINT_LAMP:
         distance = face(x, lamps.position[k], d)

@@ -22,7 +22,14 @@ from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import sample_cosine
 from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.space import SpaceWork, make_space_work
-from skyscatter.kernels.surfaces.fields import add_field_columns, clip_to_fields, field_densities
+from skyscatter.kernels.surfaces.fields import (
+    add_air_columns,
+    add_air_densities,
+    add_field_columns,
+    clip_to_air,
+    clip_to_fields,
+    field_densities,
+)
 from skyscatter.kernels.tabulated import angle_cell
 
 #: Optical depth is inverted to this, in parts of 1 + depth.
@@ -37,6 +44,8 @@ class MediaWork(NamedTuple):
     density: np.ndarray  #: (component,) at an event; zero of components of other media
     along: np.ndarray  #: (component,) columns along a ray [m]
     first: np.ndarray  #: (component,) the same to a nearer point
+    outward: np.ndarray  #: (component,) columns of shells to the edge of the air [m], or densities
+    beyond: np.ndarray  #: (component,) the same from further out [m]
     through: np.ndarray  #: (wavelength,) transmittance of the last flight
     towards: np.ndarray  #: (wavelength,) scattering coefficient times phase function [m-1 sr-1]
     total: np.ndarray  #: (wavelength,) scattering coefficient [m-1]
@@ -52,8 +61,7 @@ class Phases(NamedTuple):
 def make_media_work(components: int, wavelengths: int) -> MediaWork:
     """Scratch arrays for media with so many components in all; a thread needs its own."""
     return MediaWork(
-        make_space_work(), np.zeros(components), np.zeros(components), np.zeros(components), np.zeros(wavelengths),
-        np.zeros(wavelengths), np.zeros(wavelengths),
+        make_space_work(), *(np.zeros(components) for _ in range(5)), *(np.zeros(wavelengths) for _ in range(3))
     )  # fmt: skip
 
 
@@ -104,8 +112,20 @@ def medium_density(media, m, x, y, z, work):
             density[c] = 0.0
     else:
         field_densities(media.space, x, y, z, work.space, density)
+        add_air_densities(media.shells, media.centre, x, y, z, work, density)
     for c in range(density.size):
         density[c] = density[c] + media.density[c] if media.first[m] <= c < media.first[m + 1] else 0.0
+
+
+@kernel
+def clip_to_media(media, x, d):
+    """Where a ray enters and leaves the region outside of which no medium changes; never without any that does."""
+    start, end = clip_to_fields(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    enter, leave = clip_to_air(media.shells, media.centre, x, d)
+    if not leave > enter:
+        return start, end
+    # Of a region that is missed nothing counts, not even where it would lie.
+    return (min(start, enter), max(end, leave)) if end > start else (enter, leave)
 
 
 @kernel
@@ -114,6 +134,7 @@ def add_columns(media, m, x, d, start, end, work, out):
     if not end > start:
         return
     add_field_columns(media.space, x[0], x[1], x[2], d[0], d[1], d[2], start, end, work.space, out)
+    add_air_columns(media.shells, media.centre, x, d, start, end, work, out)
     for c in range(out.size):
         if not media.first[m] <= c < media.first[m + 1]:
             out[c] = 0.0
@@ -190,7 +211,7 @@ def reach(media, m, i, x, d, far, wanted, work):
     for c in range(first.size):
         first[c], along[c] = 0.0, 0.0
     constant = depth_of(media, m, media.density, i)
-    start, end = clip_to_fields(media.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    start, end = clip_to_media(media, x, d)
     top = far if far < math.inf else (end if end > start else 0.0)
     add_columns(media, m, x, d, 0.0, top, work, along)
     depth = depth_of(media, m, along, i)

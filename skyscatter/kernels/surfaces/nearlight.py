@@ -23,10 +23,12 @@ from skyscatter.kernels.surfaces.gather import add_to_ray, look_towards
 from skyscatter.kernels.surfaces.lamps import (
     aim,
     brightness,
+    darken,
     guess_at_point,
     guess_in_medium,
     meeting_density,
     pick,
+    ring_of,
 )
 from skyscatter.kernels.surfaces.media import (
     MediaWork,
@@ -211,6 +213,8 @@ def fetch(table, points, p, on_surface, s):
         return False
     for i in range(s.flux.size):
         s.flux[i] = factor * table.lamps.power[k, i] * s.light[i]
+    if table.lamps.limb_row[k] >= 0:
+        darken(table.lamps, k, ring_of(table.lamps, k, s.towards), s.flux)
     return True
 
 

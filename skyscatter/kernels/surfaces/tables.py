@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
+from skyscatter.kernels.lookup import ColumnTable
 from skyscatter.kernels.space import SpaceTable
 
 
@@ -41,9 +42,10 @@ class MaterialTable(NamedTuple):
 
     kind: np.ndarray  #: (material,) int64
     roughness: np.ndarray  #: (material,) GGX alpha; 0 where smooth
-    reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR
-    index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's index
+    reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR, amplitude of RPV, of SEA what comes from foam and from below
+    index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of the index of a CONDUCTOR or SEA
     absorption: np.ndarray  #: (material, wavelength) imaginary part k
+    bowl: np.ndarray  #: (material, 3, wavelength) of RPV: exponent, asymmetry, hot spot; of SEA: share without foam, 0, 0
     lost: np.ndarray  #: (material, ratio, node) share that facets throw on others, see `facets.ratio_at`
     lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
 
@@ -52,7 +54,8 @@ class MaterialTable(NamedTuple):
 class MediaTable(NamedTuple):
     """The media between surfaces.  Medium 0 is outside of all bodies; each owns a stretch of the components.
 
-    A component whose density is the same everywhere has no term in `space`: `density` tells it.
+    A component whose density is the same everywhere has no term in `space`: `density` tells it.  Nor have shells of air
+    around the planet: `shells` holds their columns.
     """
 
     first: np.ndarray  #: (medium + 1,) int64, first component of each medium
@@ -62,7 +65,9 @@ class MediaTable(NamedTuple):
     constant: np.ndarray  #: (medium,) bool, whether all of its components are equally dense everywhere
     extinction: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others
     scattering: np.ndarray  #: (medium, wavelength) [m-1] of constant media, 0 of others
-    space: SpaceTable | None  #: densities of all components that are not constant; None where all are
+    space: SpaceTable | None  #: densities of components that are neither constant nor shells; None without any
+    shells: ColumnTable | None  #: of all components; shells of air in one place, others empty; None without any
+    centre: np.ndarray  #: (3,) of those shells [m]
     density: np.ndarray  #: (component,) of constant components, 0 of others
     sigma_s: np.ndarray  #: (component, wavelength) scattering per unit density [m-1]
     sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density [m-1]
@@ -106,6 +111,9 @@ class LampTable(NamedTuple):
     area: np.ndarray  #: (lamp,) [m2], 0 of lamps without a surface
     share: np.ndarray  #: (lamp,) chance with which a photon starts from it: share of the power, wavelengths averaged
     stack: np.ndarray  #: (lamp, STACK) int64 media around it, the last entered last; -1 where none
+    limb_row: np.ndarray  #: (lamp,) int64 row of `limb` of a parallel lamp with a disk, -1 of others
+    disk: np.ndarray  #: (lamp,) sine of the angular radius of a parallel lamp, 0 without a disk
+    limb: np.ndarray  #: (disk, ring, wavelength) radiance over its mean, over the squared fractional radius
     centre: np.ndarray  #: (3,) of a sphere around all that is finite: where parallel light and surroundings start from
     radius: float  #: of that sphere [m]
 
