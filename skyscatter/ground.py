@@ -122,11 +122,6 @@ class Ground(Record):
                 raise DomainError(name, getattr(self, name), "the ground's material says it all; leave one of them out")
         return self
 
-    @property
-    def shines_evenly(self) -> bool:
-        """Whether it is Lambertian, as most solvers take it."""
-        return self.material is None
-
     def reflectance(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
         """Albedo outside the map per wavelength, shape (wavelength,)."""
         return spectrum_of(self.albedo, wavelengths_nm)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +64,12 @@ def check_world(
         if lamp.kind == "surroundings":
             raise DomainError("lamps", lamp.kind, "are for rooms; light from all around a planet is the background")
     SurfaceScene(media=(SurfaceMedium(name="air"), *media), bodies=bodies, lamps=lamps)
+
+
+def held_of(sky: Any) -> str:
+    """The first field of a scene or a model of a sky that holds more than shells over Lambertian ground, or nothing."""
+    held = (name for name in ("fields", "bodies", "media", "lamps") if getattr(sky, name))
+    return next(held, "" if sky.ground.material is None else "ground.material")
 
 
 #: Half the radius of a neutron star [m]: what is smaller was not meant in metres.
@@ -315,8 +321,7 @@ class Scene(Record):
     @property
     def world(self) -> str:
         """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
-        held = (name for name in ("fields", "bodies", "media", "lamps") if getattr(self, name))
-        return next(held, "" if self.ground.material is None else "ground.material")
+        return held_of(self)
 
     @property
     def observer(self) -> Observer:

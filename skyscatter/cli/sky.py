@@ -133,9 +133,13 @@ def sky(
     ] = None,
     wavelengths: common.Wavelengths = DEFAULT_WAVELENGTHS,
     solver: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="orders (all orders, no noise), path (the same by Monte Carlo) or single."),
-    ] = "orders",
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="orders (all orders, no noise; the default), path (the same by Monte Carlo; the default for models with "
+            "bodies, fields, lamps or a ground of some material) or single.",
+        ),
+    ] = None,
     samples: common.Samples = None,
     noise: common.Noise = None,
     tolerance: Annotated[
@@ -226,7 +230,7 @@ def sky(
         sun_disk=not no_sun,
         scene_for=_scene_for(scene_for, outputs, no_sun and frames is None, no_clobber),
         size=(0, 0) if size is None and view is None else parse.parse_size(size, view or ""),
-        solver=solver,
+        solver=solver or default_solver(model),
         exposure="auto" if exposure is None else parse.parse_exposure(exposure),
         tone=DEFAULT_TONE if tone is None else tone,
         space="srgb" if space is None else space,
@@ -366,6 +370,15 @@ def _check_picture(request: Request) -> None:
         band_weights(request.wavelengths, request.shown_wavelength)  # refuses what the picture could not show
 
 
+def default_solver(name: str) -> str:
+    """The solver for a model when nobody says: that which takes all that it holds."""
+    if "," in name:
+        return "orders"
+    import skyscatter
+
+    return "path" if getattr(skyscatter.load_model(name), "world", "") else "orders"
+
+
 def build_scene(request: Request) -> tuple[Any, Any]:
     """The model, and its scene with Sun and observer."""
     import skyscatter
@@ -377,7 +390,10 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
-    return model, model.scene_at(*request.place, request.time, request.altitude, request.lights)
+    lights = request.lights
+    if model.world and lights.lights is None:
+        lights = replace(lights, lights=("sun",))
+    return model, model.scene_at(*request.place, request.time, request.altitude, lights)
 
 
 def run(request: Request, arguments: list[str]) -> int:

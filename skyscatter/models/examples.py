@@ -108,6 +108,8 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "mirror": '{ kind = "mirror", reflectance = 0.95 }',
         "dielectric": '{ kind = "dielectric", roughness = 0.1 }',
         "conductor": '{ kind = "conductor", metal = "gold" }',
+        "rpv": '{ kind = "rpv", amplitude = 0.07, exponent = 0.65, asymmetry = -0.29 }',
+        "sea": '{ kind = "sea", wind_speed = "8 m/s", upwelling = 0.02 }',
     },
     "shapes": {
         "sphere": '{ kind = "sphere", position = [0, 0, 1], radius = "30 cm" }',

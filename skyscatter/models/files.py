@@ -144,7 +144,7 @@ def parse_model(content: dict[str, Any], source: object) -> Model | NebulaModel 
 
 def sort_of(content: dict[str, Any]) -> type[Model] | type[NebulaModel] | type[SurfaceModel]:
     """What a file describes, by the tables that only such a file has; the others are not loaded."""
-    if not {"viewpoint", "bodies", "media"}.isdisjoint(content):
+    if "viewpoint" in content or ("planet" not in content and not {"bodies", "media"}.isdisjoint(content)):
         from skyscatter.models.surfaces import SurfaceModel
 
         return SurfaceModel

@@ -18,6 +18,10 @@ _OPTICS = {
 }
 
 
+#: Tables that hold components, and the sort of models whose densities fit there; that of the model where none is named.
+_HOLDERS = {"components": "", "media": "render", "fields": "nebula"}
+
+
 def kinds_of(union: Any) -> dict[str, type[Record]]:
     """Classes of a union of records by their kinds."""
     found: dict[str, type[Record]] = {}
@@ -43,25 +47,31 @@ def densities(command: str) -> dict[str, type[Record]]:
 def fitting_kinds(command: str, path: str, kinds: Sequence[str]) -> Sequence[str]:
     """Those kinds, of all that a type allows, that fit at a place of a model's file."""
     parts = path.split(".")
-    in_component = len(parts) > 2 and parts[-3] == "components" and parts[0] in ("components", "media")
+    in_component = len(parts) > 2 and parts[-3] in ("components", "fields") and parts[0] in _HOLDERS
     if in_component and parts[-1] == "density":
-        return list(densities(command))
+        return list(densities(_HOLDERS[parts[0]] or command))
     if in_component and parts[-1] == "optics":
         return _OPTICS[command]
     return [kind for kind in kinds if not (parts[-1] == "camera" and kind == "planet")]
 
 
 def misplaced(command: str, content: Mapping[str, Any]) -> list[str]:
-    """A line for each density field that belongs to another sort of model."""
-    fitting = densities(command)
-    others = {kind for sort in SORTS for kind in densities(sort)} - set(fitting)
-    rule = f"does not fit {SORTS[command]}; choose {', '.join(fitting)}"
-    return [f"{path}.density.kind = {kind!r}: {rule}" for path, kind in _densities(content) if kind in others]
+    """A line for each density field that belongs to another sort of model, or to another table."""
+    known = {sort: set(densities(sort)) for sort in SORTS}
+    everywhere = set().union(*known.values())
+    lines = []
+    for path, kind in _densities(content):
+        sort = _HOLDERS[path.partition(".")[0]] or command
+        if kind in everywhere - known[sort]:
+            place = SORTS[command] if sort == command else "this table"
+            rule = f"does not fit {place}; choose {', '.join(densities(sort))}"
+            lines.append(f"{path}.density.kind = {kind!r}: {rule}")
+    return lines
 
 
 def _densities(content: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
     """Paths of components and the kinds of their densities."""
-    for name in ("components", "media"):
+    for name in _HOLDERS:
         tables = content.get(name)
         for place, table in enumerate(tables if isinstance(tables, (list, tuple)) else ()):
             if not isinstance(table, Mapping):
@@ -70,4 +80,4 @@ def _densities(content: Mapping[str, Any], path: str = "") -> Iterator[tuple[str
             if name == "media":
                 yield from _densities(table, f"{path}media.{numbered(place, table)}.")
             elif isinstance(density, Mapping) and isinstance(density.get("kind"), str):
-                yield f"{path}components.{numbered(place, table)}", density["kind"]
+                yield f"{path}{name}.{numbered(place, table)}", density["kind"]

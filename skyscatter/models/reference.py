@@ -259,7 +259,8 @@ A model is a [TOML](https://toml.io) file. This page is made from the program's 
 - `skyscatter models schema -o skyscatter.json` writes a JSON schema. With `#:schema ./skyscatter.json` in its first
   line an editor with Taplo (Even Better TOML) completes and checks a model file as it is written.
 
-A file with a table `view` is a nebula, one with `viewpoint`, `bodies` or `media` a scene of surfaces, any other a sky.
+A file with a table `view` is a nebula, one with `viewpoint`, or with `bodies` or `media` but no `planet`, a scene of
+surfaces, any other a sky.
 
 **Units.** A number is in the unit that stands in brackets, or it is text with a unit: `"8 km"`, `"0.3 AU"`, `"30%"`.
 In Python the same text will do, or an astropy Quantity. Beside the units below every unit of astropy's of the same

@@ -16,7 +16,13 @@ from skyscatter.record import Record
 #: The schema that editors know best; what pydantic writes is turned into it.
 _DRAFT = "http://json-schema.org/draft-07/schema#"
 #: Tables by which a file is known to be of a sort; one of them will do.
-_MARKS = {"render": ("viewpoint", "bodies", "media"), "nebula": ("view",)}
+_MARKS: dict[str, list[dict[str, Any]]] = {
+    "render": [
+        {"required": ["viewpoint"]},
+        *({"required": [name], "not": {"required": ["planet"]}} for name in ("bodies", "media")),
+    ],
+    "nebula": [{"required": ["view"]}],
+}
 
 
 def model_schema(sort: str | None = None) -> dict[str, Any]:
@@ -45,6 +51,9 @@ def model_schema(sort: str | None = None) -> dict[str, Any]:
         fitting = [{"$ref": f"#/definitions/{names[one]}"} for one in densities(command).values()]
         own["properties"]["density"] = {"oneOf": fitting, "description": "Where it is."}
         definitions[f"{component}_{command}"] = own
+    # What a sky holds in three dimensions has the densities of space.
+    held = definitions[names[sorts()["sky"]]]["properties"]
+    held["fields"] = _renamed(held["fields"], component, f"{component}_nebula")
     for command, model in sorts().items():
         for name in {
             names[model],
@@ -70,7 +79,7 @@ def _by_tables(refs: dict[str, Any]) -> dict[str, Any]:
     """The sort by the tables that a file has."""
     chosen: dict[str, Any] = refs["sky"]
     for command in ("nebula", "render"):
-        marks = {"anyOf": [{"required": [name]} for name in _MARKS[command]]}
+        marks = {"anyOf": _MARKS[command]}
         chosen = {"if": marks, "then": refs[command], "else": chosen}
     return chosen
 

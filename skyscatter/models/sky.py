@@ -14,7 +14,7 @@ from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
-from skyscatter.scene import AU, Scene, Site, Star, Sun, check_world
+from skyscatter.scene import AU, Scene, Site, Star, Sun, check_world, held_of
 from skyscatter.surfaces.lamps import AnyLamp
 from skyscatter.surfaces.scene import Body, SurfaceMedium
 from skyscatter.surfaces.townmap import AnyTown
@@ -114,6 +114,11 @@ class Model(ModelFile):
     def medium(self) -> Medium:
         """The atmosphere around the planet."""
         return Medium(components=self.components, planet_radius=self.planet.radius)
+
+    @property
+    def world(self) -> str:
+        """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
+        return held_of(self)
 
     @property
     def top(self) -> float:

@@ -12,6 +12,7 @@ from surface_bases import MATERIAL_TESTS, WAVELENGTHS, Bsdf, BsdfContract, direc
 from skyscatter.errors import DomainError
 from skyscatter.kernels.codes.surfaces import TRANSMITTED
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table, single_share
+from skyscatter.surfaces.grounds import Rpv, Sea
 from skyscatter.surfaces.indices import METALS, metal_index, refractive_index
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Material, Mirror
 
@@ -113,6 +114,25 @@ class TestRoughestMirror(BsdfContract):
 
     material = Conductor(n=1e-15, k=1.0, roughness=1.0)
     lossless = True
+
+
+class TestLand(BsdfContract):
+    """A bowl with a hot spot."""
+
+    material = Rpv(amplitude=0.2, exponent=0.7, asymmetry=-0.2)
+    heaviest = 8.0  # the hot spot and the bowl, of which draws by the cosine know nothing
+
+
+class TestSea(BsdfContract):
+    """Waves in a stiff breeze, with foam."""
+
+    material = Sea(wind_speed=12, upwelling=0.03)
+
+
+class TestGlassySea(BsdfContract):
+    """The smoothest sea, and nothing below: all draws look for the waves."""
+
+    material = Sea(wind_speed=0)
 
 
 def test_every_material_is_tested() -> None:

@@ -112,7 +112,7 @@ def ground_density(materials, k, n, side, wo, wi, index_here, out):
             out[i] = mirrors * drawn + (1.0 - mirrors) * even
 
 
-@merged
+@kernel
 def draw_tilt(c, u):
     """A slope t towards the viewer in standard deviations, with the density (c + t) exp(-t^2 / 2) where that is > 0.
 
@@ -127,6 +127,8 @@ def draw_tilt(c, u):
     for _ in range(60):
         thin = norm * math.exp(-0.5 * t * t)
         miss = c * (0.5 * math.erfc(-t * root) - below) + start - thin - goal
+        if abs(miss) <= 1e-15 * (1.0 + c) or high - low < 1e-13:
+            break
         if miss < 0.0:
             low = t
         else:
@@ -135,8 +137,6 @@ def draw_tilt(c, u):
         t = t - miss / slope if slope > 0.0 else 0.5 * (low + high)
         if not low < t < high:
             t = 0.5 * (low + high)
-        if high - low < 1e-13 or abs(miss) < 1e-15:
-            break
     return t
 
 
