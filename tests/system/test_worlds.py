@@ -1,0 +1,230 @@
+"""Skies by the general walk among surfaces, against the sky's own solvers and against closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from significance import assert_agrees
+from scipy import stats
+
+import skyscatter
+from skyscatter import fields
+from skyscatter.surfaces import Body, Box, Lambert, PointLamp, Rpv, Sea
+
+WAVELENGTHS = [450.0, 550.0, 650.0]
+#: Out of sight and out of the way of all light, so that the sky stays as it is.
+BURIED = Body(name="buried", shape=Box(position=(0, 0, "-10 km"), size=(1, 1, 1)), material=Lambert())
+#: Azimuths and elevations [degree] of rays, none of which meets the Sun in the south.
+RAYS = np.array(
+    [[180, 75], [180, 45], [180, 12], [150, 30], [90, 60], [90, 20], [90, 5], [30, 30], [0, 80], [0, 20], [0, 4], [0, -30]]
+)
+
+
+def directions(angles: Any = RAYS) -> Any:
+    """Unit vectors (ray, 3)."""
+    a, e = np.radians(np.asarray(angles, float)).T
+    return np.stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)], axis=-1)
+
+
+def sky(model: str, sun: float, altitude: float = 2.0, **held: Any) -> skyscatter.Scene:
+    """A shipped sky, that may hold something."""
+    whole: Any = skyscatter.load_model(model)
+    return whole.model_copy(update=held).scene(sun_elevation_deg=sun, altitude=altitude)
+
+
+def look(scene: skyscatter.Scene, solver: str = "path", d: Any = None, **options: Any) -> Any:
+    """Light at the observer."""
+    d = directions() if d is None else d
+    return skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, solver, **options)
+
+
+@pytest.mark.parametrize("sun", [60.0, 25.0, 5.0])
+@pytest.mark.parametrize("model", ["earth-simple", "earth-hazy"])
+def test_a_plain_sky(model: str, sun: float) -> None:
+    """A dozen directions, by the general walk against the sky's own walks and against orders."""
+    walks = 8192 if model == "earth-simple" else 4096
+    found = look(sky(model, sun, bodies=(BURIED,)), samples=walks, seed=3)
+    marched = look(sky(model, sun), samples=walks, seed=4)
+    solved = look(sky(model, sun), "orders")
+    assert_agrees(found.radiance, marched.radiance, np.hypot(found.error, marched.error), slack=2e-4)  # two tables
+    # What orders states of itself is no standard error: three of it, for it is an estimate, beside chance.
+    slack = 3 * (solved.error / solved.radiance).max()
+    assert_agrees(found.radiance, solved.radiance, found.error, slack=slack)
+
+
+def test_stated_errors_cover() -> None:
+    """Thirty seeds: deviations over stated errors follow Student's t, as far as thirty seeds can tell."""
+    scene, d = sky("earth-simple", 25.0, bodies=(BURIED,)), directions(RAYS[[0, 3, 5, 9, 11]])
+    truth = look(sky("earth-simple", 25.0), "path", d, samples=1 << 16, seed=1)
+    runs = [look(scene, "path", d, samples=1024, seed=10 + k) for k in range(30)]
+    z = np.array([(run.radiance - truth.radiance) / np.hypot(run.error, truth.error) for run in runs])
+    inside = np.mean(np.abs(z) < 2.0)
+    # 94 % for 15 degrees of freedom; of 150 independent rays, whose wavelengths go together, 5 standard deviations.
+    expected = 1 - 2 * stats.t.sf(2.0, 15)
+    assert inside > expected - 5 * np.sqrt(expected * (1 - expected) / 150), inside
+    mean = np.mean([run.radiance for run in runs], axis=0)
+    spread = np.std([run.radiance for run in runs], axis=0, ddof=1) / np.sqrt(30)
+    assert_agrees(mean, truth.radiance, np.hypot(spread, truth.error), freedom=29, slack=2e-4)
+
+
+def test_the_same_numbers_whatever_the_threads() -> None:
+    scene = sky("earth-simple", 25.0, bodies=(BURIED,))
+    one, two = (look(scene, samples=32, threads=n).radiance for n in (1, 2))
+    np.testing.assert_array_equal(one, two)
+
+
+#: A box of 4 m in the north of the observer, its south face 10 m away.
+HOUSE = Body(name="house", shape=Box(position=(0, 12, 2), size=(4, 4, 4)), material=Lambert(albedo=0.6))
+
+
+def sunlight(scene: skyscatter.Scene, plain: skyscatter.Scene, point: Any) -> Any:
+    """Irradiance [W m-2 nm-1] across sunlight at a point in metres from the ground, by columns alone."""
+    start = np.array([0.0, 0.0, scene.medium.radius]) + point
+    passed = skyscatter.transmittance(plain, start, start + 3e6 * scene.sun.direction, WAVELENGTHS)
+    return passed * scene.star.irradiance(np.array(WAVELENGTHS), scene.star_distance)
+
+
+def test_a_box_in_the_sun() -> None:
+    """Its lit face, the ground in the sun, and its shadow, in closed form; and the shadow is blue, not black."""
+    scene, plain = sky("earth-simple", 40.0, bodies=(HOUSE,)), sky("earth-simple", 40.0)
+    eye, sun = np.array([0.0, 0.0, 2.0]), scene.sun.direction
+    face, lawn = np.array([0.5, 10.0, 2.5]), np.array([6.0, 14.0, 0.0])
+    shade = np.array([0.0, 15.0, 0.0])  # 4 m high at 40 degrees: 4.8 m of shadow
+    above = np.array([0.0, 15.0, 30.0])
+    targets = (
+        (eye, face, 0.6 / np.pi * sun @ [0.0, -1.0, 0.0]),
+        (eye + [6, 0, 0], lawn, 0.1 / np.pi * sun[2]),
+        (above, shade, 0.0),
+    )
+    for start, target, factor in targets:
+        way = target - start
+        origin = start + [0, 0, scene.medium.radius]
+        d = way / np.linalg.norm(way)
+        seen = skyscatter.radiance(scene, origin, d, WAVELENGTHS, "path", samples=4096, parts=True, seed=5)
+        between = skyscatter.transmittance(plain, origin, origin + way, WAVELENGTHS)
+        expected = factor * sunlight(scene, plain, target) * between
+        # Columns by tables; without chance but for the point on the disk, over which the cosine hardly changes.
+        np.testing.assert_allclose(seen.layers["reflected"], expected, rtol=1e-3)
+        multiple = seen.layers["multiple"]
+        assert multiple[0] > multiple[2] > 0, "lit by the blue sky as well"
+
+
+def test_a_box_darkens_the_haze() -> None:
+    """Light scattered once along a ray over shaded ground is what the lit part of the ray scatters."""
+    tower = Body(name="tower", shape=Box(position=(0, -100, "250 m"), size=("2 km", 20, "500 m")), material=Lambert())
+    scene, plain = sky("earth-hazy", 30.0, bodies=(tower,)), sky("earth-hazy", 30.0)
+    d = np.array([0.0, 0.0, 1.0])
+    start = scene.observer.position
+    # The tower's edge is at the height 500 m, 90 to 110 m south: the ray is lit from where the Sun clears it.
+    lit = 500.0 - 90.0 * np.tan(np.radians(30.0))
+    found = skyscatter.radiance(scene, start, d, WAVELENGTHS, "path", samples=4096, parts=True, seed=6)
+    high = np.array([0.0, 0.0, scene.medium.radius + lit])
+    above = skyscatter.radiance(plain, high, d, WAVELENGTHS, "single", parts=True)
+    dimmed = above.layers["scattered"] * skyscatter.transmittance(plain, start, high, WAVELENGTHS)
+    whole = skyscatter.radiance(plain, start, d, WAVELENGTHS, "single", parts=True).layers["scattered"]
+    # The tower hides none of the ray; the penumbra is 4 m.  Chance: 1 / sqrt(4096) of what a leg scatters.
+    np.testing.assert_allclose(found.layers["scattered"], dimmed, rtol=0.02)
+    assert (dimmed < 0.9 * whole).all()
+
+
+def test_land_that_is_lambertian() -> None:
+    """k = 1, no asymmetry and no hot spot: the formula is Lambert's, and the whole sky that of orders."""
+    land = skyscatter.Ground(material=Rpv(amplitude=0.3, exponent=1.0, asymmetry=0.0, hot_spot=1.0))
+    found = look(sky("earth-simple", 35.0, ground=land), samples=8192, seed=7)
+    solved = look(sky("earth-simple", 35.0, ground=skyscatter.Ground(albedo=0.3)), "orders")
+    assert_agrees(found.radiance, solved.radiance, found.error, slack=3 * (solved.error / solved.radiance).max())
+
+
+@pytest.mark.parametrize("material", [Rpv(amplitude=0.15, exponent=0.8, asymmetry=-0.1), Sea(wind_speed=7)])
+def test_a_ground_in_the_sun(material: Any) -> None:
+    """What it reflects of the Sun once, against its formula times the columns."""
+    scene = sky("earth-simple", 50.0, ground=skyscatter.Ground(material=material), altitude=500.0)
+    plain = sky("earth-simple", 50.0, altitude=500.0)
+    d = directions([[180, -60], [180, -45], [20, -50], [90, -70]])
+    seen = look(scene, "path", d, samples=1024, parts=True, seed=8)
+    for ray, found in zip(d, seen.layers["reflected"], strict=True):
+        target = np.array([0, 0, 500.0]) + ray * 500.0 / -ray[2]
+        factor = reflectance_factor(material, scene.sun.direction, -ray) / np.pi * scene.sun.direction[2]
+        start = scene.observer.position
+        between = skyscatter.transmittance(plain, start, start + ray * 500.0 / -ray[2], WAVELENGTHS)
+        # Of the disk, over which a steep lobe of waves changes by some per cent, the mean differs by its curvature.
+        np.testing.assert_allclose(found, factor * sunlight(scene, plain, target) * between, rtol=5e-3)
+
+
+def reflectance_factor(material: Any, light: Any, viewer: Any) -> Any:
+    """pi times the BRDF (wavelength,), written down from the literature once more."""
+    if isinstance(material, Rpv):
+        return material.factor(light, viewer, WAVELENGTHS)
+    # Cox & Munk (1954), equations 5-9: the slopes that mirror, their probability, Fresnel at half the angle.
+    m, n = light[2], viewer[2]
+    slope = np.hypot(*(light + viewer)[:2]) / (m + n)
+    variance = 0.003 + 0.00512 * material.wind_speed
+    probability = np.exp(-(slope**2) / variance) / (np.pi * variance)
+    half = 0.5 * np.arccos(light @ viewer)
+    index = material.refractive_index(WAVELENGTHS)
+    beyond = np.arcsin(np.sin(half) / index)
+    fresnel = 0.5 * (
+        (np.sin(half - beyond) / np.sin(half + beyond)) ** 2 + (np.tan(half - beyond) / np.tan(half + beyond)) ** 2
+    )
+    tilt = np.arctan(slope)
+    shadow = 1 / (1 + _hidden(m, variance) + _hidden(n, variance))
+    mirrors = np.pi * fresnel * probability * shadow / (4 * m * n * np.cos(tilt) ** 4)
+    return (1 - material.foam_cover) * mirrors + material.diffuse(WAVELENGTHS)
+
+
+def _hidden(cosine: float, variance: float) -> float:
+    """Mishchenko & Travis (1997), equation 15, of slopes with half of the variance along each axis."""
+    s, cotangent = np.sqrt(variance / 2), cosine / np.sqrt(1 - cosine**2)
+    spread = s / cotangent * np.sqrt(2 / np.pi) * np.exp(-(cotangent**2) / (2 * s**2))
+    return 0.5 * float(spread - 2 * stats.norm.sf(cotangent / s))
+
+
+def test_the_albedo_of_the_sea() -> None:
+    """Under an even sky: 0.066 without waves (Burt 1954; Cox & Munk 1956), 0.050 to 0.060 with them."""
+    rng = np.random.default_rng(2)
+    sea = Sea(wind_speed=10, index=1.338, foam=0.0)
+    n = 4000
+    light, viewer = (_even(rng, n) for _ in range(2))
+    factor = [reflectance_factor(sea, a, b)[1] for a, b in zip(light, viewer, strict=True)]
+    assert 0.045 < np.mean(factor) < 0.066
+
+
+def _even(rng: Any, n: int) -> Any:
+    """Directions by their cosine."""
+    m, a = np.sqrt(rng.uniform(size=n)), rng.uniform(0, 2 * np.pi, n)
+    s = np.sqrt(1 - m**2)
+    return np.stack([s * np.cos(a), s * np.sin(a), m], axis=1)
+
+
+OVERCAST = {"kind": "particles", "optical_depth": 8.0, "phase": {"kind": "henyey-greenstein", "g": 0.75}}
+
+
+def test_a_wide_cloud_is_a_layer() -> None:
+    """Voxels 60 km wide and 500 m thick, of optical depth 8, over a round Earth with air: as the layer of orders."""
+    side = 60e3
+    # Values at the middles of voxels, nothing beyond the last ones.
+    voxels = fields.VoxelGrid(values=np.ones((60, 60, 10)), spacing=(side / 60, side / 60, 50.0), origin=ORIGIN)
+    cloud = skyscatter.Component(
+        name="cloud", density=voxels, optics={"kind": "particles", "extinction": 8.0 / 500.0, "phase": OVERCAST["phase"]}
+    )
+    layer = skyscatter.Component(name="cloud", density={"kind": "uniform", "base": 1000.0, "top": 1500.0}, optics=OVERCAST)
+    base: Any = skyscatter.load_model("earth-simple")
+    d = directions([[180, 60], [90, 40], [0, 80]])
+    found = look(sky("earth-simple", 50.0, fields=(cloud,)), "path", d, samples=8192, seed=9)
+    solved = look(sky("earth-simple", 50.0, components=(*base.components, layer)), "orders", d)
+    # The slab is flat and the layer round: over the 2 km that count that is nothing; the edges are 15 depths away.
+    assert_agrees(found.radiance, solved.radiance, found.error, slack=5e-3)
+
+
+def test_a_lamp_under_the_sky() -> None:
+    """Near a lamp its light on the ground goes by the square of the distance, beside the sky's."""
+    lamp = PointLamp(position=(0, 5, 3), power=100.0)
+    scene = sky("earth-simple", 20.0, lamps=(lamp,))
+    way = np.array([0.0, 5.0, -2.0])
+    d = way / np.linalg.norm(way)
+    lit = look(scene, "path", d, samples=1024, parts=True, seed=10).layers["reflected"]
+    unlit = look(sky("earth-simple", 20.0, bodies=(BURIED,)), "path", d, samples=1024, parts=True, seed=10)
+    expected = unlit.layers["reflected"] + 0.1 / np.pi * 100.0 / (4 * np.pi * 9.0)
+    np.testing.assert_allclose(lit, expected, rtol=0.02)  # chance chooses between the Sun and the lamp

@@ -1,0 +1,268 @@
+"""Skies that hold bodies, fields, lamps and grounds of any material: what they refuse, and what the pieces give."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skyscatter
+from skyscatter import fields
+from skyscatter.errors import DomainError
+from skyscatter.kernels.jit import entry
+from skyscatter.kernels.surfaces.shells import add_shell_columns, add_shell_densities
+from skyscatter.models.files import parse_model
+from skyscatter.solvers.surfaces import compile_surfaces
+from skyscatter.solvers.world import as_surfaces
+from skyscatter.surfaces import Body, Box, Dielectric, Interface, Lambert, Mirror, ParallelLamp, PointLamp, Rpv, Sea
+from skyscatter.surfaces import Sphere, SurfaceMedium, SurfaceScene, Surroundings
+
+WAVELENGTHS = [450.0, 550.0, 650.0]
+BOX = Body(name="box", shape=Box(position=(0, 20, 1), size=(2, 2, 2)), material=Lambert(albedo=0.5))
+CLOUD = skyscatter.Component(
+    name="cloud",
+    density=fields.Box(position=(0, 0, "2 km"), half_sizes=("1 km", "1 km", "100 m")),
+    optics={"kind": "particles", "extinction": "20 km-1", "phase": {"kind": "henyey-greenstein", "g": 0.8}},
+)
+UP = [0.0, 0.0, 1.0]
+
+
+def world(sun: float = 30.0, model: str = "earth-simple", **held: Any) -> skyscatter.Scene:
+    """A sky that holds something, seen from 2 m."""
+    whole = skyscatter.load_model(model).model_copy(update=held)
+    return whole.scene(sun_elevation_deg=sun, altitude=2.0)
+
+
+def look(scene: skyscatter.Scene, direction: Any = UP, solver: str = "path", **options: Any) -> Any:
+    """Light at the observer."""
+    return skyscatter.radiance(scene, scene.observer.position, direction, WAVELENGTHS, solver, **options)
+
+
+@pytest.mark.parametrize(
+    ("held", "name"),
+    [
+        ({"bodies": (BOX,)}, "bodies"),
+        ({"fields": (CLOUD,)}, "fields"),
+        ({"lamps": (PointLamp(position=(0, 0, 5), lumens=800, spectrum="led-4000k"),)}, "lamps"),
+        ({"media": (SurfaceMedium(name="water", index="water"),)}, "media"),
+        ({"ground": skyscatter.Ground(material=Sea())}, "ground.material"),
+    ],
+)
+def test_other_solvers_refuse_before_the_work(held: dict[str, Any], name: str) -> None:
+    """The field because of which, and the solver to take."""
+    scene = world(**held)
+    assert scene.world == name
+    for solver in ("orders", "single"):
+        with pytest.raises(DomainError, match=re.escape(f"this scene has {name}; take path")):
+            look(scene, solver=solver)
+    with pytest.raises(DomainError, match="choose from path"):
+        look(scene, solver="photons")
+    with pytest.raises(DomainError, match=f"{re.escape(name)} = .*for the solver path alone"):
+        skyscatter.solve(scene, WAVELENGTHS)
+
+
+@pytest.mark.parametrize("option", [{"stokes": True}, {"sampling": "free-flight"}, {"tolerance": 1e-3}])
+def test_options_without_meaning_are_refused(option: dict[str, Any]) -> None:
+    """None is taken and ignored."""
+    with pytest.raises(DomainError, match="means nothing"):
+        look(world(bodies=(BOX,)), **option)
+
+
+def test_what_does_not_go_together_yet_is_refused() -> None:
+    """A map, towns, lights of a place, a picture without its Sun."""
+    painted = skyscatter.GroundMap(classes=[[0]], albedos=[0.5], cell_size="1 km")
+    with pytest.raises(DomainError, match=r"ground\.map"):
+        look(world(bodies=(BOX,), ground=skyscatter.Ground(map=painted)))
+    town = skyscatter.surfaces.Town(lumens=1e6, spectrum="led-4000k", distance="10 km", azimuth_deg=0)
+    with pytest.raises(DomainError, match="towns"):
+        look(world(bodies=(BOX,), towns=(town,)))
+    model = skyscatter.load_model("earth-simple").model_copy(update={"bodies": (BOX,)})
+    with pytest.raises(DomainError, match="lights = 'moon'"):
+        look(model.scene_at(48.86, 2.35, "2026-06-21T12:00Z", lights=("sun", "moon")))
+    with pytest.raises(DomainError, match="eclipse"):
+        look(model.scene_at(43.4, -4.8, "2026-08-12T18:29Z"))
+    with pytest.raises(DomainError, match="sun_disk"):
+        skyscatter.render(world(bodies=(BOX,)), skyscatter.Fisheye(width=2, height=2), WAVELENGTHS, "path", sun_disk=False)
+
+
+@pytest.mark.parametrize(
+    ("held", "message"),
+    [
+        ({"bodies": (BOX.model_copy(update={"name": "ground"}),)}, "choose another name"),
+        ({"media": (SurfaceMedium(name="air"),)}, "choose another name"),
+        ({"bodies": (BOX.model_copy(update={"inside": "honey"}),)}, "no such medium"),
+        ({"lamps": (Surroundings(radiance=1.0),)}, "background"),
+        ({"fields": (CLOUD.model_copy(update={"density": fields.Everywhere()}),)}, "no field in three dimensions"),
+        ({"fields": (CLOUD.model_copy(update={"name": "air"}),)}, "two components of one name"),
+    ],
+)
+def test_what_a_sky_cannot_hold(held: dict[str, Any], message: str) -> None:
+    """Each is one line."""
+    with pytest.raises(ValueError, match=message):
+        world(**held)
+
+
+@pytest.mark.parametrize("material", [Interface(), Dielectric()])
+def test_a_ground_is_opaque(material: Any) -> None:
+    with pytest.raises(ValueError, match="opaque"):
+        skyscatter.Ground(material=material)
+
+
+def test_a_ground_is_said_once() -> None:
+    with pytest.raises(ValueError, match="leave one of them out"):
+        skyscatter.Ground(albedo=0.3, material=Sea())
+
+
+def test_land_makes_no_light() -> None:
+    with pytest.raises(ValueError, match="more than all of it"):
+        Rpv(amplitude=0.9, exponent=0.4)
+    with pytest.raises(ValueError, match="upwelling"):
+        Sea(upwelling=0.6)
+
+
+def test_twilight_is_warned_of() -> None:
+    with pytest.warns(UserWarning, match="sun_elevation_deg = -3"):
+        look(world(-3.0, bodies=(BOX,)), samples=2)
+
+
+def test_model_files_hold_worlds() -> None:
+    """Written and read again the same; what is misplaced is named with its table."""
+    content = skyscatter.load_model("earth-simple").model_dump(mode="json", exclude_none=True)
+    content["bodies"] = [BOX.model_dump(mode="json", exclude_none=True)]
+    content["fields"] = [CLOUD.model_dump(mode="json", exclude_none=True)]
+    model: Any = parse_model(content, "here")
+    assert isinstance(model, skyscatter.Model)
+    assert model.world == "fields"
+    assert parse_model(model.model_dump(mode="json", exclude_none=True), "again") == model
+    content["fields"][0]["density"] = {"kind": "exponential", "scale_height": "1 km"}
+    with pytest.raises(ValueError, match=r"fields\.0 \(cloud\)\.density\.kind = 'exponential': does not fit this table"):
+        parse_model(content, "here")
+
+
+AIR = [
+    {"kind": "exponential", "scale_height": "8 km", "top": "60 km"},
+    {"kind": "us-standard-1976"},
+    {"kind": "tent", "base": "10 km", "peak": "25 km", "top": "40 km"},
+    {"kind": "uniform", "base": "0 m", "top": "500 m"},
+]
+
+
+@entry
+def columns_once(table, centre, x, d, start, end, outward, beyond, out):  # type: ignore[no-untyped-def]
+    add_shell_columns(table, centre, x, d, start, end, outward, beyond, out)
+
+
+@entry
+def densities_once(table, centre, x, y, z, spare, out):  # type: ignore[no-untyped-def]
+    add_shell_densities(table, centre, x, y, z, spare, out)
+
+
+@pytest.fixture(scope="module")
+def shells() -> tuple[Any, list[fields.AroundPlanet]]:
+    """Shells among media, and the same as fields."""
+    radius = 6.371e6
+    around = [fields.AroundPlanet(position=(0, 0, -radius), radius=radius, profile=profile) for profile in AIR]
+    parts = [
+        skyscatter.Component(name=str(k), density=one, optics={"kind": "rayleigh-air"}) for k, one in enumerate(around)
+    ]
+    scene = SurfaceScene(media=(SurfaceMedium(name="air", components=tuple(parts)),))
+    media = compile_surfaces(scene, WAVELENGTHS).media
+    assert media.space is None
+    return media, around
+
+
+def test_shells_have_the_columns_of_fields(shells: tuple[Any, list[fields.AroundPlanet]]) -> None:
+    """Long and short pieces of rays, along the ground, through the planet, and past it."""
+    media, around = shells
+    rng = np.random.default_rng(4)
+    largest = np.array([one.column([0, 0, 1.0], [3e6, 0, 1.0]) for one in around])
+    spare, beyond = np.zeros(4), np.zeros(4)
+    for _ in range(400):
+        x = np.array([*rng.uniform(-1e4, 1e4, 2), 10 ** rng.uniform(0, 5)])
+        d = rng.normal(size=3)
+        d[2] *= rng.choice([1.0, 0.02])
+        d /= np.linalg.norm(d)
+        far = 10 ** rng.uniform(0, 7.5)
+        out = np.zeros(4)
+        columns_once(media.shells, media.centre, x, d, 0.0, far, spare, beyond, out)
+        exact = np.array([one.column(x, x + far * d) for one in around])
+        # To 2e-5 of the largest column through the field, as tables of skies; the edge of the uniform one to 2e-3.
+        np.testing.assert_array_less(np.abs(out - exact), np.array([2e-5, 2e-5, 2e-4, 2e-3]) * largest + 1e-9)
+        if far < 300:
+            # Short pieces keep their digits: to 1e-5 of what is there, as the cubics of the density.
+            smooth = slice(0, 2)
+            np.testing.assert_allclose(out[smooth], exact[smooth], rtol=1e-4, atol=1e-12)
+
+
+def test_shells_have_the_densities_of_fields(shells: tuple[Any, list[fields.AroundPlanet]]) -> None:
+    media, around = shells
+    spare = np.zeros(4)
+    for h in (-10.0, 0.5, 333.0, 7.7e3, 31e3, 59e3, 2e5):
+        point = np.array([3e4, -1e4, 0.0])
+        centre = media.centre
+        point = centre + (point - centre) * (6.371e6 + h) / np.linalg.norm(point - centre)
+        out = np.zeros(4)
+        densities_once(media.shells, media.centre, *point, spare, out)
+        np.testing.assert_allclose(out, [one.density(point) for one in around], rtol=1e-4, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:path does not find")
+def test_the_suns_disk_is_seen_as_in_the_sky() -> None:
+    """Straight, and in a mirror: radiance of the limb-darkened disk through the air."""
+    plain = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=30, sun_azimuth_deg=0, altitude=2.0)
+    mirror = Body(name="mirror", shape=Box(position=(0, 0, 0.5), size=(20, 20, 1)), material=Mirror(reflectance=1.0))
+    scene = world(30.0, bodies=(mirror,)).model_copy(update={"sun": plain.sun})
+    for off in (0.0, 0.15, 0.25):
+        elevation = np.radians(30 + off)
+        d = np.array([0.0, np.cos(elevation), np.sin(elevation)])
+        expected = look(plain, d, "single", parts=True).layers["direct"]
+        found = look(scene, d, samples=4, parts=True).layers["direct"]
+        # Columns by tables, the limb by rings: to 1e-4.
+        np.testing.assert_allclose(found, expected, rtol=2e-4)
+        mirrored = look(scene, d * [1, 1, -1], samples=64, parts=True)
+        np.testing.assert_allclose(mirrored.layers["reflected"], expected, rtol=1e-3)
+    beside = np.radians(30.4)
+    assert not look(scene, [0, np.cos(beside), np.sin(beside)], samples=4, parts=True).layers["direct"].any()
+
+
+def test_the_disk_of_parallel_light() -> None:
+    """It casts the same light as without a disk on open ground, and a penumbra behind an edge."""
+    floor = Body(name="floor", shape=skyscatter.surfaces.Plane(), material=Lambert(albedo=0.8))
+    # An edge 10 m above the floor, over the line y = 0, so that its penumbra is 2 x 10 m x tan 1 degree wide.
+    sheet = skyscatter.surfaces.Rectangle(position=(0, -50, 10), normal=(0, 0, 1), size=(200, 100))
+    roof = Body(name="roof", shape=sheet, material=Lambert(albedo=0.0))
+    for darkened in (False, True):
+        sun = ParallelLamp(direction=(0, 0, 1), irradiance=1.0, angular_radius_deg=1.0, limb_darkening=darkened)
+        scene = SurfaceScene(bodies=(floor, roof), lamps=(sun,))
+        for share in (-1.2, -0.5, 0.0, 0.3, 1.2):
+            y = share * 10 * np.tan(np.radians(1.0))
+            seen = skyscatter.radiance(
+                scene, [0, y, 0.5], [0, 0, -1], [550.0], "path", samples=4096, max_order=1, seed=2
+            )
+            expected = 0.8 / np.pi * _lit(share, sun)
+            assert abs(seen.radiance[0] - expected) <= 4 * seen.error[0] + 2e-4 * expected, (darkened, share)
+
+
+def _lit(share: float, sun: ParallelLamp) -> float:
+    """Share of the light of a disk above a straight edge that lies at -share of its radius."""
+    x, y = np.meshgrid(*[(np.arange(2000) + 0.5) / 1000 - 1] * 2)
+    square = x**2 + y**2
+    inside = square < 1
+    limb = np.zeros_like(x)
+    limb[inside] = sun.limb(np.sqrt(1 - square[inside]), [550.0])[:, 0]
+    return float(limb[y > -share].sum() / limb.sum())
+
+
+def test_the_world_is_one_scene_of_surfaces() -> None:
+    """The planet a sphere, shells around it, the star with its disk, the background all around."""
+    scene = world(bodies=(BOX,), fields=(CLOUD,)).model_copy(update={"background": 1e-3})
+    made = as_surfaces(scene, np.array(WAVELENGTHS))
+    assert [body.name for body in made.bodies] == ["ground", "box"]
+    assert isinstance(made.bodies[0].shape, Sphere)
+    assert [part.name for part in made.media[0].components] == ["air", "aerosol", "cloud"]
+    assert [lamp.name for lamp in made.lamps] == ["star", "background"]
+    table = compile_surfaces(made, WAVELENGTHS)
+    assert table.media.shells is not None
+    assert table.media.space is not None
