@@ -90,6 +90,21 @@ def room(name: str, solver: str, **options: Any) -> dict[str, Array]:
     return look(scene, (np.broadcast_to(view.position, d.shape).copy(), d), solver, **options)
 
 
+def world(held: str, **options: Any) -> dict[str, Array]:
+    """A sky with a cloud and a box, or over the sea."""
+    model = skyscatter.load_model("earth-simple")
+    if held == "sea":
+        model = model.model_copy(update={"ground": skyscatter.Ground(material={"kind": "sea"})})
+    else:
+        optics = {"kind": "particles", "extinction": "10 km-1", "phase": {"kind": "henyey-greenstein", "g": 0.8}}
+        puff = {"kind": "gaussian-sphere", "position": [0, "1 km", "2 km"], "width": "300 m"}
+        cloud = {"name": "puff", "density": puff, "optics": optics}
+        box = {"shape": {"kind": "box", "position": [0, 20, 1], "size": [2, 2, 2]}, "material": {"kind": "lambert"}}
+        model = type(model).model_validate(model.model_dump() | {"fields": [cloud], "bodies": [box]})
+    scene = model.scene(sun_elevation_deg=12.0)
+    return look(scene, sky_rays(scene), "path", **options)
+
+
 def abel() -> dict[str, Array]:
     radius = np.linspace(0.0, 1.0, 41)
     data = np.exp(-8 * radius**2) + 0.01 * np.random.default_rng(1).normal(size=41)
@@ -128,6 +143,7 @@ DIGESTS: dict[str, Callable[[], dict[str, Array]]] = {
     },
     **{f"{name}-path": partial(room, name, "path", **PATH) for name in ROOMS},
     **{f"{name}-photons": partial(room, name, "photons", **PHOTONS) for name in ("fog-room", "milk-and-water")},
+    **{f"world-{held}-path": partial(world, held, **PATH) for held in ("cloud", "sea")},
     "fog-room-photons-stokes": partial(room, "fog-room", "photons", stokes=True, **PHOTONS),
     "abel": abel,
     "picture": picture,

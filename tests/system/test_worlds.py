@@ -205,7 +205,7 @@ def test_a_wide_cloud_is_a_layer() -> None:
     """Voxels 60 km wide and 500 m thick, of optical depth 8, over a round Earth with air: as the layer of orders."""
     side = 60e3
     # Values at the middles of voxels, nothing beyond the last ones.
-    voxels = fields.VoxelGrid(values=np.ones((60, 60, 10)), spacing=(side / 60, side / 60, 50.0), origin=ORIGIN)
+    voxels = fields.VoxelGrid(values=np.ones((60, 60, 10)), spacing=(side / 60, side / 60, 50.0), position=(0, 0, 1250.0), edge="sharp")
     cloud = skyscatter.Component(
         name="cloud", density=voxels, optics={"kind": "particles", "extinction": 8.0 / 500.0, "phase": OVERCAST["phase"]}
     )
