@@ -35,12 +35,12 @@ def optical_depth(
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm].
     by_component : bool
-        Keep the components apart, in the order of the medium's.
+        Keep the components apart, in the order of the medium's; then the fields of a `Scene`.
 
     Returns
     -------
     ndarray, shape (..., wavelength) or (..., component, wavelength)
-        Infinite where the planet is in the way.
+        Infinite where the planet is in the way.  Bodies are not looked at.
 
     Raises
     ------
@@ -64,6 +64,7 @@ def optical_depth(
     array([35., 35.])
     """
     from skyscatter.kernels.columns import exact_columns
+    from skyscatter.media.medium import Medium
     from skyscatter.solvers.checks import check_wavelengths
     from skyscatter.solvers.compile import field_tables, medium_optics
 
@@ -90,8 +91,11 @@ def optical_depth(
     mu = np.clip(along / np.where(length > 0, length * r, 1.0), -1, 1)
     columns = np.zeros((len(a), len(scene.medium.components)))
     exact_columns(fields, r, mu, length, columns)
-    sigma_t = medium_optics(scene.medium, tuple(float(w) for w in wl))[1]
-    parts = columns[:, :, None] * sigma_t
+    parts = columns[:, :, None] * medium_optics(scene.medium, tuple(wl.tolist()))[1]
+    if scene.fields:
+        held, lift = Medium(components=scene.fields), np.array([0.0, 0.0, radius])
+        more = _space_columns(held, a - lift, b - lift)[:, :, None] * medium_optics(held, tuple(wl.tolist()))[1]
+        parts = np.concatenate([parts, more], axis=1)
     parts[_through_planet(r, mu, length, radius)] = np.inf
     tau = parts if by_component else parts.sum(axis=1)
     return tau.reshape(*shape, *tau.shape[1:])

@@ -115,7 +115,9 @@ class Ground(Record):
         if self.material is None:
             return self
         if self.material.kind in ("interface", "dielectric"):
-            rule = "lets light into the planet, which holds nothing; take an opaque material, or put a body on the ground"
+            rule = (
+                "lets light into the planet, which holds nothing; take an opaque material, or put a body on the ground"
+            )
             raise DomainError("material", self.material.kind, rule)
         for name in ("albedo", "map"):
             if name in self.model_fields_set and getattr(self, name) not in (0.0, None):

@@ -136,8 +136,8 @@ def sky(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="orders (all orders, no noise; the default), path (the same by Monte Carlo; the default for models with "
-            "bodies, fields, lamps or a ground of some material) or single.",
+            help="orders (all orders, no noise; the default), path (the same by Monte Carlo; the default for models "
+            "with bodies, fields, lamps or a ground of some material) or single.",
         ),
     ] = None,
     samples: common.Samples = None,

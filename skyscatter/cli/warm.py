@@ -31,7 +31,7 @@ class What(StrEnum):
 
 #: Families of forms by command; what is in none of them, such as a library's users call, is compiled with all.
 FAMILIES = {
-    What.sky: ("orders", "path", "single"),
+    What.sky: ("orders", "path", "single", "world"),
     What.nebula: ("volume_path", "volume_single"),
     What.render: ("surface_path", "photons"),
     What.dehaze: ("dehaze",),

@@ -25,7 +25,9 @@ from skyscatter.kernels.jit import entry, inlined, kernel
 #: Nodes of altitude that are tabulated in one go.
 NODES_AT_ONCE = 16
 #: Gauss-Legendre rule of 4 points on [0, 1].
-GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True))
+GAUSS_POINTS, GAUSS_WEIGHTS = (
+    0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
+)
 
 
 @by_address

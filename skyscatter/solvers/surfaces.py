@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
 from skyscatter.kernels.codes.shells import LINEAR
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
 from skyscatter.kernels.lookup import ColumnTable, build_column_table
 from skyscatter.kernels.surfaces.tables import LampTable, MediaTable, ShapeTable, SurfaceTable
 from skyscatter.media.fields import FieldRow
@@ -132,6 +132,7 @@ def shells_of(components: list[Component]) -> tuple[list[FieldRow | None], Aroun
 
     Shells that are turned, stretched, or around another planet stay fields of three dimensions.
     """
+
     def same(density: Any) -> bool:
         return isinstance(density, AroundPlanet) and density == planet.model_copy(update={"profile": density.profile})
 
@@ -236,9 +237,7 @@ def point_lamp(name: str, power: Array, position: ArrayLike, axis: Array, lobe: 
     return Lamp(name, POINT_LAMP, power, place, axis, lobe, _NO_ITEMS, np.zeros(0), *beside)
 
 
-def parallel_lamp(
-    name: str, irradiance: Array, towards: Array, disk: float = 0.0, limb: Array | None = None
-) -> Lamp:
+def parallel_lamp(name: str, irradiance: Array, towards: Array, disk: float = 0.0, limb: Array | None = None) -> Lamp:
     """Light from one direction, or from a disk around it."""
     return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, *_FROM_OUTSIDE, disk, limb)
 

@@ -103,7 +103,9 @@ def check_scene(scene: Scene) -> None:
         from skyscatter.solvers.eclipse import eclipse_of
 
         if eclipse_of(scene) is not None:
-            raise DomainError("time", scene.sun.site.time, f"is in an eclipse, which scenes with {held} cannot have yet")
+            raise DomainError(
+                "time", scene.sun.site.time, f"is in an eclipse, which scenes with {held} cannot have yet"
+            )
     if np.degrees(np.arcsin(min(scene.star.radius / scene.star_distance, 1.0))) > 5.0:
         raise DomainError("radius", scene.star.radius, f"fills more than 10 degrees of the sky of a scene with {held}")
 

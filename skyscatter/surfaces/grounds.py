@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 #: Reflectance of foam as it ages on the sea (Koepke 1984, Appl. Opt. 23, 1816), in visible light.
 FOAM_REFLECTANCE = 0.22
-#: Light from below goes through the surface, which turns back what leaves it flat: more of it would be made from nothing.
+#: Light from below goes through the surface, which turns back what leaves it flat: more would be made from nothing.
 BRIGHTEST_WATER = 0.3
 #: Points of the quadratures of the albedo: zenith angles and azimuths.
 _ZENITHS, _AZIMUTHS = 24, 48
@@ -135,7 +135,7 @@ class Rpv(Record):
 def _nodes(*values: Spectral | None) -> Array:
     """Wavelengths [nm] at which any of the values has a node; one where none has."""
     tables = [np.asarray(value.wavelengths, float) for value in values if hasattr(value, "wavelengths")]
-    return np.unique(np.concatenate([np.array([550.0])] if not tables else tables))
+    return np.unique(np.concatenate(tables or [np.array([550.0])]))
 
 
 class Sea(Record):

@@ -166,7 +166,8 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
             kind[k], (reflectance[k], *bowl[k]) = codes.RPV, material.parameters(wl)
         elif isinstance(material, Sea):
             kind[k], roughness[k] = codes.SEA, material.slope
-            index[k], reflectance[k], bowl[k, 0] = material.refractive_index(wl), material.diffuse(wl), 1 - material.foam_cover
+            index[k], reflectance[k] = material.refractive_index(wl), material.diffuse(wl)
+            bowl[k, 0] = 1 - material.foam_cover
         else:
             raise TypeError(f"no material: {type(material).__name__}")
         if roughness[k] > 0.0 and kind[k] != codes.SEA:

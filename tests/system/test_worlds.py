@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from significance import assert_agrees
 from scipy import stats
+from significance import assert_agrees
 
 import skyscatter
 from skyscatter import fields
@@ -18,7 +18,20 @@ WAVELENGTHS = [450.0, 550.0, 650.0]
 BURIED = Body(name="buried", shape=Box(position=(0, 0, "-10 km"), size=(1, 1, 1)), material=Lambert())
 #: Azimuths and elevations [degree] of rays, none of which meets the Sun in the south.
 RAYS = np.array(
-    [[180, 75], [180, 45], [180, 12], [150, 30], [90, 60], [90, 20], [90, 5], [30, 30], [0, 80], [0, 20], [0, 4], [0, -30]]
+    [
+        [180, 75],
+        [180, 45],
+        [180, 12],
+        [150, 30],
+        [90, 60],
+        [90, 20],
+        [90, 5],
+        [30, 30],
+        [0, 80],
+        [0, 20],
+        [0, 4],
+        [0, -30],
+    ]
 )
 
 
@@ -95,12 +108,12 @@ def test_a_box_in_the_sun() -> None:
     above = np.array([0.0, 15.0, 30.0])
     targets = (
         (eye, face, 0.6 / np.pi * sun @ [0.0, -1.0, 0.0]),
-        (eye + [6, 0, 0], lawn, 0.1 / np.pi * sun[2]),
+        (eye + np.array([6.0, 0.0, 0.0]), lawn, 0.1 / np.pi * sun[2]),
         (above, shade, 0.0),
     )
     for start, target, factor in targets:
         way = target - start
-        origin = start + [0, 0, scene.medium.radius]
+        origin = start + np.array([0.0, 0.0, scene.medium.radius])
         d = way / np.linalg.norm(way)
         seen = skyscatter.radiance(scene, origin, d, WAVELENGTHS, "path", samples=4096, parts=True, seed=5)
         between = skyscatter.transmittance(plain, origin, origin + way, WAVELENGTHS)
@@ -205,11 +218,17 @@ def test_a_wide_cloud_is_a_layer() -> None:
     """Voxels 60 km wide and 500 m thick, of optical depth 8, over a round Earth with air: as the layer of orders."""
     side = 60e3
     # Values at the middles of voxels, nothing beyond the last ones.
-    voxels = fields.VoxelGrid(values=np.ones((60, 60, 10)), spacing=(side / 60, side / 60, 50.0), position=(0, 0, 1250.0), edge="sharp")
-    cloud = skyscatter.Component(
-        name="cloud", density=voxels, optics={"kind": "particles", "extinction": 8.0 / 500.0, "phase": OVERCAST["phase"]}
+    voxels = fields.VoxelGrid(
+        values=np.ones((60, 60, 10)), spacing=(side / 60, side / 60, 50.0), position=(0, 0, 1250.0), edge="sharp"
     )
-    layer = skyscatter.Component(name="cloud", density={"kind": "uniform", "base": 1000.0, "top": 1500.0}, optics=OVERCAST)
+    cloud = skyscatter.Component(
+        name="cloud",
+        density=voxels,
+        optics={"kind": "particles", "extinction": 8.0 / 500.0, "phase": OVERCAST["phase"]},
+    )
+    layer = skyscatter.Component(
+        name="cloud", density={"kind": "uniform", "base": 1000.0, "top": 1500.0}, optics=OVERCAST
+    )
     base: Any = skyscatter.load_model("earth-simple")
     d = directions([[180, 60], [90, 40], [0, 80]])
     found = look(sky("earth-simple", 50.0, fields=(cloud,)), "path", d, samples=8192, seed=9)

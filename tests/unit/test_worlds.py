@@ -16,8 +16,22 @@ from skyscatter.kernels.surfaces.shells import add_shell_columns, add_shell_dens
 from skyscatter.models.files import parse_model
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.solvers.world import as_surfaces
-from skyscatter.surfaces import Body, Box, Dielectric, Interface, Lambert, Mirror, ParallelLamp, PointLamp, Rpv, Sea
-from skyscatter.surfaces import Sphere, SurfaceMedium, SurfaceScene, Surroundings
+from skyscatter.surfaces import (
+    Body,
+    Box,
+    Dielectric,
+    Interface,
+    Lambert,
+    Mirror,
+    ParallelLamp,
+    PointLamp,
+    Rpv,
+    Sea,
+    Sphere,
+    SurfaceMedium,
+    SurfaceScene,
+    Surroundings,
+)
 
 WAVELENGTHS = [450.0, 550.0, 650.0]
 BOX = Body(name="box", shape=Box(position=(0, 20, 1), size=(2, 2, 2)), material=Lambert(albedo=0.5))
@@ -84,7 +98,9 @@ def test_what_does_not_go_together_yet_is_refused() -> None:
     with pytest.raises(DomainError, match="eclipse"):
         look(model.scene_at(43.4, -4.8, "2026-08-12T18:29Z"))
     with pytest.raises(DomainError, match="sun_disk"):
-        skyscatter.render(world(bodies=(BOX,)), skyscatter.Fisheye(width=2, height=2), WAVELENGTHS, "path", sun_disk=False)
+        skyscatter.render(
+            world(bodies=(BOX,)), skyscatter.Fisheye(width=2, height=2), WAVELENGTHS, "path", sun_disk=False
+        )
 
 
 @pytest.mark.parametrize(
@@ -137,7 +153,9 @@ def test_model_files_hold_worlds() -> None:
     assert model.world == "fields"
     assert parse_model(model.model_dump(mode="json", exclude_none=True), "again") == model
     content["fields"][0]["density"] = {"kind": "exponential", "scale_height": "1 km"}
-    with pytest.raises(ValueError, match=r"fields\.0 \(cloud\)\.density\.kind = 'exponential': does not fit this table"):
+    with pytest.raises(
+        ValueError, match=r"fields\.0 \(cloud\)\.density\.kind = 'exponential': does not fit this table"
+    ):
         parse_model(content, "here")
 
 
@@ -266,3 +284,14 @@ def test_the_world_is_one_scene_of_surfaces() -> None:
     table = compile_surfaces(made, WAVELENGTHS)
     assert table.media.shells is not None
     assert table.media.space is not None
+
+
+def test_columns_go_through_clouds() -> None:
+    """The cloud of 200 m, straight up: 4 of its own, beside the air's."""
+    scene, plain = world(fields=(CLOUD,)), world()
+    start, end = scene.observer.position, scene.observer.position + np.array([0.0, 0.0, 1e5])
+    parts = skyscatter.optical_depth(scene, start, end, WAVELENGTHS, by_component=True)
+    np.testing.assert_allclose(parts[-1], 4.0, rtol=1e-6)
+    np.testing.assert_array_equal(
+        parts[:-1], skyscatter.optical_depth(plain, start, end, WAVELENGTHS, by_component=True)
+    )

@@ -37,8 +37,8 @@ from skyscatter.kernels.surfaces.facets import (
     passed_share,
 )
 from skyscatter.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
-from skyscatter.kernels.surfaces.grounds import draw_sea, ground_density, ground_value, mirror_share
 from skyscatter.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe, smith_lambda
+from skyscatter.kernels.surfaces.grounds import draw_sea, ground_density, ground_value, mirror_share
 
 
 @inlined

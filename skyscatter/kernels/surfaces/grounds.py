@@ -79,7 +79,7 @@ def cosines(side, n, wo, wi):
 
 @kernel
 def ground_value(materials, k, n, side, wo, wi, index_here, out):
-    """f |cos(n, wi)| into `out` (wavelength,) [sr-1]."""
+    """F |cos(n, wi)| into `out` (wavelength,) [sr-1]."""
     cos_o, cos_i = cosines(side, n, wo, wi)
     if not (cos_o > 0.0 and cos_i > 0.0):
         for i in range(out.size):

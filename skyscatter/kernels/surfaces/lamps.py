@@ -3,7 +3,8 @@
 A lamp is chosen by its power and by a guess of how much of it arrives; a tenth of the choices asks for no guess, so
 that none can be wrong by more than that.  On a surface a point is drawn by area, on a sphere that is seen from outside
 within the cone that it fills: densities per solid angle p = d^2 / (A cos) and 1 / (2 pi (1 - cos a)).  Parallel lamps
-and points cannot be met by chance, but for the disks of parallel lamps from where none can be aimed at; the surroundings are met by every ray that escapes, and are not looked for.
+and points cannot be met by chance, but for the disks of the former by rays from where no lamp can be aimed at;
+the surroundings are met by every ray that escapes, and are not looked for.
 """
 
 from __future__ import annotations

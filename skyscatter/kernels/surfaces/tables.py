@@ -42,10 +42,10 @@ class MaterialTable(NamedTuple):
 
     kind: np.ndarray  #: (material,) int64
     roughness: np.ndarray  #: (material,) GGX alpha; 0 where smooth
-    reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, factor of MIRROR, amplitude of RPV, of SEA what comes from foam and from below
-    index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of the index of a CONDUCTOR or SEA
+    reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, MIRROR; amplitude of RPV; foam of SEA
+    index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's or SEA's
     absorption: np.ndarray  #: (material, wavelength) imaginary part k
-    bowl: np.ndarray  #: (material, 3, wavelength) of RPV: exponent, asymmetry, hot spot; of SEA: share without foam, 0, 0
+    bowl: np.ndarray  #: (material, 3, wavelength) exponent, asymmetry, hot spot of RPV; of SEA the share without foam
     lost: np.ndarray  #: (material, ratio, node) share that facets throw on others, see `facets.ratio_at`
     lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
 
