@@ -84,6 +84,10 @@ def _checked(file: str, model: Any, tell: Callable[[float], None]) -> str:
         for number, component in enumerate(model.components):
             _check_component(file, component)
             tell((number + 1) / len(model.components))
+        if model.world:
+            from skyscatter.cli.surface_models import check_held
+
+            check_held(file, model)
         return f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)"
     if model.command == "render":
         from skyscatter.cli.surface_models import check_surfaces
@@ -191,6 +195,10 @@ def describe_model(model: Any) -> str:
         kinds = f"{component.name} ({type(component.density).__name__}, {type(component.optics).__name__})"
         lines.append(f"  {kinds:<42}" + "".join(f"{value:11.4g}" for value in depth))
     lines.append(f"  {'all':<42}" + "".join(f"{value:11.4g}" for value in total))
+    if model.world:
+        from skyscatter.cli.surface_models import held_lines
+
+        lines += held_lines(model)
     lines += ["", "sources"]
     for source in model.sources:
         lines += textwrap.wrap(source, SOURCE_WIDTH, initial_indent="  - ", subsequent_indent="    ")

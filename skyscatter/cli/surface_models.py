@@ -74,6 +74,31 @@ def _light(lamp: Any) -> str:
     return "dark"
 
 
+def held_lines(model: Any) -> list[str]:
+    """What a sky holds beside its shells, a line for each."""
+    lines = ["", "and"]
+    if model.ground.material is not None:
+        lines.append(f"  ground: {model.ground.material.kind}")
+    lines += [f"  {c.name} ({type(c.density).__name__}, {type(c.optics).__name__})" for c in model.fields]
+    lines += [f"  {_body(body)}" for body in model.bodies]
+    lines += [f"  {medium.name}: medium" for medium in model.media]
+    return lines + [f"  {lamp.name} ({lamp.kind}): {_light(lamp)}" for lamp in model.lamps]
+
+
+def check_held(file: str, model: Any) -> None:
+    """Compile once what a sky holds beside its shells."""
+    from skyscatter.solvers.surfaces import compile_surfaces
+    from skyscatter.solvers.world import as_surfaces
+
+    try:
+        media = compile_surfaces(as_surfaces(model.scene(), CHECKED_WAVELENGTHS), CHECKED_WAVELENGTHS).media
+    except SkyscatterError as error:
+        raise ModelFileError(file, str(error)) from error
+    for name, values in (("scattering", media.sigma_s), ("extinction", media.sigma_t)):
+        if not (np.all(np.isfinite(values)) and np.all(values >= 0)):
+            raise ModelFileError(file, f"{name} is negative or not finite")
+
+
 def check_surfaces(file: str, model: SurfaceModel) -> str:
     """Compile the scene once; returns what to say about a good file."""
     from skyscatter.solvers.surfaces import compile_surfaces

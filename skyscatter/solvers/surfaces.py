@@ -132,15 +132,17 @@ def shells_of(components: list[Component]) -> tuple[list[FieldRow | None], Aroun
 
     Shells that are turned, stretched, or around another planet stay fields of three dimensions.
     """
-
-    def same(density: Any) -> bool:
-        return isinstance(density, AroundPlanet) and density == planet.model_copy(update={"profile": density.profile})
-
     around = (component.density for component in components)
     planet = next((field for field in around if isinstance(field, AroundPlanet) and field.is_round), None)
-    if planet is None:
-        return [None] * len(components), None
-    return [c.density.profile.row() if same(c.density) else None for c in components], planet
+    return [_row_around(planet, component.density) for component in components], planet
+
+
+def _row_around(planet: AroundPlanet | None, density: Any) -> FieldRow | None:
+    """A density as a row of a table of shells around a planet; None where it is none of those."""
+    if planet is None or not isinstance(density, AroundPlanet):
+        return None
+    same = density == planet.model_copy(update={"profile": density.profile})
+    return density.profile.row() if same else None
 
 
 @lru_cache(maxsize=8)

@@ -19,6 +19,7 @@ from skyscatter.spectra.table import (
     SpectralAsymmetry,
     SpectralExponent,
     SpectralShare,
+    SpectralTable,
     evaluate,
 )
 from skyscatter.surfaces.indices import check_index, refractive_index
@@ -68,9 +69,9 @@ class Rpv(Record):
     >>> a = np.radians(45)
     >>> sun, back, forward = [np.sin(a), 0, np.cos(a)], [0.5, 0, 0.866], [-0.5, 0, 0.866]
     >>> field.factor(sun, [back, forward], [660])[:, 0].round(3).tolist()
-    [0.18, 0.075]
+    [0.291, 0.101]
     >>> field.albedo([660]).round(3).tolist()  # under an even sky
-    [0.12]
+    [0.183]
     """
 
     kind: Literal["rpv"] = "rpv"
@@ -134,7 +135,7 @@ class Rpv(Record):
 
 def _nodes(*values: Spectral | None) -> Array:
     """Wavelengths [nm] at which any of the values has a node; one where none has."""
-    tables = [np.asarray(value.wavelengths, float) for value in values if hasattr(value, "wavelengths")]
+    tables = [np.asarray(value.wavelengths, float) for value in values if isinstance(value, SpectralTable)]
     return np.unique(np.concatenate(tables or [np.array([550.0])]))
 
 

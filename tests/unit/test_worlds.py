@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import skyscatter
 from skyscatter import fields
+from skyscatter.cli.main import main as cli
 from skyscatter.errors import DomainError
 from skyscatter.kernels.jit import entry
 from skyscatter.kernels.surfaces.shells import add_shell_columns, add_shell_densities
@@ -295,3 +297,26 @@ def test_columns_go_through_clouds() -> None:
     np.testing.assert_array_equal(
         parts[:-1], skyscatter.optical_depth(plain, start, end, WAVELENGTHS, by_component=True)
     )
+
+
+WORLDS = Path(__file__).parents[2] / "docs" / "howto-worlds.md"
+
+
+@pytest.mark.skipif(not WORLDS.is_file(), reason="the pages are not beside an installed package")
+@pytest.mark.parametrize("number", [0, 1])
+def test_models_of_the_page_are_good(number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are checked, shown and rendered as the page says, without naming a solver."""
+    text = re.findall(r"```toml\n(.*?)```", WORLDS.read_text(encoding="utf-8"), flags=re.DOTALL)[number]
+    file, picture = tmp_path / "world.toml", tmp_path / "world.png"
+    file.write_text(text, encoding="utf-8")
+    assert cli(["models", "check", str(file)]) == 0
+    assert cli(["models", "show", str(file)]) == 0
+    shown = capsys.readouterr().out
+    assert ("cumulus (Sampled, Particles)", "ground: sea")[number] in shown
+    # A smaller field: it is the same code.
+    file.write_text(text.replace("cells = 64", "cells = 8"), encoding="utf-8")
+    small = ["--size", "8x6", "--samples", "2", "--wavelengths", "500,600", "--view", "perspective:0,34,50"]
+    assert cli(["sky", str(file), *small, "--altitude", "2m", "-o", str(picture)]) == 0
+    assert picture.is_file()
+    assert cli(["sky", str(file), "--solver", "orders", "-o", str(picture)]) == 2
+    assert "take path" in capsys.readouterr().err
