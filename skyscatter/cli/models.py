@@ -84,7 +84,7 @@ def _checked(file: str, model: Any, tell: Callable[[float], None]) -> str:
         for number, component in enumerate(model.components):
             _check_component(file, component)
             tell((number + 1) / len(model.components))
-        if model.world:
+        if getattr(model, "world", ""):
             from skyscatter.cli.surface_models import check_held
 
             check_held(file, model)
@@ -195,7 +195,7 @@ def describe_model(model: Any) -> str:
         kinds = f"{component.name} ({type(component.density).__name__}, {type(component.optics).__name__})"
         lines.append(f"  {kinds:<42}" + "".join(f"{value:11.4g}" for value in depth))
     lines.append(f"  {'all':<42}" + "".join(f"{value:11.4g}" for value in total))
-    if model.world:
+    if getattr(model, "world", ""):
         from skyscatter.cli.surface_models import held_lines
 
         lines += held_lines(model)

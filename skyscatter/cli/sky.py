@@ -16,7 +16,7 @@ from skyscatter.cli.common import DEFAULT_TONE
 from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
 from skyscatter.cli.lights import LightChoice, Lights, SolarFlux, Stars, Without, centre_of, light_choice
 from skyscatter.cli.towns import TownMaps, Towns, asked_towns, with_towns
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.units import metres
 
 DEFAULT_WAVELENGTHS = "380:780:10"
@@ -372,11 +372,15 @@ def _check_picture(request: Request) -> None:
 
 def default_solver(name: str) -> str:
     """The solver for a model when nobody says: that which takes all that it holds."""
-    if "," in name:
-        return "orders"
-    import skyscatter
+    from skyscatter.models.files import read_model
 
-    return "path" if getattr(skyscatter.load_model(name), "world", "") else "orders"
+    try:
+        content, _ = read_model(name)
+    except ModelFileError:  # or a list of models; of what is wrong the run speaks
+        return "orders"
+    ground = content.get("ground")
+    held = isinstance(ground, dict) and ground.get("material")
+    return "path" if held or any(content.get(table) for table in ("fields", "bodies", "media", "lamps")) else "orders"
 
 
 def build_scene(request: Request) -> tuple[Any, Any]:
@@ -391,7 +395,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
     lights = request.lights
-    if model.world and lights.lights is None:
+    if getattr(model, "world", "") and lights.lights is None:
         lights = replace(lights, lights=("sun",))
     return model, model.scene_at(*request.place, request.time, request.altitude, lights)
 

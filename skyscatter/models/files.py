@@ -94,6 +94,12 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
     ...     skyscatter.load_model(path) == mars
     True
     """
+    content, path = read_model(name_or_path)
+    return parse_model(anchored(content, path.parent.absolute()), path)
+
+
+def read_model(name_or_path: str | Path) -> tuple[dict[str, Any], Path]:
+    """What a model file says, unchecked, and where it is; errors are those of `load_model`."""
     text = str(name_or_path)
     path = Path(text)
     if not path.suffix and not os.path.isfile(path):
@@ -112,7 +118,7 @@ def load_model(name_or_path: str | Path) -> Model | NebulaModel | SurfaceModel:
         raise ModelFileError(path, "its brackets are nested too deep; no field needs that") from error
     except ValueError as error:  # of TOML, of UTF-8, or a name with a NUL in it
         raise ModelFileError(path, f"is not TOML: {error}") from error
-    return parse_model(anchored(content, path.parent.absolute()), path)
+    return content, path
 
 
 def anchored(content: Any, folder: Path) -> Any:
