@@ -86,7 +86,18 @@ def _sky_lamps(scene: Scene, wl: Array) -> list[ParallelLamp | Surroundings]:
         limb_darkening=star.limb_darkening and star.radius > 0,
     )
     background = evaluate(scene.background, wl)
-    return [sun, Surroundings(name="background", radiance=table(background))] if np.any(background > 0) else [sun]
+    lamps: list[ParallelLamp | Surroundings] = [] if is_night(scene) else [sun]
+    return [*lamps, Surroundings(name="background", radiance=table(background))] if np.any(background > 0) else lamps
+
+
+def is_night(scene: Scene) -> bool:
+    """Whether no air that the observer may see is sunlit: the star then is left out.
+
+    Air is seen as far as a line of sight that grazes the planet runs through it, and is lit as far as a ray that does.
+    """
+    radius, observer = scene.medium.radius, scene.observer
+    seen, lit = (np.arccos(radius / (radius + h)) for h in (observer.altitude, observer.atmosphere_top))
+    return bool(-np.radians(scene.sun.elevation_deg) > seen + 2 * lit + scene.star.radius / scene.star_distance)
 
 
 def check_scene(scene: Scene) -> None:
@@ -138,7 +149,7 @@ def prepare(
 ) -> World:
     """The tables of a scene, and a word where walks find too little for their error bars."""
     surfaces = as_surfaces(scene, wavelengths)
-    if scene.sun.elevation_deg < TWILIGHT:
+    if scene.sun.elevation_deg < TWILIGHT and not is_night(scene):
         warnings.warn(
             f"sun_elevation_deg = {scene.sun.elevation_deg:g}: in twilight walks among bodies and fields rarely find "
             "the light, and their standard error is too small; raise the Sun, or take the sky without them by orders",

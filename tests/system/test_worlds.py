@@ -247,3 +247,34 @@ def test_a_lamp_under_the_sky() -> None:
     unlit = look(sky("earth-simple", 20.0, bodies=(BURIED,)), "path", d, samples=1024, parts=True, seed=10)
     expected = unlit.layers["reflected"] + 0.1 / np.pi * 100.0 / (4 * np.pi * 9.0)
     np.testing.assert_allclose(lit, expected, rtol=0.02)  # chance chooses between the Sun and the lamp
+
+
+def test_photons_leave_the_disk_as_walks_find_it() -> None:
+    """A ball over a floor in thin fog, lit by a disk of 4 degrees: both sides of the light agree in the penumbra."""
+    from skyscatter.surfaces import Interface, ParallelLamp, Rectangle, Sphere
+
+    fog = skyscatter.Component(
+        name="fog",
+        density={"kind": "everywhere"},
+        optics={"kind": "particles", "extinction": 0.05, "phase": {"kind": "rayleigh"}},
+    )
+    media = (skyscatter.SurfaceMedium(name="air"), skyscatter.SurfaceMedium(name="fog", components=(fog,)))
+    floor = Rectangle(position=(0, 0, -0.01), normal=(0, 0, 1), size=(8, 8))
+    bodies = (
+        Body(name="room", shape=Box(position=(0, 0, 3), size=(10, 10, 8)), material=Interface(), inside="fog"),
+        Body(name="floor", shape=floor, material=Lambert(albedo=0.6)),
+        Body(name="ball", shape=Sphere(position=(0, 0, 2), radius=0.5), material=Lambert(albedo=0.3)),
+    )
+    sun = ParallelLamp(direction=(0.3, 0, 1), irradiance=1.0, angular_radius_deg=4.0, limb_darkening=True)
+    scene = skyscatter.SurfaceScene(media=media, bodies=bodies, lamps=(sun,))
+    eye = np.array([3.0, -3.0, 3.0])
+    targets = np.array([[-0.6, 0.0, 0.0], [-0.6, 0.45, 0.0], [-0.2, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 2.5]])
+    d = (targets - eye) / np.linalg.norm(targets - eye, axis=1)[:, None]
+    walked = skyscatter.radiance(scene, eye, d, WAVELENGTHS, "path", samples=16384, seed=11)
+    sent = skyscatter.radiance(scene, eye, d, WAVELENGTHS, "photons", samples=32, photons=1 << 14, radius=0.05, seed=11)
+    # Light is gathered within 5 cm, over which the penumbra, 28 cm wide, is not straight.
+    assert_agrees(sent.radiance, walked.radiance, np.hypot(sent.error, walked.error), slack=0.02)
+    all_sent = skyscatter.radiance(
+        scene, eye, d, WAVELENGTHS, "photons", samples=32, photons=1 << 15, radius=0.08, direct=False, seed=12
+    )
+    assert_agrees(all_sent.radiance, walked.radiance, np.hypot(all_sent.error, walked.error), slack=0.04)

@@ -145,6 +145,18 @@ def test_twilight_is_warned_of() -> None:
         look(world(-3.0, bodies=(BOX,)), samples=2)
 
 
+def test_at_night_lamps_shine_alone() -> None:
+    """Where no air is sunlit the star is no lamp, and nobody is warned of it."""
+    lamp = PointLamp(position=(0, 5, 3), power=1.0)
+    scene = world(-30.0, lamps=(lamp,))
+    assert [one.kind for one in as_surfaces(scene, np.array(WAVELENGTHS)).lamps] == ["point"]
+    seen = look(scene, [0, 5 / 29**0.5, -2 / 29**0.5], samples=64)
+    # The ground 3 m below the lamp, in clear air: to the percent that the air scatters.
+    np.testing.assert_allclose(seen.radiance, 0.1 / np.pi / (4 * np.pi * 9), rtol=0.01)
+    above = scene.model_copy(update={"altitude": 4e5})
+    assert [one.kind for one in as_surfaces(above, np.array(WAVELENGTHS)).lamps] == ["parallel", "point"]
+
+
 def test_model_files_hold_worlds() -> None:
     """Written and read again the same; what is misplaced is named with its table."""
     content = skyscatter.load_model("earth-simple").model_dump(mode="json", exclude_none=True)
