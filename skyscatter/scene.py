@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from skyscatter.celestial.frames import Sight, SkyFrame
 from skyscatter.celestial.lights import SkyLights
@@ -66,9 +66,18 @@ def check_world(
     SurfaceScene(media=(SurfaceMedium(name="air"), *media), bodies=bodies, lamps=lamps)
 
 
+#: Fields of what a sky holds beside its shells.
+HELD = ("fields", "bodies", "media", "lamps")
+
+
+def without_empty(content: dict[str, Any]) -> dict[str, Any]:
+    """A scene or a model as data without what it does not hold: files and recipes of plain skies do not speak of it."""
+    return {name: value for name, value in content.items() if value or name not in HELD}
+
+
 def held_of(sky: Any) -> str:
     """The first field of a scene or a model of a sky that holds more than shells over Lambertian ground, or nothing."""
-    held = (name for name in ("fields", "bodies", "media", "lamps") if getattr(sky, name))
+    held = (name for name in HELD if getattr(sky, name))
     return next(held, "" if sky.ground.material is None else "ground.material")
 
 
@@ -315,6 +324,10 @@ class Scene(Record):
     def _check_world(self) -> Scene:
         check_world(self.medium, self.fields, self.bodies, self.media, self.lamps)
         return self
+
+    @model_serializer(mode="wrap")
+    def _plain(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_empty(write(self))
 
     @property
     def world(self) -> str:

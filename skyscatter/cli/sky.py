@@ -49,6 +49,7 @@ class Request(common.RunRequest):
     tone: str
     space: str
     stokes: bool
+    subpixels: int | None
     show: str
     shown_wavelength: float | None
     shown_filter: str | None
@@ -155,6 +156,10 @@ def sky(
             "--stokes", help="Polarised light: Stokes Q, U, V in .exr, .fits, .nc; the summary has the degree."
         ),
     ] = False,
+    subpixels: Annotated[
+        str | None,
+        typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges of bodies and clouds (path)."),
+    ] = None,
     seed: common.Seed = None,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
@@ -206,7 +211,7 @@ def sky(
     """
     frames = sequence.asked(model, times, sun_elevations, exposure_step, frame_rate)
     if frames is not None:
-        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, resume)
+        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, resume, subpixels)
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth, bool(times))
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if frames else ())
     if frames is not None:
@@ -235,6 +240,9 @@ def sky(
         tone=DEFAULT_TONE if tone is None else tone,
         space="srgb" if space is None else space,
         stokes=stokes or shown in ("degree", "angle"),
+        subpixels=parse.parse_integer(
+            subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"
+        ),
         show=shown,
         shown_wavelength=shown_wavelength,
         shown_filter=shown_filter,
@@ -286,12 +294,12 @@ def sky(
 
 def _check_sequence(
     frames: sequence.FrameList, place: str | None, time: str | None, elevation: str | None, azimuth: str | None,
-    resume: Path | None,
+    resume: Path | None, subpixels: str | None,
 ) -> None:  # fmt: skip
     """Refuse options that a sequence has no use for."""
     if frames.times and place is None:
         raise DomainError("times", f"{frames.times[0]} ...", "needs --place as well")
-    for name, value in {"time": time if frames.times else None, "resume": resume}.items():
+    for name, value in {"time": time if frames.times else None, "resume": resume, "subpixels": subpixels}.items():
         if value is not None:
             raise DomainError(name, str(value), "means nothing to a sequence; leave it out")
     if frames.elevations and (elevation is not None or place is not None):
@@ -373,6 +381,7 @@ def _check_picture(request: Request) -> None:
 def default_solver(name: str) -> str:
     """The solver for a model when nobody says: that which takes all that it holds."""
     from skyscatter.models.files import read_model
+    from skyscatter.scene import HELD
 
     try:
         content, _ = read_model(name)
@@ -380,7 +389,7 @@ def default_solver(name: str) -> str:
         return "orders"
     ground = content.get("ground")
     held = isinstance(ground, dict) and ground.get("material")
-    return "path" if held or any(content.get(table) for table in ("fields", "bodies", "media", "lamps")) else "orders"
+    return "path" if held or any(content.get(table) for table in HELD) else "orders"
 
 
 def build_scene(request: Request) -> tuple[Any, Any]:
@@ -415,6 +424,7 @@ def run(request: Request, arguments: list[str]) -> int:
         check_dome(request.scene_for, camera.model_dump())
     more = {"stokes": True} if request.stokes else {}
     more |= {} if request.sun_disk else {"sun_disk": False}
+    more |= {} if request.subpixels is None else {"subpixels": request.subpixels}
     rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **more)
     with rendered.writing() as outputs:
         image = rendered.image

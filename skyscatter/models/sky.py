@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from skyscatter.celestial.frames import Sight
 from skyscatter.celestial.lights import SkyLights, chosen, shining
@@ -14,7 +14,7 @@ from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
-from skyscatter.scene import AU, Scene, Site, Star, Sun, check_world, held_of
+from skyscatter.scene import AU, HELD, Scene, Site, Star, Sun, check_world, held_of, without_empty
 from skyscatter.surfaces.lamps import AnyLamp
 from skyscatter.surfaces.scene import Body, SurfaceMedium
 from skyscatter.surfaces.townmap import AnyTown
@@ -115,6 +115,10 @@ class Model(ModelFile):
         """The atmosphere around the planet."""
         return Medium(components=self.components, planet_radius=self.planet.radius)
 
+    @model_serializer(mode="wrap")
+    def _plain(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_empty(write(self))
+
     @property
     def world(self) -> str:
         """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
@@ -165,7 +169,7 @@ class Model(ModelFile):
         return self._seen(sun=sun, altitude=altitude, towns=self.towns)
 
     def _seen(self, **fields: Any) -> Scene:
-        held = {name: getattr(self, name) for name in ("fields", "bodies", "media", "lamps")}
+        held = {name: getattr(self, name) for name in HELD}
         return Scene(medium=self.medium, ground=self.ground, star=self.star, **held, **fields)
 
     def scene_at(

@@ -82,7 +82,8 @@ def render(
         As for `skyscatter.radiance`; samples are those of a pixel.  Q, U and V of a nebula are not averaged over the
         pixels around a star as the radiance is.
     subpixels : int
-        Send a square of so many by so many rays through each pixel, which share its samples (scenes of surfaces only).
+        Send a square of so many by so many rays through each pixel, which share its samples (scenes of surfaces, and
+        skies that hold bodies or fields).
     sun_disk : bool
         False leaves out what comes straight from the Sun's disk (skies of planets only), for domes that other programs
         light together with a lamp of their own: the recipe then has that lamp as ``sun_lamp``, its ``direction`` (east,

@@ -123,7 +123,11 @@ def check_scene(scene: Scene) -> None:
 
 def check(options: Options) -> None:
     """Refuse what contradicts itself, or means nothing here."""
-    options.refuse("path with bodies, fields or lamps under a sky", "sampling")
+    plain = Options()
+    for name in ("stokes", "sampling", "tolerance", "transmittance", "photons", "radius", "estimator", "direct"):
+        if getattr(options, name) != getattr(plain, name):
+            rule = "means nothing to walks in skies that hold bodies, fields, lamps or another ground; leave it out"
+            raise DomainError(name, getattr(options, name), rule)
     surface_path.check(options)
 
 

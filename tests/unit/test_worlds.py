@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft7Validator as Validator
 
 import skyscatter
 from skyscatter import fields
@@ -16,6 +18,7 @@ from skyscatter.errors import DomainError
 from skyscatter.kernels.jit import entry
 from skyscatter.kernels.surfaces.shells import add_shell_columns, add_shell_densities
 from skyscatter.models.files import parse_model
+from skyscatter.models.schema import model_schema
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.solvers.world import as_surfaces
 from skyscatter.surfaces import (
@@ -327,8 +330,9 @@ def test_models_of_the_page_are_good(number: int, tmp_path: Path, capsys: pytest
     assert ("cumulus (Sampled, Particles)", "ground: sea")[number] in shown
     # A smaller field: it is the same code.
     file.write_text(text.replace("cells = 64", "cells = 8"), encoding="utf-8")
-    small = ["--size", "8x6", "--samples", "2", "--wavelengths", "500,600", "--view", "perspective:0,34,50"]
-    assert cli(["sky", str(file), *small, "--altitude", "2m", "-o", str(picture)]) == 0
+    assert not list(Validator(model_schema()).iter_errors(tomllib.loads(text))), "as an editor sees it"
+    small = ["--size", "8x6", "--samples", "8", "--wavelengths", "500,600", "--view", "perspective:0,34,50"]
+    assert cli(["sky", str(file), *small, "--altitude", "2m", "--subpixels", "2", "-o", str(picture)]) == 0
     assert picture.is_file()
     assert cli(["sky", str(file), "--solver", "orders", "-o", str(picture)]) == 2
     assert "take path" in capsys.readouterr().err
