@@ -422,7 +422,7 @@ def run(request: Request, arguments: list[str]) -> int:
         from skyscatter.image.scenefiles import check_dome
 
         check_dome(request.scene_for, camera.model_dump())
-    more = {"stokes": True} if request.stokes else {}
+    more: dict[str, Any] = {"stokes": True} if request.stokes else {}
     more |= {} if request.sun_disk else {"sun_disk": False}
     more |= {} if request.subpixels is None else {"subpixels": request.subpixels}
     rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **more)

@@ -29,7 +29,7 @@ from skyscatter.kernels.surfaces.flights import make_scratch
 from skyscatter.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
 from skyscatter.kernels.surfaces.lamps import LampGuide
 from skyscatter.kernels.surfaces.rays import sample_items
-from skyscatter.kernels.surfaces.tables import SurfaceTable
+from skyscatter.kernels.surfaces.tables import MediaTable, SurfaceTable
 from skyscatter.kernels.surfaces.walks import surface_path_rays
 from skyscatter.solvers.base import Answer, Options, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
@@ -54,6 +54,9 @@ EVEN_SHARE = 0.1
 #: throughput below which roulette begins.  The answer is the same whatever they are.  Of 0, 0.6, 0.9; 1, 3; 0.1, 0.3,
 #: 1 these had the least noise at equal time over rooms with fog of optical depths from 0.1 to 10 taken together.
 NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
+#: Share of the directions that are spread around parallel light where all light is scattered straight on.  Of 0, 0.3 and
+#: 0.6 it had the least noise: on Mars a third of the variance of 0, and stated errors that cover 92 % instead of 84.
+SUNWARD = 0.3
 #: Points from which the middle and the size of a lamp with a surface are found.
 POINTS = 256
 
@@ -165,6 +168,7 @@ def guided(table: SurfaceTable) -> WalkTable:
     found = lamps.kind != SURROUNDINGS
     mean = lamps.power.mean(axis=1)
     scatters, shines, gathered = _media(table)
+    size[lamps.kind == PARALLEL_LAMP] = SUNWARD * max(forwardness(table.media), 0.0)
     guide = LampGuide(
         middle=middle,
         size=size,
@@ -215,6 +219,17 @@ def _extent(table: SurfaceTable, k: int) -> tuple[Array, float, Array, bool]:
     )
     axis = normal[0] if flat else mean / max(float(np.linalg.norm(mean)), 1e-300)
     return middle, float(np.linalg.norm(place - middle, axis=1).max()), axis, flat
+
+
+def forwardness(media: MediaTable) -> float:
+    """Mean cosine of scattering in the outermost medium, where parallel light comes from."""
+    mu = phase_cosines()
+    own = slice(media.first[0], media.first[1])
+    weight = media.sigma_s[own].mean(axis=1)
+    if not weight.sum() > 0:
+        return 0.0
+    cosines = -2 * np.pi * np.trapezoid(media.phase[own].mean(axis=2) * mu, mu, axis=1)
+    return float(cosines @ weight / weight.sum())
 
 
 def _media(table: SurfaceTable) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.columns import transmittance
 from skyscatter.errors import DomainError
 from skyscatter.kernels.surfaces.gathering import WalkTable
 from skyscatter.media.planets import AroundPlanet
@@ -31,6 +32,9 @@ __all__ = ["as_surfaces", "check", "no_walks", "prepare", "solve"]
 #: Throughput below which roulette begins: of what a dark ground reflects much of a sky's light is made.  Of 0.3, 0.1,
 #: 0.03, 0.01 these had the least noise at equal time over clear and hazy skies together.
 ROULETTE_LEVEL = 0.1
+#: Mean cosine of the air, and transmittance from the ground to the Sun, beyond which stated errors are too small: on
+#: Mars with the Sun at 4 degrees 86 % of runs of 1024 walks lie within two of them, at 25 degrees 92 %.
+FORWARD, DIM_SUN = 0.5, 0.05
 #: Elevation of the Sun [degree] below which walks find its light too rarely for their error bars.
 TWILIGHT = 0.0
 
@@ -161,7 +165,25 @@ def prepare(
         )
     lift = scene.medium.radius
     table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, options, threads, progress)
+    if (
+        scene.sun.elevation_deg >= 0
+        and surface_path.forwardness(table.media) > FORWARD
+        and sun_is_dim(scene, wavelengths)
+    ):
+        warnings.warn(
+            f"sun_elevation_deg = {scene.sun.elevation_deg:g}: through air that scatters forward walks rarely find the "
+            "bright sky around so low a Sun, and the standard error of few of them is too small; raise samples",
+            stacklevel=2,
+        )
     return World(table._replace(guide=table.guide._replace(level=ROULETTE_LEVEL)), lift)
+
+
+def sun_is_dim(scene: Scene, wavelengths: Array) -> bool:
+    """Whether next to nothing comes straight from the star to the ground below the observer, but for clouds."""
+    air = scene.model_copy(update={"fields": (), "bodies": (), "media": (), "lamps": ()})
+    start = np.array([0.0, 0.0, scene.medium.radius])
+    end = start + 4 * (scene.medium.radius + scene.medium.top) * scene.sun.direction
+    return bool(np.any(transmittance(air, start, end, wavelengths) < DIM_SUN))
 
 
 def no_walks(world: World, rays: int, options: Options) -> Walks:

@@ -148,6 +148,11 @@ def test_twilight_is_warned_of() -> None:
         look(world(-3.0, bodies=(BOX,)), samples=2)
 
 
+def test_a_dim_sun_in_forward_dust_is_warned_of() -> None:
+    with pytest.warns(UserWarning, match="bright sky around so low a Sun"):
+        look(world(3.0, "mars", bodies=(BOX,)), samples=2)
+
+
 def test_at_night_lamps_shine_alone() -> None:
     """Where no air is sunlit the star is no lamp, and nobody is warned of it."""
     lamp = PointLamp(position=(0, 5, 3), power=1.0)

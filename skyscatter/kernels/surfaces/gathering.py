@@ -181,7 +181,7 @@ def light_leg(table, hero, sampling, first, s):
     aimed = s.chance[k] * (density if density > 0.0 else 1.0)
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
     past = shares_past(table, m, s.place, s) if met > 0.0 else 0.0
-    passing = density_past(table.guide, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
+    passing = density_past(table, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):
         by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0

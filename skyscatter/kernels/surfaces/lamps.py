@@ -30,7 +30,7 @@ class LampGuide(NamedTuple):
     """Where the light is, roughly: it decides how often walks look where, and never what they find there."""
 
     middle: np.ndarray  #: (lamp, 3) [m], or direction to a parallel lamp
-    size: np.ndarray  #: (lamp,) radius [m] of a sphere around it
+    size: np.ndarray  #: (lamp,) radius [m] of a sphere around it; of parallel light the share of directions around it
     power: np.ndarray  #: (lamp,) mean over the wavelengths
     axis: np.ndarray  #: (lamp, 3) middle of the lobe of a point or of a flat surface
     lowest: np.ndarray  #: (lamp,) cosine around the axis below which nothing shines; -1 where light goes everywhere

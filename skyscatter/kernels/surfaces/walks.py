@@ -233,7 +233,7 @@ def scatter_at(table, hero, s):
     turned, past = draw_direction(table, m, hero, walk.position, u, v, s, d)
     if not turned:
         return OVER
-    passing = density_past(table.guide, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
+    passing = density_past(table, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
     cosine = d[0] * s.kept[1, 0] + d[1] * s.kept[1, 1] + d[2] * s.kept[1, 2]
     towards, total = s.media.towards, s.media.total
     scattering(table.media, m, s.media.density, cosine, s.media, towards)
