@@ -54,8 +54,8 @@ EVEN_SHARE = 0.1
 #: throughput below which roulette begins.  The answer is the same whatever they are.  Of 0, 0.6, 0.9; 1, 3; 0.1, 0.3,
 #: 1 these had the least noise at equal time over rooms with fog of optical depths from 0.1 to 10 taken together.
 NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
-#: Share of the directions that are spread around parallel light where all light is scattered straight on.  Of 0, 0.3 and
-#: 0.6 it had the least noise: on Mars a third of the variance of 0, and stated errors that cover 92 % instead of 84.
+#: Share of the directions that are spread around parallel light where all light is scattered straight on.  Of 0, 0.3
+#: and 0.6 it had the least noise: on Mars a third of the variance of 0, and errors that cover 92 % instead of 84.
 SUNWARD = 0.3
 #: Points from which the middle and the size of a lamp with a surface are found.
 POINTS = 256
@@ -226,6 +226,9 @@ def forwardness(media: MediaTable) -> float:
     mu = phase_cosines()
     own = slice(media.first[0], media.first[1])
     weight = media.sigma_s[own].mean(axis=1)
+    if media.shells is not None:
+        # Of air what counts is the vertical column: the constant of its cubic in the lowest cell.
+        weight = weight * media.shells.cell[0, 6::8][own]
     if not weight.sum() > 0:
         return 0.0
     cosines = -2 * np.pi * np.trapezoid(media.phase[own].mean(axis=2) * mu, mu, axis=1)

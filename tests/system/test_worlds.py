@@ -11,7 +11,7 @@ from significance import assert_agrees
 
 import skyscatter
 from skyscatter import fields
-from skyscatter.surfaces import Body, Box, Lambert, PointLamp, Rpv, Sea
+from skyscatter.surfaces import Body, Box, Dielectric, Lambert, PointLamp, Rpv, Sea
 
 WAVELENGTHS = [450.0, 550.0, 650.0]
 #: Out of sight and out of the way of all light, so that the sky stays as it is.
@@ -235,6 +235,27 @@ def test_a_wide_cloud_is_a_layer() -> None:
     solved = look(sky("earth-simple", 50.0, components=(*base.components, layer)), "orders", d)
     # The slab is flat and the layer round: over the 2 km that count that is nothing; the edges are 15 depths away.
     assert_agrees(found.radiance, solved.radiance, found.error, slack=5e-3)
+
+
+@pytest.mark.filterwarnings("ignore:path does not find")
+def test_black_water_mirrors_the_sky() -> None:
+    """A basin of ink with a smooth surface: what is seen in it is the sky by Fresnel's share, as solved by orders."""
+    ink = skyscatter.Component(
+        name="ink", density={"kind": "everywhere"}, optics={"kind": "artist", "colour": 0.0, "distance": "1 mm"}
+    )
+    water = skyscatter.SurfaceMedium(name="water", components=(ink,), index=1.33)
+    basin = Body(name="basin", shape=Box(position=(0, 6, 0.5), size=(20, 20, 1)), material=Dielectric(), inside="water")
+    scene = sky("earth-simple", 40.0, bodies=(basin,), media=(water,))
+    seen = look(scene, "path", directions([[0, -20], [20, -45], [340, -10]]), samples=8192, seed=13)
+    above = look(sky("earth-simple", 40.0), "orders", directions([[0, 20], [20, 45], [340, 10]]))
+    for k, elevation in enumerate((20.0, 45.0, 10.0)):
+        half = np.radians(90.0 - elevation)
+        beyond = np.arcsin(np.sin(half) / 1.33)
+        share = 0.5 * (
+            (np.sin(half - beyond) / np.sin(half + beyond)) ** 2 + (np.tan(half - beyond) / np.tan(half + beyond)) ** 2
+        )
+        slack = 3 * (above.error / above.radiance).max()
+        assert_agrees(seen.radiance[k], share * above.radiance[k], seen.error[k], slack=slack)
 
 
 def test_a_lamp_under_the_sky() -> None:
