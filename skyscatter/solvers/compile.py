@@ -105,8 +105,10 @@ def compile_scene(scene: Scene, wavelengths: Array) -> SceneTable:
     Eclipses are for those solvers that can follow them: `skyscatter.solvers.eclipse.eclipse_table`.
     """
     if scene.world:
+        material = scene.ground.material
+        names = ", ".join(part.name for part in getattr(scene, scene.world, ())) or (material and material.kind)
         rule = "is more than shells of air over Lambertian ground, for the solver path alone; leave it out"
-        raise DomainError(scene.world, "given", rule)
+        raise DomainError(scene.world, names, rule)
     fields, columns = field_tables(scene.medium)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, tuple(float(w) for w in wavelengths))
     distance, star = scene.star_distance, scene.star

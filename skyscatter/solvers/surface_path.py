@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from skyscatter.surfaces.scene import SurfaceScene
 
-__all__ = ["check", "guided", "prepare", "solve"]
+__all__ = ["check", "forwardness", "guided", "no_walks", "prepare", "solve"]
 
 Array = NDArray[np.float64]
 
