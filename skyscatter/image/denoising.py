@@ -1,0 +1,252 @@
+"""Pictures without their noise, and how far off they are.
+
+A denoiser makes a picture D of the raw one, N.  It has a bias, which no number of samples takes away, so that what is
+given out lies between the two:
+
+    R = N + w (D - N).
+
+Let A and B be independent halves of the samples, N their mean, D the mean of the pictures D_A and D_B that the denoiser
+makes of each alone, and angle brackets means over pixels around.  As the noise of B knows nothing of D_A,
+
+    v = <(A - B)^2> / 4                      is the variance of N,
+    c = <(D_A - D_B) (A - B)> / 4            the covariance of N and D,
+    m = <(D_A - B)^2 + (D_B - A)^2 - (A - B)^2> / 2 - <(D_A - D_B)^2> / 4
+
+the mean squared error of D, all of them without bias and without the truth.  The least squared error has
+
+    w = (v - c) / (v + m - 2 c),     (1 - w)^2 v + w^2 m + 2 w (1 - w) c.
+
+With c = 0 this is the weight var / (var + mse) of estimators that are combined; m by cross-validation is that of Rousselle
+et al. (2012) with halves in the place of buffers.  Half the difference of D_A and D_B is no error: it lacks the bias.
+
+The denoiser is given the light of large patches back where it has lost more than chance explains, and the picture as a
+whole keeps its light within a standard error.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.image import denoisers
+
+if TYPE_CHECKING:
+    from skyscatter.image.spectral import SpectralImage
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Layers with the two halves of what is noisy in a picture.
+HALVES = ("half_a", "half_b")
+#: Layers that a denoised picture has in their place: the radiance as it was, and its standard error.
+RAW, RAW_ERROR = "raw", "raw_error"
+#: Side of the square over which means are taken, twice over, and how many pixels that is worth.
+WINDOW = 11
+WORTH = (1.5 * WINDOW) ** 2
+#: Side of the tiles of which the error is stated.
+TILE = 32
+#: Standard deviation of the mean by which large patches of light are kept [pixel], and how many standard errors of it
+#: are taken for chance.
+WIDE, CHANCE = 12.0, 2.0
+
+
+class Moments(NamedTuple):
+    """What the halves say about picture and denoised picture, each (y, x, wavelength).
+
+    Attributes
+    ----------
+    variance : ndarray
+        Of the raw picture.
+    spread : ndarray
+        Variance of the denoised one.
+    shared : ndarray
+        Covariance of both.
+    bias : ndarray
+        Squared bias of the denoised one; negative by chance.
+    """
+
+    variance: Array
+    spread: Array
+    shared: Array
+    bias: Array
+
+    def error(self, weight: Array) -> Array:
+        """Mean squared error of a picture between both."""
+        denoised = self.spread + self.bias
+        return np.asarray(
+            (1 - weight) ** 2 * self.variance + weight**2 * denoised + 2 * weight * (1 - weight) * self.shared
+        )
+
+    def weight(self) -> Array:
+        """Of the denoised picture, by which the error is least."""
+        gain = self.variance - self.shared
+        whole = gain + self.spread + self.bias - self.shared
+        return np.clip(np.divide(gain, whole, out=np.zeros_like(gain), where=whole > 0), 0.0, 1.0)
+
+
+def moments(a: Array, b: Array, clean_a: Array, clean_b: Array) -> Moments:
+    """Moments of single pixels, from two halves and what the denoiser makes of each."""
+    difference, denoised = a - b, clean_a - clean_b
+    crossed = ((clean_a - b) ** 2 + (clean_b - a) ** 2 - difference**2) / 2
+    return Moments(difference**2 / 4, denoised**2 / 4, denoised * difference / 4, crossed - denoised**2 / 2)
+
+
+def local_mean(values: Array, mask: Mask) -> Array:
+    """Means over the pixels around that are in the mask; 0 where there are none."""
+    from scipy.ndimage import uniform_filter
+
+    def spread(cube: Array) -> Array:
+        for _ in range(2):
+            cube = uniform_filter(cube, (WINDOW, WINDOW, 0), mode="constant")
+        return cube
+
+    share = spread(mask[..., None].astype(float))
+    return np.where(share > 1e-9, spread(np.where(mask[..., None], values, 0.0)) / np.maximum(share, 1e-9), 0.0)
+
+
+def steadied(single: Moments, mask: Mask) -> Moments:
+    """Local moments; the squared bias, which is known worst, is drawn towards that of the whole picture.
+
+    It is taken relative to the variance of the raw picture.  Local values whose spread is no greater than chance makes
+    it say nothing, and are replaced by the common one; the greater their spread, the more they count (the estimate of
+    James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117).
+    """
+    local = Moments(*(local_mean(part, mask) for part in single))
+    variance = np.maximum(local.variance, 1e-300)
+    ratio = local.bias / variance
+    chance = np.maximum(local_mean(single.bias**2, mask) - local.bias**2, 0.0) / WORTH / variance**2
+    lit = mask[..., None] & (local.variance > 0)
+    count = np.maximum(lit.sum(axis=(0, 1)), 1)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.where(lit, values, 0.0).sum(axis=(0, 1)) / count)
+
+    common = np.maximum(mean(local.bias) / np.maximum(mean(local.variance), 1e-300), 0.0)
+    real = np.maximum(mean((ratio - common) ** 2 - chance), 0.0)
+    share = real / np.maximum(real + chance, 1e-300)
+    return local._replace(bias=np.maximum(share * ratio + (1 - share) * common, 0.0) * local.variance)
+
+
+def wide_mean(values: Array) -> Array:
+    """Means over large patches."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(values, (WIDE, WIDE, 0), mode="nearest", truncate=3.0))
+
+
+def faithful(denoise: denoisers.Filter) -> denoisers.Filter:
+    """The filter, which gives large patches of light back what it has lost of them beyond chance."""
+
+    def filtered(picture: Array, variance: Array) -> Array:
+        clean = denoise(picture, variance)
+        lost = wide_mean(picture - clean)
+        # Pixels are independent: the squared weights of a Gaussian add up to that of one narrower by sqrt(2).
+        chance = CHANCE**2 * wide_mean(variance) / (4 * np.pi * WIDE**2)
+        return np.asarray(clean + lost * np.maximum(1 - chance / np.maximum(lost**2, 1e-300), 0.0))
+
+    return filtered
+
+
+def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
+    """The image without its noise; see `skyscatter.SpectralImage.denoised`."""
+    from skyscatter.image.spectral import SpectralImage
+
+    if any(name not in image.layers for name in HALVES) or image.error is None:
+        rule = "needs two halves of the walks or passes; render with halves=True and the solver path or photons"
+        raise DomainError("denoise", f"layers {', '.join(image.layers) or 'none'}", rule)
+    label, denoise = denoisers.filter_of(denoisers.chosen(method))
+    inside = image.inside
+    a, b = (_filled(np.asarray(image.layers[name], float), inside) for name in HALVES)
+    mask = noisy_pixels(a, b, inside)
+    raw_error = np.asarray(image.error, float)
+    if mask.any():
+        change, square = _blended(a, b, mask, _filled(raw_error, inside) ** 2, faithful(denoise))
+    else:
+        change, square = np.zeros_like(a), np.zeros_like(a)
+    known = ~mask[..., None]
+    error = np.where(known, raw_error, np.sqrt(square))
+    others = {name: values for name, values in image.layers.items() if name not in HALVES}
+    about = {"method": label, **stated((a + b) / 2, np.where(inside[..., None], error, 0.0), _filled(raw_error, inside))}
+    return SpectralImage(
+        image.radiance + np.where(known, 0.0, change),
+        image.wavelengths,
+        error,
+        recipe={**image.recipe, "denoising": about},
+        layers={**others, RAW: image.radiance, RAW_ERROR: image.error},
+        sky=image.sky,
+    )
+
+
+def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
+    """Pixels that have noise.
+
+    Halves that agree to the last digit had nothing to differ in, a lamp that is seen or empty space; unless no light was
+    found where most pixels around have some.
+    """
+    from scipy.ndimage import uniform_filter
+
+    differ = (a != b).any(axis=-1) & inside
+    crowded = uniform_filter(differ.astype(float), 5, mode="constant") > 0.5
+    return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
+
+
+def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
+    """What is added to the raw picture, and the mean squared error of the sum."""
+    clean_a, clean_b = denoise(a, 2 * variance), denoise(b, 2 * variance)
+    found = steadied(moments(a, b, clean_a, clean_b), mask)
+    weight = found.weight()
+    change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (a + b)) / 2, 0.0)
+    # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
+    variance = np.where(mask[..., None], found.variance, 0.0)
+    lost, chance = -change.sum(axis=(0, 1)), np.sqrt(variance.sum(axis=(0, 1)))
+    excess = np.sign(lost) * np.maximum(np.abs(lost) - chance, 0.0)
+    noise = np.sqrt(variance)
+    change += noise * (excess / np.maximum(noise.sum(axis=(0, 1)), 1e-300))
+    return change, np.maximum(found.error(weight), 0.0)
+
+
+def _filled(cube: Array, inside: Mask) -> Array:
+    """The cube with values of the nearest pixels outside the camera's field."""
+    if inside.all():
+        return cube
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    return np.asarray(cube[rows, columns])
+
+
+def stated(light: Array, error: Array, raw_error: Array) -> dict[str, Any]:
+    """Errors of the picture and of its tiles before and after, relative to their mean light."""
+
+    def relative(values: Array, part: tuple[slice, slice]) -> float | None:
+        mean = light[part].mean(axis=(0, 1))
+        lit = mean > 0
+        square = (values[part] ** 2).mean(axis=(0, 1))[lit] / mean[lit] ** 2
+        return float(f"{np.sqrt(square.mean()):.4g}") if lit.any() else None
+
+    height, width = light.shape[:2]
+    whole = slice(0, height), slice(0, width)
+    tiles = [[(slice(j, j + TILE), slice(i, i + TILE)) for i in range(0, width, TILE)] for j in range(0, height, TILE)]
+    return {
+        "error": relative(error, whole),
+        "raw_error": relative(raw_error, whole),
+        "tile_pixels": TILE,
+        "tile_errors": [[relative(error, tile) for tile in row] for row in tiles],
+        "raw_tile_errors": [[relative(raw_error, tile) for tile in row] for row in tiles],
+    }
+
+
+def undenoised(image: SpectralImage) -> SpectralImage:
+    """The image as it was before it was denoised."""
+    from skyscatter.image.spectral import SpectralImage
+
+    others = {name: values for name, values in image.layers.items() if name not in (RAW, RAW_ERROR)}
+    recipe = {name: value for name, value in image.recipe.items() if name != "denoising"}
+    if RAW not in image.layers or RAW_ERROR not in image.layers:
+        rule = "a denoised image is read with its raw layers, raw and raw_error; take a file that has them"
+        raise DomainError("image", f"layers {', '.join(image.layers) or 'none'}", rule)
+    raw, error = image.layers[RAW], image.layers[RAW_ERROR]
+    return SpectralImage(raw, image.wavelengths, error, recipe=recipe, layers=others, sky=image.sky)
