@@ -16,8 +16,9 @@ the mean squared error of D, all of them without bias and without the truth.  Th
 
     w = (v - c) / (v + m - 2 c),     (1 - w)^2 v + w^2 m + 2 w (1 - w) c.
 
-With c = 0 this is the weight var / (var + mse) of estimators that are combined; m by cross-validation is that of Rousselle
-et al. (2012) with halves in the place of buffers.  Half the difference of D_A and D_B is no error: it lacks the bias.
+With c = 0 this is the weight var / (var + mse) of estimators that are combined; halves that judge each other take the
+place of the two buffers of Rousselle, Knaus and Zwicker (2012).  Half the difference of D_A and D_B is no error: it
+lacks the bias.
 
 The denoiser is given the light of large patches back where it has lost more than chance explains, and the picture as a
 whole keeps its light within a standard error.
@@ -169,7 +170,8 @@ def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
     known = ~mask[..., None]
     error = np.where(known, raw_error, np.sqrt(square))
     others = {name: values for name, values in image.layers.items() if name not in HALVES}
-    about = {"method": label, **stated((a + b) / 2, np.where(inside[..., None], error, 0.0), _filled(raw_error, inside))}
+    errors = (np.where(inside[..., None], values, 0.0) for values in (error, raw_error))
+    about = {"method": label, **stated((a + b) / 2, *errors)}
     return SpectralImage(
         image.radiance + np.where(known, 0.0, change),
         image.wavelengths,
@@ -183,8 +185,8 @@ def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
 def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
     """Pixels that have noise.
 
-    Halves that agree to the last digit had nothing to differ in, a lamp that is seen or empty space; unless no light was
-    found where most pixels around have some.
+    Halves that agree to the last digit had nothing to differ in, a lamp that is seen or empty space; unless no light
+    was found where most pixels around have some.
     """
     from scipy.ndimage import uniform_filter
 

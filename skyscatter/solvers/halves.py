@@ -1,9 +1,9 @@
 """Two independent halves of what random walks and photons find, beside their mean: what denoising is judged by.
 
-A solver is wrapped into one with two more layers, ``half_a`` and ``half_b``.  Walks are counted in batches that know nothing of each
-other, and passes are independent anyway: every second one belongs to the first half, the others to the second, at no
-cost in time and with the same numbers as without.  The halves hold only what chance decides; what a solver knows
-without it, such as light scattered once, is not in them.
+A solver is wrapped into one with two more layers, ``half_a`` and ``half_b``.  Walks are counted in batches that know
+nothing of each other, and passes are independent anyway: every second one belongs to the first half, the others to the
+second, at no cost in time and with the same numbers as without.  The halves hold only what chance decides; what a
+solver knows without it, such as light scattered once, is not in them.
 """
 
 from __future__ import annotations

@@ -190,9 +190,7 @@ def _opened(store: Any, state: RenderState, other: Any) -> Iterator[Store | None
         folder.close()
 
 
-def _wrapper(
-    scene: AnyScene, camera: Any, grid: Array, subpixels: int, halves: bool
-) -> Callable[[Any], Any] | None:
+def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int, halves: bool) -> Callable[[Any], Any] | None:
     """What makes a solver of pixels with several rays of one of rays, or one of halves; None where neither is asked."""
     from skyscatter.solvers.halves import Halves
     from skyscatter.solvers.subpixels import Subpixels, check_subpixels, fine_directions
