@@ -20,6 +20,12 @@ With c = 0 this is the weight var / (var + mse) of estimators that are combined;
 place of the two buffers of Rousselle, Knaus and Zwicker (2012).  Half the difference of D_A and D_B is no error: it
 lacks the bias.
 
+Two such pictures are made, at full and at half the resolution, and mixed before: D = D1 + u (D2 - D1) with
+
+    u = <E_A (2 B - D1_A - D1_B) + E_B (2 A - D1_A - D1_B)> / <(E_A + E_B)^2>,    E = D2 - D1,
+
+the least squares for D in which no half is compared with itself.
+
 The denoiser is given the light of large patches back where it has lost more than chance explains, and the picture as a
 whole keeps its light within a standard error.
 """
@@ -47,6 +53,10 @@ RAW, RAW_ERROR = "raw", "raw_error"
 #: Side of the square over which means are taken, twice over, and how many pixels that is worth.
 WINDOW = 11
 WORTH = (1.5 * WINDOW) ** 2
+#: How much shares of two denoised pictures differ from place to place.
+SHARES = 0.5
+#: Rows and columns below which no picture of half the resolution is made.
+LEAST = 16
 #: Side of the tiles of which the error is stated.
 TILE = 32
 #: Standard deviation of the mean by which large patches of light are kept [pixel], and how many standard errors of it
@@ -125,10 +135,32 @@ def steadied(single: Moments, mask: Mask) -> Moments:
     def mean(values: Array) -> Array:
         return np.asarray(np.where(lit, values, 0.0).sum(axis=(0, 1)) / count)
 
-    common = np.maximum(mean(local.bias) / np.maximum(mean(local.variance), 1e-300), 0.0)
+    common = np.maximum(mean(ratio), 0.0)
     real = np.maximum(mean((ratio - common) ** 2 - chance), 0.0)
     share = real / np.maximum(real + chance, 1e-300)
     return local._replace(bias=np.maximum(share * ratio + (1 - share) * common, 0.0) * local.variance)
+
+
+def mixed(a: Array, b: Array, first: tuple[Array, Array], second: tuple[Array, Array], mask: Mask) -> tuple[Array, ...]:
+    """Of two pictures of each half the mixture with the least squared error, one share for both halves.
+
+    Returns
+    -------
+    a, b : ndarray
+    flattered : ndarray
+        What the squared error looks less than it is: a share that is fitted to so many pixels brings down what is seen
+        of it by variance / pixels, and raises the true one by as much (Mallows 1973, Technometrics 15, 661).
+    """
+    step_a, step_b = second[0] - first[0], second[1] - first[1]
+    along = local_mean(step_a * (2 * b - first[0] - first[1]) + step_b * (2 * a - first[0] - first[1]), mask)
+    square = local_mean((step_a + step_b) ** 2, mask)
+    # Where both pictures differ by less than chance the share is that of the whole picture.
+    noise = local_mean((a - b) ** 2, mask) / WORTH
+    chance = noise / SHARES**2
+    common = np.clip(along.sum(axis=(0, 1)) / np.maximum(square.sum(axis=(0, 1)), 1e-300), 0.0, 1.0)
+    share = np.clip((along + chance * common) / np.maximum(square + chance, 1e-300), 0.0, 1.0)
+    fitted = square / np.maximum(square + chance, 1e-300)
+    return first[0] + share * step_a, first[1] + share * step_b, fitted**2 * noise / 2
 
 
 def wide_mean(values: Array) -> Array:
@@ -164,7 +196,7 @@ def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
     mask = noisy_pixels(a, b, inside)
     raw_error = np.asarray(image.error, float)
     if mask.any():
-        change, square = _blended(a, b, mask, _filled(raw_error, inside) ** 2, faithful(denoise))
+        change, square = _blended(a, b, mask, _filled(raw_error, inside) ** 2, denoise)
     else:
         change, square = np.zeros_like(a), np.zeros_like(a)
     known = ~mask[..., None]
@@ -195,10 +227,20 @@ def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
     return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
 
 
+def _cleaned(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, ...]:
+    """Both halves denoised by a mixture of the filter and the same at half the resolution, and what that flatters."""
+    fine, coarse = faithful(denoise), faithful(denoisers.coarsened(denoise))
+    first = fine(a, 2 * variance), fine(b, 2 * variance)
+    if min(a.shape[:2]) < LEAST:
+        return *first, np.zeros_like(a)
+    return mixed(a, b, first, (coarse(a, 2 * variance), coarse(b, 2 * variance)), mask)
+
+
 def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
     """What is added to the raw picture, and the mean squared error of the sum."""
-    clean_a, clean_b = denoise(a, 2 * variance), denoise(b, 2 * variance)
+    clean_a, clean_b, flattered = _cleaned(a, b, mask, variance, denoise)
     found = steadied(moments(a, b, clean_a, clean_b), mask)
+    found = found._replace(bias=found.bias + flattered)
     weight = found.weight()
     change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (a + b)) / 2, 0.0)
     # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
