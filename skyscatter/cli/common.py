@@ -429,6 +429,16 @@ class Rendered:
     arguments: list[str]
     checkpoint: Checkpoint | None
 
+    @property
+    def raw(self) -> SpectralImage:
+        """The picture as it was computed."""
+        return self.image.undenoised if self.denoising else self.image
+
+    @property
+    def denoising(self) -> dict[str, Any] | None:
+        """How it was denoised, and the errors; None where it was not."""
+        return self.image.recipe.get("denoising") if self.request.denoise else None
+
     @contextmanager
     def writing(self) -> Iterator[list[Path]]:
         """Write the files in the body; the checkpoint goes when they are there, and stays if they are not."""
@@ -479,6 +489,7 @@ def render_request(
 
     store = request.store
     checkpoint = None if store else checkpoint_for(request.resume, request.outputs, request.every)
+    halves: dict[str, Any] = {"halves": True} if request.denoise else {}
     try:
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),
@@ -501,7 +512,7 @@ def render_request(
                 resume=request.resume,
                 checkpoint=checkpoint,
                 store=store,
-                halves=bool(request.denoise),
+                **halves,
                 **more,
             )
             if request.denoise:
@@ -576,7 +587,7 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: An
         "complete": rendered.finished >= 1.0,
         "finished": rendered.finished,
         "colour": rendered.image.mean_colour() if hasattr(rendered, "image") else None,
-        "denoising": rendered.image.recipe.get("denoising") if hasattr(rendered, "image") else None,
+        "denoising": getattr(rendered, "denoising", None),
         "outputs": [str(path) for path in rendered.outputs],
     }
 

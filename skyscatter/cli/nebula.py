@@ -279,7 +279,7 @@ def run(request: Request, arguments: list[str]) -> int:
         summary = summarise(request, model, scene, camera, None, None, clock.monotonic() - started, written)
         return common.report(request, summary, describe)
     rendered = common.render_request(request, scene, camera, model.name, arguments, **given)
-    noise = common.median_error(rendered.image.undenoised) if request.solver != "single" else None
+    noise = common.median_error(rendered.raw) if request.solver != "single" else None
     with rendered.writing() as outputs:
         image = rendered.image.placed(sky)
         if request.observation:

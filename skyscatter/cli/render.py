@@ -214,7 +214,7 @@ def run(request: Request, arguments: list[str]) -> int:
         for path in outputs:
             suffix = path.suffix.lower()
             image.save(path, **(png if suffix == ".png" else request.file_options.get(suffix, {})))
-    noise = common.median_error(rendered.image.undenoised)
+    noise = common.median_error(rendered.raw)
     summary = summarise(request, model, scene, rendered, noise, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 

@@ -470,7 +470,7 @@ def summarise(
     """What ``--json`` prints."""
     from skyscatter.scene import AU
 
-    error = common.median_error(rendered.image.undenoised)
+    error = common.median_error(rendered.raw)
     return {
         **common.summary_of_run(request, model, seconds, rendered),
         "sun": {

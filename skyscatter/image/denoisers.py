@@ -77,7 +77,7 @@ def oidn(picture: Array, variance: Array) -> Array:
 
 
 def coarsened(denoise: Filter) -> Filter:
-    """The filter applied at half the resolution: coarse noise, such as photons' that light many pixels, is fine there."""
+    """The filter applied at half the resolution: coarse noise, as of photons that light many pixels, is fine there."""
 
     def halved(cube: Array) -> Array:
         height, width = cube.shape[:2]

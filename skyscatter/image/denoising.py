@@ -126,7 +126,7 @@ def steadied(single: Moments, mask: Mask) -> Moments:
     James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117).
     """
     local = Moments(*(local_mean(part, mask) for part in single))
-    variance = np.maximum(local.variance, 1e-300)
+    variance = np.maximum(local.variance, 1e-150)
     ratio = local.bias / variance
     chance = np.maximum(local_mean(single.bias**2, mask) - local.bias**2, 0.0) / WORTH / variance**2
     lit = mask[..., None] & (local.variance > 0)

@@ -88,9 +88,7 @@ def test_moments_have_no_bias():
     def blur(cube):
         return gaussian_filter(cube, (2, 2, 0))
 
-    single = [
-        (halves["half_a"], halves["half_b"], blur(halves["half_a"]), blur(halves["half_b"])) for halves in pairs
-    ]
+    single = [(halves["half_a"], halves["half_b"], blur(halves["half_a"]), blur(halves["half_b"])) for halves in pairs]
     found = [denoising.moments(*parts) for parts in single]
     raw = np.array([(a + b) / 2 - truth for a, b, *_ in single])
     clean = np.array([(a + b) / 2 - truth for *_, a, b in single])
