@@ -185,8 +185,6 @@ def faithful(denoise: denoisers.Filter) -> denoisers.Filter:
 
 def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
     """The image without its noise; see `skyscatter.SpectralImage.denoised`."""
-    from skyscatter.image.spectral import SpectralImage
-
     if any(name not in image.layers for name in HALVES) or image.error is None:
         rule = "needs two halves of the walks or passes; render with halves=True and the solver path or photons"
         raise DomainError("denoise", f"layers {', '.join(image.layers) or 'none'}", rule)
@@ -204,7 +202,7 @@ def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
     others = {name: values for name, values in image.layers.items() if name not in HALVES}
     errors = (np.where(inside[..., None], values, 0.0) for values in (error, raw_error))
     about = {"method": label, **stated((a + b) / 2, *errors)}
-    return SpectralImage(
+    return type(image)(
         image.radiance + np.where(known, 0.0, change),
         image.wavelengths,
         error,
@@ -285,12 +283,10 @@ def stated(light: Array, error: Array, raw_error: Array) -> dict[str, Any]:
 
 def undenoised(image: SpectralImage) -> SpectralImage:
     """The image as it was before it was denoised."""
-    from skyscatter.image.spectral import SpectralImage
-
     others = {name: values for name, values in image.layers.items() if name not in (RAW, RAW_ERROR)}
     recipe = {name: value for name, value in image.recipe.items() if name != "denoising"}
     if RAW not in image.layers or RAW_ERROR not in image.layers:
         rule = "a denoised image is read with its raw layers, raw and raw_error; take a file that has them"
         raise DomainError("image", f"layers {', '.join(image.layers) or 'none'}", rule)
     raw, error = image.layers[RAW], image.layers[RAW_ERROR]
-    return SpectralImage(raw, image.wavelengths, error, recipe=recipe, layers=others, sky=image.sky)
+    return type(image)(raw, image.wavelengths, error, recipe=recipe, layers=others, sky=image.sky)
