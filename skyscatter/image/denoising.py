@@ -118,17 +118,29 @@ def local_mean(values: Array, mask: Mask) -> Array:
     return np.where(share > 1e-9, spread(np.where(mask[..., None], values, 0.0)) / np.maximum(share, 1e-9), 0.0)
 
 
-def steadied(single: Moments, mask: Mask) -> Moments:
+def togetherness(a: Array, b: Array, mask: Mask) -> float:
+    """How many pixels share their noise: 1 where each has its own, many where a photon lights many.
+
+    By it the squared noise of local means is greater than that of as many independent pixels.
+    """
+    half = (a - b) / 2
+    alone = local_mean(half**2, mask)
+    lit = mask[..., None] & (alone > 0)
+    return max(float(np.mean(WORTH * local_mean(half, mask)[lit] ** 2 / alone[lit])), 1.0) if lit.any() else 1.0
+
+
+def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moments, Array]:
     """Local moments; the squared bias, which is known worst, is drawn towards that of the whole picture.
 
     It is taken relative to the variance of the raw picture.  Local values whose spread is no greater than chance makes
     it say nothing, and are replaced by the common one; the greater their spread, the more they count (the estimate of
-    James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117).
+    James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117).  Also returned is the standard deviation of
+    what is found; so many pixels as are `together` have their noise in common.
     """
     local = Moments(*(local_mean(part, mask) for part in single))
     variance = np.maximum(local.variance, 1e-150)
     ratio = local.bias / variance
-    chance = np.maximum(local_mean(single.bias**2, mask) - local.bias**2, 0.0) / WORTH / variance**2
+    chance = np.maximum(local_mean(single.bias**2, mask) - local.bias**2, 0.0) * together / WORTH / variance**2
     lit = mask[..., None] & (local.variance > 0)
     count = np.maximum(lit.sum(axis=(0, 1)), 1)
 
@@ -138,10 +150,14 @@ def steadied(single: Moments, mask: Mask) -> Moments:
     common = np.maximum(mean(ratio), 0.0)
     real = np.maximum(mean((ratio - common) ** 2 - chance), 0.0)
     share = real / np.maximum(real + chance, 1e-300)
-    return local._replace(bias=np.maximum(share * ratio + (1 - share) * common, 0.0) * local.variance)
+    doubt = np.sqrt(share * chance + (1 - share) ** 2 * mean(chance) * WORTH / count)
+    bias = np.maximum(share * ratio + (1 - share) * common, 0.0) * variance
+    return Moments(variance, np.maximum(local.spread, 0.0), local.shared, bias), doubt * variance
 
 
-def mixed(a: Array, b: Array, first: tuple[Array, Array], second: tuple[Array, Array], mask: Mask) -> tuple[Array, ...]:
+def mixed(
+    a: Array, b: Array, first: tuple[Array, Array], second: tuple[Array, Array], mask: Mask, together: float = 1.0
+) -> tuple[Array, ...]:
     """Of two pictures of each half the mixture with the least squared error, one share for both halves.
 
     Returns
@@ -155,7 +171,7 @@ def mixed(a: Array, b: Array, first: tuple[Array, Array], second: tuple[Array, A
     along = local_mean(step_a * (2 * b - first[0] - first[1]) + step_b * (2 * a - first[0] - first[1]), mask)
     square = local_mean((step_a + step_b) ** 2, mask)
     # Where both pictures differ by less than chance the share is that of the whole picture.
-    noise = local_mean((a - b) ** 2, mask) / WORTH
+    noise = np.maximum(local_mean((a - b) ** 2, mask), 0.0) * together / WORTH
     chance = noise / SHARES**2
     common = np.clip(along.sum(axis=(0, 1)) / np.maximum(square.sum(axis=(0, 1)), 1e-300), 0.0, 1.0)
     share = np.clip((along + chance * common) / np.maximum(square + chance, 1e-300), 0.0, 1.0)
@@ -170,14 +186,14 @@ def wide_mean(values: Array) -> Array:
     return np.asarray(gaussian_filter(values, (WIDE, WIDE, 0), mode="nearest", truncate=3.0))
 
 
-def faithful(denoise: denoisers.Filter) -> denoisers.Filter:
+def faithful(denoise: denoisers.Filter, together: float = 1.0) -> denoisers.Filter:
     """The filter, which gives large patches of light back what it has lost of them beyond chance."""
 
     def filtered(picture: Array, variance: Array) -> Array:
         clean = denoise(picture, variance)
         lost = wide_mean(picture - clean)
-        # Pixels are independent: the squared weights of a Gaussian add up to that of one narrower by sqrt(2).
-        chance = CHANCE**2 * wide_mean(variance) / (4 * np.pi * WIDE**2)
+        # Of independent pixels the squared weights of a Gaussian add up to 1 / (4 pi sigma^2).
+        chance = CHANCE**2 * together * wide_mean(variance) / (4 * np.pi * WIDE**2)
         return np.asarray(clean + lost * np.maximum(1 - chance / np.maximum(lost**2, 1e-300), 0.0))
 
     return filtered
@@ -225,21 +241,25 @@ def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
     return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
 
 
-def _cleaned(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, ...]:
+def _cleaned(
+    a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter, together: float
+) -> tuple[Array, ...]:
     """Both halves denoised by a mixture of the filter and the same at half the resolution, and what that flatters."""
-    fine, coarse = faithful(denoise), faithful(denoisers.coarsened(denoise))
+    fine, coarse = faithful(denoise, together), faithful(denoisers.coarsened(denoise), together)
     first = fine(a, 2 * variance), fine(b, 2 * variance)
     if min(a.shape[:2]) < LEAST:
         return *first, np.zeros_like(a)
-    return mixed(a, b, first, (coarse(a, 2 * variance), coarse(b, 2 * variance)), mask)
+    return mixed(a, b, first, (coarse(a, 2 * variance), coarse(b, 2 * variance)), mask, together)
 
 
 def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
     """What is added to the raw picture, and the mean squared error of the sum."""
-    clean_a, clean_b, flattered = _cleaned(a, b, mask, variance, denoise)
-    found = steadied(moments(a, b, clean_a, clean_b), mask)
+    together = togetherness(a, b, mask)
+    clean_a, clean_b, flattered = _cleaned(a, b, mask, variance, denoise, together)
+    found, doubt = steadied(moments(a, b, clean_a, clean_b), mask, together)
     found = found._replace(bias=found.bias + flattered)
-    weight = found.weight()
+    # In doubt nearer to the raw picture.
+    weight = found._replace(bias=found.bias + doubt).weight()
     change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (a + b)) / 2, 0.0)
     # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
     variance = np.where(mask[..., None], found.variance, 0.0)
