@@ -103,6 +103,52 @@ def test_moments_have_no_bias():
         assert abs(ours.mean() - theirs.mean()) < 4 * error, name  # four standard errors
 
 
+def test_pixels_that_share_their_noise():
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(2, 96, 96, 1))
+    mask = np.ones((96, 96), bool)
+    assert denoising.togetherness(a, b, mask) < 1.3  # 1, and chance
+    wide = [gaussian_filter(half, (1.5, 1.5, 0)) for half in (a, b)]
+    # Windows much wider than the Gaussian: 4 pi sigma^2 pixels have their noise in common.
+    assert denoising.togetherness(*wide, mask) == pytest.approx(4 * np.pi * 1.5**2, rel=0.35)
+    assert denoising.togetherness(0 * a, 0 * b, mask) == 1.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_noise_that_pixels_share_is_not_made_worse(method):
+    """As photons leave it, coarser than a pixel; the stated error holds for it, too."""
+    truth = scene(96, 96)
+    rng = np.random.default_rng(5)
+    halves = [truth * (1 + 0.6 * gaussian_filter(rng.normal(size=(96, 96, 1)), (1.2, 1.2, 0))) for _ in "ab"]
+    sigma = 0.6 * truth / np.sqrt(2 * 4 * np.pi * 1.2**2)
+    image = SpectralImage(sum(halves) / 2, WL, sigma, layers=dict(zip(denoising.HALVES, halves, strict=True)))
+    clean = image.denoised(method)
+    found, raw = clean.radiance - truth, image.radiance - truth
+    for j in range(0, 96, 32):
+        for i in range(0, 96, 32):
+            tile = np.s_[j : j + 32, i : i + 32]
+            assert rms(found[tile]) < 1.05 * rms(raw[tile])  # the promise
+    assert 0.75 < rms(clean.error) / rms(found) < 1.25  # the promise
+
+
+def test_of_two_filters_the_better_one_counts():
+    truth = scene(96, 96)
+    image = noisy(truth, 64)
+    a, b = (image.layers[name] for name in denoising.HALVES)
+    mask = np.ones((96, 96), bool)
+
+    def blur(width):
+        return tuple(gaussian_filter(half, (width, width, 0)) for half in (a, b))
+
+    good, bad = blur(1.5), blur(8.0)
+    for first, second in ((good, bad), (bad, good)):
+        *mixed, flattered = denoising.mixed(a, b, first, second, mask)
+        errors = [rms(sum(pair) / 2 - truth) for pair in (mixed, good, bad)]
+        assert errors[0] < 1.02 * errors[1] < errors[2]  # two per cent: the share is found with noise
+        assert np.all(flattered >= 0)
+        assert np.all(flattered <= (a - b).var() * 5)
+
+
 def test_weight_is_the_best():
     found = denoising.Moments(*(np.full((1, 1, 1), value) for value in (4.0, 0.5, 0.3, 1.0)))
     weight = found.weight()
