@@ -49,6 +49,14 @@ Seed = Annotated[
         metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807, else 0 (not single)."
     ),
 ]
+Denoise = Annotated[
+    bool,
+    typer.Option(
+        "--denoise",
+        help="Take noise off and estimate what is left (path, photons); files keep the raw picture, too. By Open Image "
+        "Denoise where pyoidn is installed.",
+    ),
+]
 Photons = Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")]
 Radius = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Radius in which light is gathered, else one that falls (photons).")
@@ -157,6 +165,7 @@ class RunRequest:
     tolerance: float | None
     max_order: int | None
     seed: int | None
+    denoise: bool | None
     threads: int | None
     workers: int | None
     scheduler: str | None
@@ -184,6 +193,7 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
+        "denoise": texts["denoise"] or None,
         **worker_options(texts["workers"], texts["scheduler"], texts["worker_memory"]),
         "store": checked_store(texts["store"], texts["resume"], texts["every"]),
         "bits": integer(texts["bits"], "bits", 8, "choose 8 or 16") or 8,
@@ -419,6 +429,16 @@ class Rendered:
     arguments: list[str]
     checkpoint: Checkpoint | None
 
+    @property
+    def raw(self) -> SpectralImage:
+        """The picture as it was computed."""
+        return self.image.undenoised if self.denoising else self.image
+
+    @property
+    def denoising(self) -> dict[str, Any] | None:
+        """How it was denoised, and the errors; None where it was not."""
+        return self.image.recipe.get("denoising") if self.request.denoise else None
+
     @contextmanager
     def writing(self) -> Iterator[list[Path]]:
         """Write the files in the body; the checkpoint goes when they are there, and stays if they are not."""
@@ -463,12 +483,13 @@ def render_request(
         If it is interrupted before anything is finished.
     """
     import skyscatter
-    from skyscatter.progress import Progress
+    from skyscatter.progress import Progress, say
     from skyscatter.solvers.run import Interrupted
     from skyscatter.tasks.cluster import executor_of
 
     store = request.store
     checkpoint = None if store else checkpoint_for(request.resume, request.outputs, request.every)
+    halves: dict[str, Any] = {"halves": True} if request.denoise else {}
     try:
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),
@@ -491,8 +512,12 @@ def render_request(
                 resume=request.resume,
                 checkpoint=checkpoint,
                 store=store,
+                **halves,
                 **more,
             )
+            if request.denoise:
+                say("denoising")
+                image = image.denoised()
     except Interrupted as stop:
         with stopping.undisturbed():
             keep(checkpoint, arguments, store)
@@ -562,8 +587,19 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: An
         "complete": rendered.finished >= 1.0,
         "finished": rendered.finished,
         "colour": rendered.image.mean_colour() if hasattr(rendered, "image") else None,
+        "denoising": getattr(rendered, "denoising", None),
         "outputs": [str(path) for path in rendered.outputs],
     }
+
+
+def describe_denoising(summary: dict[str, Any]) -> str:
+    """What was done against the noise, for people."""
+    done = summary["denoising"]
+    if done is None:
+        return ""
+    errors = [done["error"], done["raw_error"]]
+    words = ["" if error is None else percent(error) for error in errors]
+    return f"; denoised by {done['method']}" + (f", error {words[0]} in place of {words[1]}" if all(words) else "")
 
 
 def median_error(image: Any) -> float | None:

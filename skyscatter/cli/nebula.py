@@ -81,6 +81,7 @@ def nebula(
     radius: common.Radius = None,
     estimator: common.Estimator = None,
     seed: common.Seed = None,
+    denoise: common.Denoise = False,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
     worker_memory: common.WorkerMemory = None,
@@ -150,7 +151,7 @@ def nebula(
     if turn is not None:
         angles = {"azimuth": azimuth, "inclination": inclination}
         settled = {name: angle for name, angle in angles.items() if paths[f"{name}s"] is not None}
-        _check_turn(outputs, {**settled, "resume": resume, "psf": psf or aperture})
+        _check_turn(outputs, {**settled, "resume": resume, "psf": psf or aperture, "denoise": denoise or None})
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
@@ -189,6 +190,7 @@ def nebula(
             tolerance=parse.parse_tolerance(tolerance, options.LEAST_TOLERANCE),
             max_order=max_order,
             seed=None if solver == "single" and aperture is not None else seed,
+            denoise=denoise,
             threads=threads,
             workers=workers,
             worker_memory=worker_memory,
@@ -277,7 +279,7 @@ def run(request: Request, arguments: list[str]) -> int:
         summary = summarise(request, model, scene, camera, None, None, clock.monotonic() - started, written)
         return common.report(request, summary, describe)
     rendered = common.render_request(request, scene, camera, model.name, arguments, **given)
-    noise = common.median_error(rendered.image) if request.solver != "single" else None
+    noise = common.median_error(rendered.raw) if request.solver != "single" else None
     with rendered.writing() as outputs:
         image = rendered.image.placed(sky)
         if request.observation:
@@ -339,6 +341,7 @@ def describe(summary: dict[str, Any]) -> str:
 
     noise, exposure = summary["noise"], summary["exposure_ev"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
+    accuracy += common.describe_denoising(summary)
     accuracy += "" if exposure is None else f"; EV {exposure:.1f}"
     width = summary["size"][0] * summary["pixel_scale_arcsec"]
     return (

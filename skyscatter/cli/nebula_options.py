@@ -15,9 +15,10 @@ from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
 #: Options that some solvers have no use for.
+OF_PHOTONS = ("photons", "radius", "estimator")
 MEANINGLESS: dict[str, tuple[str, ...]] = {
-    "path": ("photons", "radius", "estimator"),
-    "single": ("samples", "noise", "seed", "max_order", "orders", "sampling", "photons", "radius", "estimator"),
+    "path": OF_PHOTONS,
+    "single": ("samples", "noise", "seed", "denoise", "max_order", "orders", "sampling", *OF_PHOTONS),
     "photons": ("tolerance", "sampling"),
 }
 #: Finest relative accuracy of the quadrature along a ray that may be asked for.

@@ -80,6 +80,7 @@ def render(
     radius: common.Radius = None,
     estimator: common.Estimator = None,
     seed: common.Seed = None,
+    denoise: common.Denoise = False,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
     worker_memory: common.WorkerMemory = None,
@@ -135,7 +136,8 @@ def render(
         ),
         **common.run_options(
             wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
+            denoise=denoise, threads=threads, workers=workers,
+            worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
             as_json=as_json, quiet=quiet,
             verbose=verbose, progress=progress, every=every, resume=resume,
         ),
@@ -212,7 +214,7 @@ def run(request: Request, arguments: list[str]) -> int:
         for path in outputs:
             suffix = path.suffix.lower()
             image.save(path, **(png if suffix == ".png" else request.file_options.get(suffix, {})))
-    noise = common.median_error(rendered.image)
+    noise = common.median_error(rendered.raw)
     summary = summarise(request, model, scene, rendered, noise, exposure, clock.monotonic() - started)
     return common.report(request, summary, describe)
 
@@ -243,6 +245,7 @@ def describe(summary: dict[str, Any]) -> str:
 
     noise = summary["noise"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
+    accuracy += common.describe_denoising(summary)
     exposure = "" if summary["exposure_ev"] is None else f"EV {summary['exposure_ev']:.1f}; "
     return (
         f"{common.describe_part(summary)}{summary['model']}: solver {summary['solver']}{accuracy}; "

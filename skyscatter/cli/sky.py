@@ -24,12 +24,15 @@ DEFAULT_SUN_ELEVATION = 30.0
 DEFAULT_SUN_AZIMUTH = 180.0
 #: Options that some solvers have no use for.
 MEANINGLESS = {
-    "orders": ("samples", "noise", "seed"),
+    "orders": ("samples", "noise", "seed", "denoise"),
     "path": ("tolerance",),
-    "single": ("samples", "noise", "seed", "max_order", "tolerance"),
+    "single": ("samples", "noise", "seed", "denoise", "max_order", "tolerance"),
 }
 #: The solver to name with an option that the chosen one has no use for.
-REMEDY = {"samples": "path", "noise": "path", "seed": "path", "max_order": "orders", "tolerance": "orders"}
+REMEDY = {
+    **dict.fromkeys(("samples", "noise", "seed", "denoise"), "path"),
+    **dict.fromkeys(("max_order", "tolerance"), "orders"),
+}
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,7 @@ def sky(
         typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges of bodies and clouds (path)."),
     ] = None,
     seed: common.Seed = None,
+    denoise: common.Denoise = False,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
     worker_memory: common.WorkerMemory = None,
@@ -211,7 +215,8 @@ def sky(
     """
     frames = sequence.asked(model, times, sun_elevations, exposure_step, frame_rate)
     if frames is not None:
-        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, resume, subpixels)
+        meaningless = {"resume": resume, "subpixels": subpixels, "denoise": denoise or None}
+        _check_sequence(frames, place, time, sun_elevation, sun_azimuth, meaningless)
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth, bool(times))
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if frames else ())
     if frames is not None:
@@ -267,6 +272,7 @@ def sky(
             tolerance=parse.parse_tolerance(tolerance),
             max_order=max_order,
             seed=seed,
+            denoise=denoise,
             threads=threads,
             workers=workers,
             worker_memory=worker_memory,
@@ -294,12 +300,12 @@ def sky(
 
 def _check_sequence(
     frames: sequence.FrameList, place: str | None, time: str | None, elevation: str | None, azimuth: str | None,
-    resume: Path | None, subpixels: str | None,
+    meaningless: dict[str, Any],
 ) -> None:  # fmt: skip
     """Refuse options that a sequence has no use for."""
     if frames.times and place is None:
         raise DomainError("times", f"{frames.times[0]} ...", "needs --place as well")
-    for name, value in {"time": time if frames.times else None, "resume": resume, "subpixels": subpixels}.items():
+    for name, value in {"time": time if frames.times else None, **meaningless}.items():
         if value is not None:
             raise DomainError(name, str(value), "means nothing to a sequence; leave it out")
     if frames.elevations and (elevation is not None or place is not None):
@@ -495,7 +501,7 @@ def summarise(
     """What ``--json`` prints."""
     from skyscatter.scene import AU
 
-    error = common.median_error(rendered.image)
+    error = common.median_error(rendered.raw)
     return {
         **common.summary_of_run(request, model, seconds, rendered),
         "sun": {
@@ -520,6 +526,7 @@ def describe(summary: dict[str, Any]) -> str:
 
     sun, noise, error = summary["sun"], summary["noise"], summary["estimated_error"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
+    accuracy += common.describe_denoising(summary)
     accuracy += "" if error is None else f", median estimated error {common.percent(error)}"
     accuracy += common.missed(error, summary["tolerance"])
     polarised = summary["polarisation"]

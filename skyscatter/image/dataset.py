@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 UNITS = "W m-2 sr-1 nm-1"
 DIMS = ("y", "x", "wavelength")
 _PIXELS = ("y", "x")
+#: Layers of denoised images, and what they are.
+RAW_LAYERS = {
+    "raw": "Spectral radiance as it was computed, before it was denoised.",
+    "raw_error": "Standard error of the radiance as it was computed.",
+}
 LAYER = "layer_"
 _NORTH = "from north through east"
 _TIME = {"standard_name": "time", "long_name": "time (UTC)", "units_metadata": "leap_seconds: none"}
@@ -41,6 +46,8 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
     import xarray
 
     radiance = {"units": UNITS, "long_name": "spectral radiance per wavelength"}
+    if image.is_denoised:
+        radiance["comment"] = "Denoised, not as it was computed; layer_raw is."
     variables: dict[str, Any] = {"radiance": (DIMS, image.radiance, radiance)}
     if image.error is not None:
         sort = "estimated" if image.error_kind == "estimated" else "standard"
@@ -52,7 +59,10 @@ def to_dataset(image: SpectralImage) -> xarray.Dataset:
     for name, values in image.layers.items():
         if image.polarised and name in STOKES_VARIABLES:
             continue
-        attributes = {"units": UNITS, "long_name": f"part of the spectral radiance: {name}", "layer": name}
+        what = f"part of the spectral radiance: {name}"
+        if image.is_denoised and name in RAW_LAYERS:
+            what = RAW_LAYERS[name]
+        attributes = {"units": UNITS, "long_name": what, "layer": name}
         variables[LAYER + name] = (DIMS, values, attributes)
     coords, attrs = coordinates(image)
     return xarray.Dataset(variables, coords=coords, attrs=attrs)

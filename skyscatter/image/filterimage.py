@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image.filters import FilterCurve, filter_curves
-from skyscatter.image.polarisation import STOKES_ERRORS
 
 if TYPE_CHECKING:
     from skyscatter.image.photometry import Counts
@@ -176,7 +175,7 @@ def through(
         coverage=[share for _, share in found],
         sky=image.sky,
         recipe=image.recipe,
-        layers={name: averaged(cube, name in STOKES_ERRORS) for name, cube in image.layers.items()},
+        layers={name: averaged(cube, name.endswith("_error")) for name, cube in image.layers.items()},
     )
 
 

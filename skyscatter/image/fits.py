@@ -4,7 +4,10 @@
   are turned over on writing and on reading.
 - Stokes parameters of a polarised image stand in extensions ``Q``, ``U``, ``V``, their standard errors in ``Q_STDERR``
   and so on, with the frame in ``STOKES``, ``POLCCONV``, ``POLFRAME`` and in words; other layers in ``LAYER1``, ...
-- The error stands in ``STDERR`` where it is a standard error, in ``ESTERR`` where it is an estimated one (``orders``).
+- Of a denoised image the radiance as it was computed stands in ``RAW``, its standard error in ``RAW_STDERR``, and
+  ``DENOISED`` is true in the primary header.
+- The error stands in ``STDERR`` where it is a standard error, in ``ESTERR`` where it is an estimated one (``orders``
+  and denoised images).
 - The third world axis is ``WAVE`` (vacuum) in nm: linear where the grid is uniform, else a look-up table, ``WAVE-TAB``
   (Greisen et al. 2006, A&A 446, 747, section 6), which `astropy.wcs` reads when it is given the file.
 - Extension ``WCS-TABLE`` holds that table for either kind of grid: the wavelengths to the last digit.
@@ -32,7 +35,7 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.errors import DomainError
-from skyscatter.image.dataset import UNITS
+from skyscatter.image.dataset import RAW_LAYERS, UNITS
 from skyscatter.image.filterimage import through
 from skyscatter.image.polarisation import FRAME, STOKES, STOKES_ERRORS
 from skyscatter.image.spectral import SpectralImage
@@ -88,15 +91,16 @@ def fill(hdu: Any, cards: list[Card], comment: str, unit: str = UNITS) -> None:
     hdu.header["COMMENT"] = "FITS row 1 is the bottom of the picture. NaN is outside the field."
 
 
-def _stokes_extension(name: str) -> str:
-    return name.replace("_error", "_STDERR")
-
-
-def _layer_comment(name: str, stokes: bool) -> str:
-    if not stokes:
-        return "A part of the radiance in the primary array."
-    letter = name[0]
-    return f"Stokes {letter}." if name in STOKES else f"Standard error of Stokes {letter} in the extension {letter}."
+def _layer_place(image: SpectralImage, name: str, number: int) -> tuple[str, str]:
+    """Extension of a layer, and a remark on it."""
+    extension = f"{name.removesuffix('_error').upper()}{'_STDERR' if name.endswith('_error') else ''}"
+    if image.is_denoised and name in RAW_LAYERS:
+        return extension, RAW_LAYERS[name]
+    if image.polarised and name in STOKES:
+        return extension, f"Stokes {name}."
+    if image.polarised and name in STOKES_ERRORS:
+        return extension, f"Standard error of Stokes {name[0]} in the extension {name[0]}."
+    return f"LAYER{number}", "A part of the radiance in the primary array."
 
 
 def _fill_frame(hdu: Any, name: str) -> None:
@@ -124,6 +128,9 @@ def stamp(primary: Any, recipe: dict[str, Any]) -> None:
         header["INSTRUME"] = (str(camera["kind"]), "camera")
     if recipe.get("solver"):
         header["SOLVER"] = (str(recipe["solver"]), "solver of radiative transfer")
+    if "denoising" in recipe:
+        header["DENOISED"] = (True, "not as computed: noise was taken off")
+        header["COMMENT"] = f"Denoised by {recipe['denoising']['method']}: to be looked at, not measured."
 
 
 def pack(hdus: list[Any], dtype: str | None, compress: bool) -> fits.HDUList:
@@ -144,7 +151,7 @@ def pack(hdus: list[Any], dtype: str | None, compress: bool) -> fits.HDUList:
     if not compress:
         return fits.HDUList([fits.PrimaryHDU(images[0].data, hdus[0].header), *images[1:]])
     primary = fits.PrimaryHDU()
-    for keyword in ("DATE", "CREATOR", "TELESCOP", "INSTRUME", "SOLVER"):
+    for keyword in ("DATE", "CREATOR", "TELESCOP", "INSTRUME", "SOLVER", "DENOISED"):
         if keyword in hdus[0].header:
             primary.header[keyword] = (hdus[0].header[keyword], hdus[0].header.comments[keyword])
     images[0].name = _MAIN
@@ -215,11 +222,11 @@ def images(image: SpectralImage, unit: str | Counts | None, outline: Any = None)
         hdus.append(fits.ImageHDU(flipped(image.error), name=name))
         fill(hdus[-1], cards, f"{sort} error of the radiance in the primary array.")
     for number, (name, cube) in enumerate(image.layers.items(), start=1):
-        stokes = image.polarised and name in (*STOKES, *STOKES_ERRORS)
-        hdus.append(fits.ImageHDU(flipped(cube), name=_stokes_extension(name) if stokes else f"LAYER{number}"))
+        extension, remark = _layer_place(image, name, number)
+        hdus.append(fits.ImageHDU(flipped(cube), name=extension))
         hdus[-1].header["LAYER"] = (name, "name of the layer")
-        fill(hdus[-1], cards, _layer_comment(name, stokes))
-        if stokes:
+        fill(hdus[-1], cards, remark)
+        if image.polarised and name in (*STOKES, *STOKES_ERRORS):
             _fill_frame(hdus[-1], name)
     return hdus
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from skyscatter.errors import DomainError
 from skyscatter.image.filters import cells
 from skyscatter.image.horizon import pixel_solid_angle
-from skyscatter.image.polarisation import STOKES_ERRORS
 from skyscatter.image.psf import PointSpread, blurred, point_spread
 from skyscatter.image.skyframe import SkyFrame
 from skyscatter.image.spectral import SpectralImage
@@ -152,7 +151,7 @@ def _blurred_image(image: SpectralImage, spread: PointSpread) -> SpectralImage:
         return np.sqrt(blurred(np.square(values, dtype=float), kernel**2))
 
     layers = {
-        name: spread_error(cube) if name in STOKES_ERRORS else blurred(cube, kernel)
+        name: spread_error(cube) if name.endswith("_error") else blurred(cube, kernel)
         for name, cube in image.layers.items()
     }
     error = None if image.standard_error is None else spread_error(image.standard_error)

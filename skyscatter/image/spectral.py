@@ -141,13 +141,78 @@ class SpectralImage:
 
     @property
     def error_kind(self) -> ErrorKind:
-        """Sort of error that the solver of the recipe states: "standard", "estimated" (``orders``) or "none"."""
-        return kind_of(self._recipe.get("solver"))
+        """Sort of error that the image states: "standard", "estimated" (``orders``, or `denoised`) or "none"."""
+        return "estimated" if self.is_denoised else kind_of(self._recipe.get("solver"))
 
     @property
     def estimated_error(self) -> NDArray[Any] | None:
         """The error where it is an estimated one; None where it is a standard error, or none is stated."""
         return self._error if self.error_kind == "estimated" else None
+
+    @property
+    def is_denoised(self) -> bool:
+        """Whether the radiance is that of `denoised`, and what was computed stands in the layer ``raw``."""
+        return "denoising" in self._recipe
+
+    def denoised(self, method: str = "auto") -> SpectralImage:
+        """The image without most of its noise: for looking at; never fit or compare it, take the layer ``raw``.
+
+        A denoiser is applied to two independent halves of the samples, each is judged by the other, and the result is
+        mixed with the raw picture by what that says (see `skyscatter.image.denoising`).
+
+        Parameters
+        ----------
+        method : {"auto", "oidn", "nlm"}
+            Open Image Denoise (``pip install 'skyscatter[denoise]'``), a statistical filter that is always there, or
+            the former where it is installed.
+
+        Returns
+        -------
+        SpectralImage
+            Its `error` is an estimated one, from the comparison of the halves.  Layers ``raw`` and ``raw_error`` are
+            the radiance and the standard error as they were, other layers as they were, too; ``recipe["denoising"]``
+            has the method and the relative errors of the picture and of its tiles, before and after.
+
+        Raises
+        ------
+        DomainError
+            For an image that was not rendered with ``halves=True``, and a method that there is not.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> a, b = 1 + 0.2 * np.random.default_rng(1).normal(size=(2, 64, 64, 3))
+        >>> error = np.full(a.shape, 0.2 / np.sqrt(2))
+        >>> halves = {"half_a": a, "half_b": b}
+        >>> noisy = skyscatter.SpectralImage((a + b) / 2, [450, 550, 650], error, layers=halves)
+        >>> clean = noisy.denoised("nlm")
+        >>> bool(clean.radiance.std() < 0.2 * noisy.radiance.std()), clean.error_kind, list(clean.layers)
+        (True, 'estimated', ['raw', 'raw_error'])
+        """
+        from skyscatter.image.denoising import denoised
+
+        return denoised(self, method)
+
+    @property
+    def undenoised(self) -> SpectralImage:
+        """The image as it was computed: with the layers ``raw`` and ``raw_error`` as radiance and standard error.
+
+        An image that is not `denoised` is returned as it is.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import skyscatter
+        >>> image = skyscatter.SpectralImage(np.ones((2, 3, 1)), [550])
+        >>> image.undenoised is image
+        True
+        """
+        if not self.is_denoised:
+            return self
+        from skyscatter.image.denoising import undenoised
+
+        return undenoised(self)
 
     @property
     def recipe(self) -> dict[str, Any]:

@@ -207,9 +207,18 @@ def _named(image: Any) -> str:
 
 
 def loaded(image: Any) -> SpectralImage | FilterImage:
-    """A picture, from a file if it is none yet."""
-    if isinstance(image, (SpectralImage, FilterImage)):
-        return image
+    """A picture as it was computed, from a file if it is none yet; of denoised ones the raw layers."""
+    picture = image if isinstance(image, (SpectralImage, FilterImage)) else _read(image)
+    if isinstance(picture, SpectralImage):
+        return picture.undenoised
+    if "denoising" in picture.recipe:
+        rule = "is denoised; give the spectra, whose raw layers are read, or a picture that was not denoised"
+        raise DomainError("data", _named(image), rule)
+    return picture
+
+
+def _read(image: str | os.PathLike[str]) -> SpectralImage | FilterImage:
+    """A picture from a file."""
     path = Path(image)
     if path.suffix.lower() == ".fits" and path.is_file():
         from skyscatter.image.fits import main_image, open_fits

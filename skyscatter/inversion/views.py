@@ -168,7 +168,7 @@ class ImageView:
         """
         from skyscatter.image.spectral import SpectralImage
 
-        image = SpectralImage.load(path)
+        image = SpectralImage.load(path).undenoised
         error = image.standard_error if sigma is None else sigma
         if error is None or (sigma is None and not np.any(np.asarray(error) > 0)):
             raise DomainError("sigma", None, f"{path} holds no standard errors; give those of the data")

@@ -54,6 +54,7 @@ def render(
     stokes: bool = False,
     subpixels: int = 1,
     sun_disk: bool = True,
+    halves: bool = False,
     threads: int | None = None,
     executor: Any = None,
     progress: Callable[[float], None] | None = None,
@@ -88,6 +89,10 @@ def render(
         False leaves out what comes straight from the Sun's disk (skies of planets only), for domes that other programs
         light together with a lamp of their own: the recipe then has that lamp as ``sun_lamp``, its ``direction`` (east,
         north, up) and its ``irradiance`` on a plane that faces it [W m-2 nm-1].
+    halves : bool
+        Keep two independent halves of the walks or passes as layers ``half_a`` and ``half_b``, which
+        `skyscatter.SpectralImage.denoised` needs (``path`` and ``photons``).  They hold what chance decides and nothing
+        else; the radiance is the same as without.
     progress : callable, optional
         Called with the finished share, 0 to 1.
     resume : path, optional
@@ -136,11 +141,11 @@ def render(
     )  # fmt: skip
     if isinstance(scene, Scene) and scene.towns:
         check_towns(scene, stokes)
-    needed = check_picture(camera.width, camera.height, wl.size, options.layers, subpixels**2)
+    needed = check_picture(camera.width, camera.height, wl.size, options.layers + 2 * halves, subpixels**2)
     if progress is not None:
         remark(f"some {format_bytes(needed)} of memory")
     grid = seen(scene, camera)
-    wrap = _wrapper(scene, camera, grid, subpixels)
+    wrap = _wrapper(scene, camera, grid, subpixels, halves)
     recipe = recipe_of(scene, camera, wl, solver, options, subpixels)
     if not sun_disk:
         if not isinstance(scene, Scene):
@@ -149,6 +154,8 @@ def render(
             rule = f"is for skies of air alone: before the Sun there may be some of the {scene.world}; leave it out"
             raise DomainError("sun_disk", sun_disk, rule)
         recipe["sun_disk"] = False
+    if halves:
+        recipe["halves"] = True
     inside = np.isfinite(grid[..., 0])
     numbers = np.flatnonzero(inside.ravel())
     directions = grid.reshape(-1, 3)[numbers]
@@ -187,17 +194,18 @@ def _opened(store: Any, state: RenderState, other: Any) -> Iterator[Store | None
         folder.close()
 
 
-def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int) -> Callable[[Any], Any] | None:
-    """What makes a solver of pixels with several rays of one of rays; None where one ray is enough."""
+def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int, halves: bool) -> Callable[[Any], Any] | None:
+    """What makes a solver of pixels with several rays of one of rays, or one of halves; None where neither is asked."""
+    from skyscatter.solvers.halves import Halves
     from skyscatter.solvers.subpixels import Subpixels, check_subpixels, fine_directions
 
     check_subpixels(subpixels)
     if subpixels == 1:
-        return None
+        return Halves if halves else None
     if (isinstance(scene, Scene) and not scene.world) or is_space(scene):
         raise DomainError("subpixels", subpixels, "is for scenes of surfaces; leave it out, and make a larger picture")
     fine = fine_directions(camera, scene.observer, grid, subpixels).reshape(-1, subpixels**2, 3)
-    return lambda module: Subpixels(module, fine, subpixels**2)
+    return lambda module: Subpixels(Halves(module) if halves else module, fine, subpixels**2)
 
 
 def recipe_of(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options, subpixels: int) -> dict[str, Any]:

@@ -30,11 +30,13 @@ def pictures(folder: Path) -> list[Path]:
     uneven = [450.0, 500.0, 550.0, 600.0, 700.0]
     nebula = SpectralImage(cube, uneven, cube, recipe={"solver": "orders"}, layers={"once": cube})
     nebula = nebula.placed(skyscatter.SkyFrame(ra_deg=1, dec_deg=2, pixel_scale_deg=0.1, distance="5 pc", name="x"))
-    files = [folder / f"{name}.fits" for name in ("sky", "packed", "nebula", "filters")]
+    files = [folder / f"{name}.fits" for name in ("sky", "packed", "nebula", "filters", "denoised")]
     sky.save(files[0])
     sky.save(files[1], compress=True)
     nebula.save(files[2])
     nebula.save(files[3], filters="V", unit="ABmag/arcsec2")
+    halves = {"half_a": cube, "half_b": cube}
+    SpectralImage(cube, uneven, cube, recipe={"solver": "path"}, layers=halves).denoised("nlm").save(files[4])
     return files
 
 

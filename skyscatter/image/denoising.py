@@ -1,0 +1,312 @@
+"""Pictures without their noise, and how far off they are.
+
+A denoiser makes a picture D of the raw one, N.  It has a bias, which no number of samples takes away, so that what is
+given out lies between the two:
+
+    R = N + w (D - N).
+
+Let A and B be independent halves of the samples, N their mean, D the mean of the pictures D_A and D_B that the denoiser
+makes of each alone, and angle brackets means over pixels around.  As the noise of B knows nothing of D_A,
+
+    v = <(A - B)^2> / 4                      is the variance of N,
+    c = <(D_A - D_B) (A - B)> / 4            the covariance of N and D,
+    m = <(D_A - B)^2 + (D_B - A)^2 - (A - B)^2> / 2 - <(D_A - D_B)^2> / 4
+
+the mean squared error of D, all of them without bias and without the truth.  The least squared error has
+
+    w = (v - c) / (v + m - 2 c),     (1 - w)^2 v + w^2 m + 2 w (1 - w) c.
+
+With c = 0 this is the weight var / (var + mse) of estimators that are combined; halves that judge each other take the
+place of the two buffers of Rousselle, Knaus and Zwicker (2012).  Half the difference of D_A and D_B is no error: it
+lacks the bias.
+
+Two such pictures are made, at full and at half the resolution, and mixed before: D = D1 + u (D2 - D1) with
+
+    u = <E_A (2 B - D1_A - D1_B) + E_B (2 A - D1_A - D1_B)> / <(E_A + E_B)^2>,    E = D2 - D1,
+
+the least squares for D in which no half is compared with itself.
+
+The denoiser is given the light of large patches back where it has lost more than chance explains, and the picture as a
+whole keeps its light within a standard error.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import DomainError
+from skyscatter.image import denoisers
+
+if TYPE_CHECKING:
+    from skyscatter.image.spectral import SpectralImage
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Layers with the two halves of what is noisy in a picture.
+HALVES = ("half_a", "half_b")
+#: Layers that a denoised picture has in their place: the radiance as it was, and its standard error.
+RAW, RAW_ERROR = "raw", "raw_error"
+#: Side of the square over which means are taken, twice over, and how many pixels that is worth.
+WINDOW = 11
+WORTH = (1.5 * WINDOW) ** 2
+#: How much shares of two denoised pictures differ from place to place.
+SHARES = 0.5
+#: Rows and columns below which no picture of half the resolution is made.
+LEAST = 16
+#: Side of the tiles of which the error is stated.
+TILE = 32
+#: Standard deviation of the mean by which large patches of light are kept [pixel], and how many standard errors of it
+#: are taken for chance.
+WIDE, CHANCE = 12.0, 2.0
+
+
+class Moments(NamedTuple):
+    """What the halves say about picture and denoised picture, each (y, x, wavelength).
+
+    Attributes
+    ----------
+    variance : ndarray
+        Of the raw picture.
+    spread : ndarray
+        Variance of the denoised one.
+    shared : ndarray
+        Covariance of both.
+    bias : ndarray
+        Squared bias of the denoised one; negative by chance.
+    """
+
+    variance: Array
+    spread: Array
+    shared: Array
+    bias: Array
+
+    def error(self, weight: Array) -> Array:
+        """Mean squared error of a picture between both."""
+        denoised = self.spread + self.bias
+        return np.asarray(
+            (1 - weight) ** 2 * self.variance + weight**2 * denoised + 2 * weight * (1 - weight) * self.shared
+        )
+
+    def weight(self) -> Array:
+        """Of the denoised picture, by which the error is least."""
+        gain = self.variance - self.shared
+        whole = gain + self.spread + self.bias - self.shared
+        return np.clip(np.divide(gain, whole, out=np.zeros_like(gain), where=whole > 0), 0.0, 1.0)
+
+
+def moments(a: Array, b: Array, clean_a: Array, clean_b: Array) -> Moments:
+    """Moments of single pixels, from two halves and what the denoiser makes of each."""
+    difference, denoised = a - b, clean_a - clean_b
+    crossed = ((clean_a - b) ** 2 + (clean_b - a) ** 2 - difference**2) / 2
+    return Moments(difference**2 / 4, denoised**2 / 4, denoised * difference / 4, crossed - denoised**2 / 2)
+
+
+def local_mean(values: Array, mask: Mask) -> Array:
+    """Means over the pixels around that are in the mask; 0 where there are none."""
+    from scipy.ndimage import uniform_filter
+
+    def spread(cube: Array) -> Array:
+        for _ in range(2):
+            cube = uniform_filter(cube, (WINDOW, WINDOW, 0), mode="constant")
+        return cube
+
+    share = spread(mask[..., None].astype(float))
+    return np.where(share > 1e-9, spread(np.where(mask[..., None], values, 0.0)) / np.maximum(share, 1e-9), 0.0)
+
+
+def togetherness(a: Array, b: Array, mask: Mask) -> float:
+    """How many pixels share their noise: 1 where each has its own, many where a photon lights many.
+
+    By it the squared noise of local means is greater than that of as many independent pixels.
+    """
+    half = (a - b) / 2
+    alone = local_mean(half**2, mask)
+    lit = mask[..., None] & (alone > 0)
+    return max(float(np.mean(WORTH * local_mean(half, mask)[lit] ** 2 / alone[lit])), 1.0) if lit.any() else 1.0
+
+
+def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moments, Array]:
+    """Local moments; the squared bias, which is known worst, is drawn towards that of the whole picture.
+
+    It is taken relative to the variance of the raw picture.  Local values whose spread is no greater than chance makes
+    it say nothing, and are replaced by the common one; the greater their spread, the more they count (the estimate of
+    James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117).  Also returned is the standard deviation of
+    what is found; so many pixels as are `together` have their noise in common.
+    """
+    local = Moments(*(local_mean(part, mask) for part in single))
+    variance = np.maximum(local.variance, 1e-150)
+    ratio = local.bias / variance
+    chance = np.maximum(local_mean(single.bias**2, mask) - local.bias**2, 0.0) * together / WORTH / variance**2
+    lit = mask[..., None] & (local.variance > 0)
+    count = np.maximum(lit.sum(axis=(0, 1)), 1)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.where(lit, values, 0.0).sum(axis=(0, 1)) / count)
+
+    common = np.maximum(mean(ratio), 0.0)
+    real = np.maximum(mean((ratio - common) ** 2 - chance), 0.0)
+    share = real / np.maximum(real + chance, 1e-300)
+    doubt = np.sqrt(share * chance + (1 - share) ** 2 * mean(chance) * WORTH / count)
+    bias = np.maximum(share * ratio + (1 - share) * common, 0.0) * variance
+    return Moments(variance, np.maximum(local.spread, 0.0), local.shared, bias), doubt * variance
+
+
+def mixed(
+    a: Array, b: Array, first: tuple[Array, Array], second: tuple[Array, Array], mask: Mask, together: float = 1.0
+) -> tuple[Array, ...]:
+    """Of two pictures of each half the mixture with the least squared error, one share for both halves.
+
+    Returns
+    -------
+    a, b : ndarray
+    flattered : ndarray
+        What the squared error looks less than it is: a share that is fitted to so many pixels brings down what is seen
+        of it by variance / pixels, and raises the true one by as much (Mallows 1973, Technometrics 15, 661).
+    """
+    step_a, step_b = second[0] - first[0], second[1] - first[1]
+    along = local_mean(step_a * (2 * b - first[0] - first[1]) + step_b * (2 * a - first[0] - first[1]), mask)
+    square = local_mean((step_a + step_b) ** 2, mask)
+    # Where both pictures differ by less than chance the share is that of the whole picture.
+    noise = np.maximum(local_mean((a - b) ** 2, mask), 0.0) * together / WORTH
+    chance = noise / SHARES**2
+    common = np.clip(along.sum(axis=(0, 1)) / np.maximum(square.sum(axis=(0, 1)), 1e-300), 0.0, 1.0)
+    share = np.clip((along + chance * common) / np.maximum(square + chance, 1e-300), 0.0, 1.0)
+    fitted = square / np.maximum(square + chance, 1e-300)
+    return first[0] + share * step_a, first[1] + share * step_b, fitted**2 * noise / 2
+
+
+def wide_mean(values: Array) -> Array:
+    """Means over large patches."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(values, (WIDE, WIDE, 0), mode="nearest", truncate=3.0))
+
+
+def faithful(denoise: denoisers.Filter, together: float = 1.0) -> denoisers.Filter:
+    """The filter, which gives large patches of light back what it has lost of them beyond chance."""
+
+    def filtered(picture: Array, variance: Array) -> Array:
+        clean = denoise(picture, variance)
+        lost = wide_mean(picture - clean)
+        # Of independent pixels the squared weights of a Gaussian add up to 1 / (4 pi sigma^2).
+        chance = CHANCE**2 * together * wide_mean(variance) / (4 * np.pi * WIDE**2)
+        return np.asarray(clean + lost * np.maximum(1 - chance / np.maximum(lost**2, 1e-300), 0.0))
+
+    return filtered
+
+
+def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
+    """The image without its noise; see `skyscatter.SpectralImage.denoised`."""
+    if any(name not in image.layers for name in HALVES) or image.error is None:
+        rule = "needs two halves of the walks or passes; render with halves=True and the solver path or photons"
+        raise DomainError("denoise", f"layers {', '.join(image.layers) or 'none'}", rule)
+    label, denoise = denoisers.filter_of(denoisers.chosen(method))
+    inside = image.inside
+    a, b = (_filled(np.asarray(image.layers[name], float), inside) for name in HALVES)
+    mask = noisy_pixels(a, b, inside)
+    raw_error = np.asarray(image.error, float)
+    if mask.any():
+        change, square = _blended(a, b, mask, _filled(raw_error, inside) ** 2, denoise)
+    else:
+        change, square = np.zeros_like(a), np.zeros_like(a)
+    known = ~mask[..., None]
+    error = np.where(known, raw_error, np.sqrt(square))
+    others = {name: values for name, values in image.layers.items() if name not in HALVES}
+    errors = (np.where(inside[..., None], values, 0.0) for values in (error, raw_error))
+    about = {"method": label, **stated((a + b) / 2, *errors)}
+    return type(image)(
+        image.radiance + np.where(known, 0.0, change),
+        image.wavelengths,
+        error,
+        recipe={**image.recipe, "denoising": about},
+        layers={**others, RAW: image.radiance, RAW_ERROR: image.error},
+        sky=image.sky,
+    )
+
+
+def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
+    """Pixels that have noise.
+
+    Halves that agree to the last digit had nothing to differ in, a lamp that is seen or empty space; unless no light
+    was found where most pixels around have some.
+    """
+    from scipy.ndimage import uniform_filter
+
+    differ = (a != b).any(axis=-1) & inside
+    crowded = uniform_filter(differ.astype(float), 5, mode="constant") > 0.5
+    return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
+
+
+def _cleaned(
+    a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter, together: float
+) -> tuple[Array, ...]:
+    """Both halves denoised by a mixture of the filter and the same at half the resolution, and what that flatters."""
+    fine, coarse = faithful(denoise, together), faithful(denoisers.coarsened(denoise), together)
+    first = fine(a, 2 * variance), fine(b, 2 * variance)
+    if min(a.shape[:2]) < LEAST:
+        return *first, np.zeros_like(a)
+    return mixed(a, b, first, (coarse(a, 2 * variance), coarse(b, 2 * variance)), mask, together)
+
+
+def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
+    """What is added to the raw picture, and the mean squared error of the sum."""
+    together = togetherness(a, b, mask)
+    clean_a, clean_b, flattered = _cleaned(a, b, mask, variance, denoise, together)
+    found, doubt = steadied(moments(a, b, clean_a, clean_b), mask, together)
+    found = found._replace(bias=found.bias + flattered)
+    # In doubt nearer to the raw picture.
+    weight = found._replace(bias=found.bias + doubt).weight()
+    change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (a + b)) / 2, 0.0)
+    # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
+    variance = np.where(mask[..., None], found.variance, 0.0)
+    lost, chance = -change.sum(axis=(0, 1)), np.sqrt(variance.sum(axis=(0, 1)))
+    excess = np.sign(lost) * np.maximum(np.abs(lost) - chance, 0.0)
+    noise = np.sqrt(variance)
+    change += noise * (excess / np.maximum(noise.sum(axis=(0, 1)), 1e-300))
+    return change, np.maximum(found.error(weight), 0.0)
+
+
+def _filled(cube: Array, inside: Mask) -> Array:
+    """The cube with values of the nearest pixels outside the camera's field."""
+    if inside.all():
+        return cube
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    return np.asarray(cube[rows, columns])
+
+
+def stated(light: Array, error: Array, raw_error: Array) -> dict[str, Any]:
+    """Errors of the picture and of its tiles before and after, relative to their mean light."""
+
+    def relative(values: Array, part: tuple[slice, slice]) -> float | None:
+        mean = light[part].mean(axis=(0, 1))
+        lit = mean > 0
+        square = (values[part] ** 2).mean(axis=(0, 1))[lit] / mean[lit] ** 2
+        return float(f"{np.sqrt(square.mean()):.4g}") if lit.any() else None
+
+    height, width = light.shape[:2]
+    whole = slice(0, height), slice(0, width)
+    tiles = [[(slice(j, j + TILE), slice(i, i + TILE)) for i in range(0, width, TILE)] for j in range(0, height, TILE)]
+    return {
+        "error": relative(error, whole),
+        "raw_error": relative(raw_error, whole),
+        "tile_pixels": TILE,
+        "tile_errors": [[relative(error, tile) for tile in row] for row in tiles],
+        "raw_tile_errors": [[relative(raw_error, tile) for tile in row] for row in tiles],
+    }
+
+
+def undenoised(image: SpectralImage) -> SpectralImage:
+    """The image as it was before it was denoised."""
+    others = {name: values for name, values in image.layers.items() if name not in (RAW, RAW_ERROR)}
+    recipe = {name: value for name, value in image.recipe.items() if name != "denoising"}
+    if RAW not in image.layers or RAW_ERROR not in image.layers:
+        rule = "a denoised image is read with its raw layers, raw and raw_error; take a file that has them"
+        raise DomainError("image", f"layers {', '.join(image.layers) or 'none'}", rule)
+    raw, error = image.layers[RAW], image.layers[RAW_ERROR]
+    return type(image)(raw, image.wavelengths, error, recipe=recipe, layers=others, sky=image.sky)
