@@ -110,7 +110,7 @@ def nebula(
         typer.Option(
             metavar="PSF",
             help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds; else none, but "
-            f"{options.SEEING:g} pixels in .png files of no stated size.",
+            f"{options.SEEING:g} pixels in .png files that are smoothed or of no stated size.",
         ),
     ] = None,
     aperture: Annotated[
@@ -174,7 +174,7 @@ def nebula(
         filters=filters,
         png=options.png_options(png, space),
         observation=observation,
-        seeing=options.SEEING if first and psf is None else 0.0,
+        seeing=options.SEEING if (first or smooth) and psf is None else 0.0,
         smooth=smooth,
         first=first,
         outputs=outputs,

@@ -184,6 +184,7 @@ def test_pictures_of_no_stated_size_have_seeing(fake):
     for words, blurred in (
         (["--samples", "8"], True),
         (["--size", "512x512"], False),
+        (["--size", "512x512", "--smooth"], True),
         (["--psf", "gaussian:9"], False),
     ):
         assert main(["nebula", "orion", "-q", "-o", "a.png", "-o", "a.nc", "--wavelengths", "550", *words]) == 0

@@ -24,9 +24,9 @@ def noisy(truth: np.ndarray, seed: int = 3, wavelengths: list[float] = WAVELENGT
 def test_an_even_field_loses_its_noise_and_keeps_its_light() -> None:
     image = noisy(np.ones((64, 80)))
     even = smoothed(image)
-    # 289 pixels are averaged, not all with full weight: from 30 % to some 2 %
+    # 197 pixels with equal weights would leave 7 %; weights that follow the noise, up to twice as much
     scatter = even.radiance[..., 1].std()
-    assert scatter < 0.12 * NOISE
+    assert scatter < 0.15 * NOISE
     assert even.radiance.mean() == pytest.approx(image.radiance.mean(), rel=0.01)
     assert even.standard_error is None  # of neighbours that are alike nobody knows it
     assert even.recipe == {"seed": 3, "smoothed": {"reach": 8, "tolerance": 0.5}}
