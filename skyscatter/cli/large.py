@@ -21,7 +21,7 @@ BATCHES = 16
 #: Fields of requests with which a picture cannot be made in parts, and the options that they come from.
 OPTIONS = {
     "psf": "psf", "aperture_m": "aperture", "collecting_area_m2": "aperture", "unit": "unit", "filters": "filters",
-    "resume": "resume", "every": "checkpoint", "subpixels": "subpixels", "denoise": "denoise",
+    "resume": "resume", "every": "checkpoint", "subpixels": "subpixels", "denoise": "denoise", "smooth": "smooth",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skyscatter.cli import common, large, parse, sequence
+from skyscatter.cli import common, large, parse, pictures, sequence
 from skyscatter.cli import nebula_options as options
 from skyscatter.cli.nebula_options import Request
 from skyscatter.errors import DomainError
@@ -58,7 +58,7 @@ def nebula(
         typer.Option(
             metavar="START:STOP:STEP",
             help=f"Vacuum wavelengths [nm], ends included, or a list: 450,550; else {DEFAULT_WAVELENGTHS}, with a node "
-            "in each narrow band that is asked for.",
+            "in each narrow band that is asked for, and 14 that suit colours where nothing but natural colour is made.",
         ),
     ] = None,
     solver: Annotated[
@@ -105,12 +105,13 @@ def nebula(
     exposure: common.Exposure = None,
     space: common.Space = None,
     bits: common.Bits = None,
+    smooth: pictures.Smooth = None,
     psf: Annotated[
         str | None,
         typer.Option(
             metavar="PSF",
             help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds; else none, but "
-            f"{options.SEEING:g} pixels in .png files of no stated size.",
+            f"{options.SEEING:g} pixels in .png files that are smoothed or of no stated size.",
         ),
     ] = None,
     aperture: Annotated[
@@ -151,12 +152,15 @@ def nebula(
     if turn is not None:
         angles = {"azimuth": azimuth, "inclination": inclination}
         settled = {name: angle for name, angle in angles.items() if paths[f"{name}s"] is not None}
-        _check_turn(outputs, {**settled, "resume": resume, "psf": psf or aperture, "denoise": denoise or None})
+        taken = {"resume": resume, "psf": psf or aperture, "denoise": denoise or None, "smooth": smooth}
+        _check_turn(outputs, {**settled, **taken})
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     common.check_png_options(outputs, {**png, "space": space, "bits": bits})
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
     observation = options.observation(psf, aperture, exposure_time, throughput, seed)
+    pictures.check_smooth(smooth, denoise, outputs, solver)
     first = size is None and solver == "path"
+    few = pictures.NEBULA_WAVELENGTHS if filters is None and palette is None else DEFAULT_WAVELENGTHS
     if first and noise is None and store is None:
         samples = samples or options.FIRST_SAMPLES
     request = Request(
@@ -172,7 +176,9 @@ def nebula(
         filters=filters,
         png=options.png_options(png, space),
         observation=observation,
-        seeing=options.SEEING if first and psf is None else 0.0,
+        seeing=options.SEEING if (first or smooth) and psf is None else 0.0,
+        smooth=smooth,
+        first=first,
         outputs=outputs,
         file_options=common.file_options(
             outputs,
@@ -184,7 +190,7 @@ def nebula(
             unit=options.brightness_unit(unit, observation),
         ),
         **common.run_options(
-            wavelengths=DEFAULT_WAVELENGTHS if wavelengths is None else wavelengths,
+            wavelengths=pictures.wavelengths(wavelengths, outputs, few, DEFAULT_WAVELENGTHS),
             samples=samples,
             noise=noise,
             tolerance=parse.parse_tolerance(tolerance, options.LEAST_TOLERANCE),
@@ -282,19 +288,20 @@ def run(request: Request, arguments: list[str]) -> int:
     noise = common.median_error(rendered.raw) if request.solver != "single" else None
     with rendered.writing() as outputs:
         image = rendered.image.placed(sky)
-        if request.observation:
-            from skyscatter.image.instrument import observe
-
-            image = observe(image, **request.observation)
-        exposure = _write(request, image, outputs)
+        exposure, even = _write(request, image, outputs)
     summary = summarise(request, model, scene, camera, noise, exposure, clock.monotonic() - started, rendered)
+    summary["smoothed"] = even
     return common.report(request, summary, describe)
 
 
-def _write(request: Request, image: Any, outputs: list[Path]) -> float | None:
-    """Write the files; returns the exposure value of a picture in natural colour."""
-    png, exposure = dict(request.png), None
-    shown = options.as_seen(image, request.seeing) if common.has_suffix(outputs, ".png") else image
+def _write(request: Request, image: Any, outputs: list[Path]) -> tuple[float | None, bool]:
+    """Write the files; returns the exposure value of a picture in natural colour, and whether it was smoothed."""
+    png, exposure, even = dict(request.png), None, image
+    data = options.observed(image, request.observation)
+    shown = data
+    if common.has_suffix(outputs, ".png"):
+        even = pictures.evened(image, request)
+        shown = options.as_seen(data if even is image else options.observed(even, request.observation), request.seeing)
     if not {"palette", "filters"} & set(png):
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = shown.auto_exposure() if stated == "auto" else float(stated)
@@ -303,8 +310,8 @@ def _write(request: Request, image: Any, outputs: list[Path]) -> float | None:
         taken = {**png, "bits": request.bits} if suffix == ".png" else dict(request.file_options.get(suffix, {}))
         if suffix == ".fits" and request.filters is not None:
             taken["filters"] = request.filters
-        (shown if suffix == ".png" else image).save(path, **taken)
-    return exposure
+        (shown if suffix == ".png" else data).save(path, **taken)
+    return exposure, even is not image
 
 
 def summarise(
@@ -342,6 +349,7 @@ def describe(summary: dict[str, Any]) -> str:
     noise, exposure = summary["noise"], summary["exposure_ev"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
     accuracy += common.describe_denoising(summary)
+    accuracy += ", smoothed in the picture" if summary.get("smoothed") else ""
     accuracy += "" if exposure is None else f"; EV {exposure:.1f}"
     width = summary["size"][0] * summary["pixel_scale_arcsec"]
     return (

@@ -25,7 +25,7 @@ MEANINGLESS: dict[str, tuple[str, ...]] = {
 LEAST_TOLERANCE = 1e-9
 #: What a picture of unstated size gets: walks a pixel, and the seeing [pixel] without which stars would be squares.
 FIRST_SAMPLES = "4"
-SEEING = 2.5
+SEEING = 2.0
 REMEDY = {
     **dict.fromkeys([*MEANINGLESS["single"], *MEANINGLESS["photons"]], "path"),
     **dict.fromkeys(MEANINGLESS["path"], "photons"),
@@ -49,6 +49,9 @@ class Request(common.RunRequest):
     observation: dict[str, Any]
     #: Full width at half maximum [pixel] of the blur of .png files, which those with data do not get; 0 for none.
     seeing: float
+    #: Whether .png files are smoothed, as it was typed; where nothing was, first pictures are.
+    smooth: bool | None
+    first: bool
 
 
 def png_options(given: dict[str, Any], space: str | None) -> dict[str, Any]:
@@ -95,6 +98,15 @@ def observation(
         "throughput": 1.0 if share is None else share,
         "seed": parse.parse_integer(seed, "seed", 0, "give a whole number from 0 to 9223372036854775807") or 0,
     }
+
+
+def observed(image: Any, observation: dict[str, Any]) -> Any:
+    """The picture as the telescope takes it that was described, and as it is without one."""
+    if not observation:
+        return image
+    from skyscatter.image.instrument import observe
+
+    return observe(image, **observation)
 
 
 def as_seen(image: Any, seeing: float) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skyscatter.cli import common, large, parse
+from skyscatter.cli import common, large, parse, pictures
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.units import metres
 
@@ -51,7 +51,15 @@ def render(
     field_of_view: Annotated[
         str | None, typer.Option(metavar="ANGLE", help="Width of the picture, such as 50deg; else the model's.")
     ] = None,
-    wavelengths: common.Wavelengths = DEFAULT_WAVELENGTHS,
+    wavelengths: Annotated[
+        str | None,
+        typer.Option(
+            metavar="START:STOP:STEP",
+            help=f"Vacuum wavelengths [nm], ends included, or a list: 450,550; else {DEFAULT_WAVELENGTHS}, and "
+            f"{pictures.ROOM_WAVELENGTHS} where nothing but .png files is made.  Light of lamps is averaged half-way "
+            "to neighbours.",
+        ),
+    ] = None,
     solver: Annotated[
         str,
         typer.Option(
@@ -135,9 +143,9 @@ def render(
             outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
         ),
         **common.run_options(
-            wavelengths=wavelengths, samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed,
-            denoise=denoise, threads=threads, workers=workers,
-            worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
+            wavelengths=pictures.wavelengths(wavelengths, outputs, pictures.ROOM_WAVELENGTHS, DEFAULT_WAVELENGTHS),
+            samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed, denoise=denoise,
+            threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
             as_json=as_json, quiet=quiet,
             verbose=verbose, progress=progress, every=every, resume=resume,
         ),

@@ -447,8 +447,16 @@ class SpectralImage:
 
     def _exposed(self, luminance: Array) -> float:
         """Exposure value that suits luminances of this picture."""
+        if self._is_space:
+            return tones.space_ev100(luminance)
         ev100 = tones.auto_ev100(luminance)
         return tones.dusk_ev100(ev100) if self._is_sky else ev100
+
+    @property
+    def _is_space(self) -> bool:
+        """Whether it is a picture of a nebula, around which space shall be dark."""
+        scene = self._recipe.get("scene")
+        return isinstance(scene, dict) and "view" in scene and "medium" in scene
 
     @property
     def _is_sky(self) -> bool:

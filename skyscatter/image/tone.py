@@ -30,6 +30,8 @@ TONES = ("photograph", "eye", "filmic", "linear")
 MID_GREY = 0.18  #: linear value that the metered luminance is given
 LIFT = 0.7  #: stops above mid grey that automatic exposure gives to the average: skies are lighter than the world below
 PART = 65536  #: colours that a thread changes at a time
+#: What automatic exposure makes of nebulae: so many stops above mid grey lie the brightest `OBJECT` per cent of them.
+SPACE_LIFT, OBJECT = 1.2, 10.0
 HEADROOM = 3.5  #: stops above mid grey that it leaves to the brightest 2 %, 1.8 below the curve's white
 DAYLIGHT = 1000.0  #: luminance to which the eye is adapted in the open by day [cd m-2]: grey under some 16 000 lx
 DISPLAY = 20.0  #: the same before a display whose white has 100 cd m-2
@@ -77,6 +79,21 @@ def auto_ev100(luminance: ArrayLike) -> float:
     values = inner if inner.size else values  # of two there is none between
     grey = max(float(np.mean(np.log2(values))) - LIFT, float(np.log2(brightest)) - HEADROOM)
     return float(grey - np.log2(metered_luminance(0.0)))
+
+
+def space_ev100(luminance: ArrayLike) -> float:
+    """Exposure value (ISO 100) for a bright object in the dark, a nebula: its surroundings stay dark.
+
+    The brightest tenth of what has light (more than a thousandth of the 99.5th percentile) begins `SPACE_LIFT` stops
+    above mid grey, so that what is brighter keeps its forms, and the average of a dim halo does not count.  A picture
+    without light has EV 0.
+    """
+    values = np.asarray(luminance, dtype=float).ravel()
+    values = values[np.isfinite(values) & (values > 0.0)]
+    if values.size == 0:
+        return 0.0
+    values = values[values >= 1e-3 * np.percentile(values, 99.5)]
+    return float(np.log2(np.percentile(values, 100.0 - OBJECT) / metered_luminance(0.0)) - SPACE_LIFT)
 
 
 def dusk_ev100(ev100: float) -> float:

@@ -60,6 +60,18 @@ def recipe_of(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 SKIES = [words for words in map(shlex.split, COMMANDS) if words[0] == "sky" and "--sun-elevations" not in words]
 
 
+NEBULAE = [words for words in map(shlex.split, COMMANDS) if words[0] == "nebula" and "--smooth" in words]
+
+
+@pytest.mark.parametrize("words", NEBULAE, ids=lambda words: output(words).name)
+def test_a_smooth_nebula_is_that_of_its_caption(words: list[str], recipe_of: Any) -> None:
+    made = json.loads(read_png(output(words)).texts["skyscatter-recipe"])
+    asked = recipe_of(words)
+    assert {name: made[name] for name in asked} == asked
+    assert made["options"]["samples"] == int(words[words.index("--samples") + 1])
+    assert {"smoothed", "seeing_pixels"} <= set(made)
+
+
 @pytest.mark.parametrize("words", SKIES, ids=lambda words: output(words).name)
 def test_a_sky_is_that_of_its_caption(words: list[str], recipe_of: Any) -> None:
     made = json.loads(read_png(output(words)).texts["skyscatter-recipe"])

@@ -166,7 +166,7 @@ def test_defaults(fake, capsys):
     assert camera.pixel_scale_deg * 512 == pytest.approx(math.degrees(1.05 * 2 / 400), rel=1e-9)
     error = capsys.readouterr().err
     assert "at 400 pc" in error
-    assert "median noise 2 %; EV -" in error
+    assert "median noise 2 %, smoothed in the picture; EV -" in error
 
 
 def test_a_model_says_which_width_shows_it_well(fake):
@@ -184,11 +184,12 @@ def test_pictures_of_no_stated_size_have_seeing(fake):
     for words, blurred in (
         (["--samples", "8"], True),
         (["--size", "512x512"], False),
+        (["--size", "512x512", "--smooth"], True),
         (["--psf", "gaussian:9"], False),
     ):
         assert main(["nebula", "orion", "-q", "-o", "a.png", "-o", "a.nc", "--wavelengths", "550", *words]) == 0
         recipe = json.loads(read_png("a.png").texts["skyscatter-recipe"])
-        assert recipe.get("seeing_pixels") == (2.5 if blurred else None)
+        assert recipe.get("seeing_pixels") == (2.0 if blurred else None)
         assert "seeing_pixels" not in SpectralImage.load("a.nc").recipe
         assert (fake.render["camera"].width, fake.render["camera"].height) == (512, 512)
 
@@ -337,3 +338,38 @@ def test_photons_are_asked_for_with_their_options(fake):
     assert fake.render["photons"] == 5000
     assert fake.render["radius"] == pytest.approx(0.01 * PARSEC)
     assert fake.render["estimator"] == "both"
+
+
+def test_pictures_are_smoothed_and_data_are_not(fake):
+    for words, even in (
+        ([], True),
+        (["--no-smooth"], False),
+        (["--size", "24x24"], False),
+        (["--size", "24x24", "--smooth"], True),
+    ):
+        assert main(["nebula", "orion", "-q", "-o", "a.png", "-o", "a.nc", "--wavelengths", "550", *words]) == 0
+        assert ("smoothed" in json.loads(read_png("a.png").texts["skyscatter-recipe"])) is even
+        assert "smoothed" not in SpectralImage.load("a.nc").recipe
+
+
+def test_what_has_nothing_to_smooth_says_so(fake, capsys):
+    for words, told in (
+        (["-o", "a.nc", "--smooth"], "PNG"),
+        (["-o", "a.png", "--solver", "single", "--smooth"], "no noise"),
+        (["-o", "a.png", "--smooth", "--azimuths", "0:90:45"], "several sides"),
+    ):
+        assert main(["nebula", "orion", "-q", *words]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "smooth" in error
+        assert told in error
+
+
+def test_pictures_take_fewer_wavelengths_than_data(fake):
+    for words, count in (
+        (["-o", "a.png"], 14),
+        (["-o", "a.png", "-o", "a.nc"], 41),
+        (["-o", "a.png", "--wavelengths", "450,550"], 2),
+    ):
+        assert main(["nebula", "orion", "-q", "--size", "8x8", *words]) == 0
+        assert len(fake.render["wavelengths"]) == count

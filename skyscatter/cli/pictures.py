@@ -1,0 +1,54 @@
+"""Options of pictures that several commands share: what the first picture of a model gets where nothing is said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from skyscatter.cli import common, parse
+from skyscatter.errors import DomainError
+
+Smooth = Annotated[
+    bool | None,
+    typer.Option(
+        "--smooth/--no-smooth",
+        help="For PNG: average pixels that are the same within their errors; files with data never are.  Pictures of "
+        "no stated size are smoothed.",
+    ),
+]
+#: Of pictures of nebulae [nm]: the lines of hydrogen, oxygen, nitrogen and sulphur lie at nodes, and so have their
+#: own colours.
+NEBULA_WAVELENGTHS = "410,434,460,486,500,520,545,570,595,620,640,656.5,672,700"
+#: Of pictures of rooms [nm].
+ROOM_WAVELENGTHS = "400:700:20"
+
+
+def wavelengths(given: str | None, outputs: Sequence[Path], picture: str, data: str) -> str:
+    """Wavelengths of a run: those that were typed; few where nothing but pictures is made, more for files with data."""
+    if given is not None:
+        return given
+    pictures = bool(outputs) and all(path.suffix.lower() in (".png", *parse.FILMS) for path in outputs)
+    return picture if pictures else data
+
+
+def check_smooth(smooth: bool | None, denoise: bool, outputs: list[Path], solver: str) -> None:
+    """Refuse smoothing that nothing would get."""
+    if not smooth:
+        return
+    if denoise:
+        raise DomainError("smooth", True, "is what --denoise does too, with an error of its own; leave one out")
+    if not common.has_suffix(outputs, ".png"):
+        raise DomainError("smooth", True, "is for PNG files; name one with -o, or leave this out")
+    if solver == "single":
+        raise DomainError("smooth", True, "means nothing to the solver single, which has no noise; leave it out")
+
+
+def evened(image: Any, request: Any) -> Any:
+    """The picture of a request as .png files show it."""
+    from skyscatter.image.smoothing import smoothed
+
+    wanted = request.first if request.smooth is None else request.smooth
+    return smoothed(image) if wanted and not request.denoise else image
