@@ -163,7 +163,7 @@ class SpectralImage:
         Parameters
         ----------
         method : {"auto", "oidn", "nlm"}
-            Open Image Denoise (``pip install 'skyscatter[denoise]'``), a statistical filter that is always there, or
+            Open Image Denoise (``pip install pyoidn``), a statistical filter that is always there, or
             the former where it is installed.
 
         Returns
