@@ -43,7 +43,7 @@ def chosen(method: str) -> str:
         raise DomainError("denoise", method, "choose auto, oidn or nlm")
     there = find_spec("pyoidn") is not None
     if method == "oidn" and not there:
-        raise DomainError("denoise", method, "needs the package pyoidn: pip install pyoidn, or take nlm")
+        raise DomainError("denoise", method, "take nlm, or have the package it needs: pip install pyoidn")
     return ("oidn" if there else "nlm") if method == "auto" else method
 
 

@@ -283,6 +283,6 @@ def test_what_cannot_be_denoised(monkeypatch):
     with pytest.raises(DomainError, match="choose auto, oidn or nlm"):
         noisy(scene(40, 40), 32).denoised("median")
     monkeypatch.setattr(denoisers, "find_spec", lambda name: None)
-    with pytest.raises(DomainError, match=r"pip install 'skyscatter\[denoise\]'"):
+    with pytest.raises(DomainError, match=r"pip install pyoidn"):
         noisy(scene(40, 40), 32).denoised("oidn")
     assert "Rousselle" in noisy(scene(40, 40), 32).denoised().recipe["denoising"]["method"]
