@@ -355,6 +355,7 @@ def test_pictures_are_smoothed_and_data_are_not(fake):
 def test_what_has_nothing_to_smooth_says_so(fake, capsys):
     for words, told in (
         (["-o", "a.nc", "--smooth"], "PNG"),
+        (["-o", "a.png", "--denoise", "--smooth"], "--denoise does too"),
         (["-o", "a.png", "--solver", "single", "--smooth"], "no noise"),
         (["-o", "a.png", "--smooth", "--azimuths", "0:90:45"], "several sides"),
     ):

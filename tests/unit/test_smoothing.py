@@ -1,4 +1,4 @@
-"""Pictures made even: what is the same is averaged, what is not stays, and the noise that is left is stated."""
+"""Pictures made even: what is the same is averaged, what is not stays, and no error is stated of what comes out."""
 
 from __future__ import annotations
 
@@ -34,10 +34,11 @@ def test_an_even_field_loses_its_noise_and_keeps_its_light() -> None:
 
 def test_an_edge_stays_where_it_is() -> None:
     truth = np.where(np.arange(64) < 32, 1.0, 10.0) * np.ones((48, 1))
-    rows = smoothed(noisy(truth)).radiance[..., 1].mean(axis=0)
-    # the mean of 48 rows is good to some 2 %; a plain average of this reach would leave half the step beside the edge
-    np.testing.assert_allclose(rows[:31], 1.0, rtol=0.15)
-    np.testing.assert_allclose(rows[33:], 10.0, rtol=0.15)
+    rows = np.mean([smoothed(noisy(truth, seed)).radiance[..., 1].mean(axis=0) for seed in range(12)], axis=0)
+    # Means of 48 rows in 12 draws, unsmoothed, are good to 0.3 / sqrt(576) = 1.25 %: four times that.  A plain average
+    # of this reach would leave half the step beside the edge.
+    np.testing.assert_allclose(rows[:31], 1.0, rtol=0.05)
+    np.testing.assert_allclose(rows[33:], 10.0, rtol=0.05)
 
 
 def test_a_star_and_what_is_known_are_left_alone() -> None:
