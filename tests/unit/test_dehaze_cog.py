@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 import textwrap
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from rasterio.rpc import RPC  # noqa: E402
 from skyscatter.dehaze.options import SourceOptions  # noqa: E402
 from skyscatter.dehaze.rasters.encoding import Encoding, result_encoding  # noqa: E402
 from skyscatter.dehaze.rasters.geotiff import GeoTiffSource  # noqa: E402
+from skyscatter.dehaze.rasters.handles import DatasetPool  # noqa: E402
 from skyscatter.dehaze.rasters.outputs import open_layer, open_result  # noqa: E402
 from skyscatter.dehaze.rasters.sinks import ArraySink, together  # noqa: E402
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows, windows  # noqa: E402
@@ -182,8 +185,6 @@ def test_windows_tile_the_image_on_the_lattice():
 
 
 def test_no_more_windows_than_threads_and_one_are_held(scaled):
-    import threading
-
     lock, held, most = threading.Lock(), 0, 0
 
     def hold(row0, col0, values):
@@ -231,6 +232,28 @@ def test_of_several_files_none_is_moved_before_all_are_whole(scaled, tmp_path):
         with pytest.raises(DomainError), together(sinks):
             for_each_window(source, sinks, lambda row0, col0, values: {"result": values, "map": values})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scaled.tif"]
+
+
+def test_a_file_that_is_being_read_is_closed_when_that_is_done(scaled):
+    """GDAL crashes where one thread closes what another reads, as after a sink that failed."""
+    pool = DatasetPool(str(scaled), "scaled.tif")
+    begun, go_on = threading.Event(), threading.Event()
+
+    def read() -> bool:
+        with pool.reading() as dataset:
+            begun.set()
+            go_on.wait(60.0)
+            return dataset.closed
+
+    with ThreadPoolExecutor(2) as threads:
+        reads = threads.submit(read)
+        begun.wait(60.0)
+        closes = threads.submit(pool.close)
+        with pytest.raises(TimeoutError):
+            closes.result(0.2)
+        go_on.set()
+        assert not reads.result(60.0)
+        closes.result(60.0)
 
 
 LIMITED = """

@@ -79,6 +79,14 @@ def _said(error: BaseException, *names: str) -> str:
     return text.lstrip(": ").rstrip(".")
 
 
+class _Handle:
+    """A dataset of one thread, with what that thread holds while it reads: GDAL crashes where another closes it."""
+
+    def __init__(self, dataset: Any) -> None:
+        self.dataset = dataset
+        self.busy = threading.RLock()
+
+
 class DatasetPool:
     """A raster file that many threads may read; each has its own handle.
 
@@ -98,13 +106,13 @@ class DatasetPool:
     def __init__(self, path: str, shown: str) -> None:
         self.path, self.shown = path, shown
         self._local = threading.local()
-        self._handles: list[Any] = []
-        self.handle()
+        self._handles: list[_Handle] = []
+        self._handle()
 
-    def handle(self) -> Any:
+    def _handle(self) -> _Handle:
         """The dataset of this thread."""
-        dataset = getattr(self._local, "dataset", None)
-        if dataset is None:
+        handle: _Handle | None = getattr(self._local, "handle", None)
+        if handle is None:
             rasterio = require_rasterio()
             try:
                 with quiet():
@@ -115,24 +123,27 @@ class DatasetPool:
                     self.shown,
                     f"cannot be opened as a raster ({_said(error, self.path, self.shown)}); check that it is whole",
                 ) from error
-            self._local.dataset = dataset
+            handle = self._local.handle = _Handle(dataset)
             with _OPENING:
-                self._handles.append(dataset)
-        return dataset
+                self._handles.append(handle)
+        return handle
 
     @contextmanager
     def reading(self) -> Iterator[Any]:
-        """The dataset of this thread; errors of reading become one line."""
+        """The dataset of this thread, which nobody closes meanwhile; errors of reading become one line."""
         try:
-            yield self.handle()
+            handle = self._handle()
+            with handle.busy:
+                yield handle.dataset
         except raster_errors() as error:
             remedy = f"is damaged or cut short ({_said(error, self.path, self.shown)}); get the file again"
             raise MissingDataError(self.shown, remedy) from error
 
     def close(self) -> None:
-        """Close the handles of all threads; the next one who asks gets a new one."""
+        """Close the handles of all threads once what they read is read; the next one who asks gets a new one."""
         with _OPENING:
-            for dataset in self._handles:
-                dataset.close()
-            self._handles.clear()
+            handles, self._handles = self._handles, []
             self._local = threading.local()
+        for handle in handles:
+            with handle.busy:
+                handle.dataset.close()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def map_windows(
     threads: int | None = None,
     executor: Any = None,
     progress: Progress | None = None,
-) -> Iterator[tuple[Window, Any]]:
+) -> Generator[tuple[Window, Any], None, None]:
     """Apply a function to all windows of an image; results come row by row, whatever works on them.
 
     No more windows are in memory at a time than wait for the workers, or are at work: two for each, and one.
@@ -171,14 +172,16 @@ def for_each_window(
         Of `map_windows`.
     """
     overlap = options.get("overlap", 0)
-    for window, result in map_windows(source, function, **options):
-        if each is not None:
-            each(result)
-        outer = grown(window, overlap, source.height, source.width)
-        named = sinks if isinstance(sinks, Mapping) else {"result": sinks}
-        arrays = result if isinstance(result, Mapping) else {"result": result}
-        for name, sink in named.items():
-            sink.write(window.row0, window.col0, cropped(arrays[name], outer, window))
+    named = sinks if isinstance(sinks, Mapping) else {"result": sinks}
+    # Where a sink fails, no more windows are read: the image may be closed at once.
+    with closing(map_windows(source, function, **options)) as found:
+        for window, result in found:
+            if each is not None:
+                each(result)
+            outer = grown(window, overlap, source.height, source.width)
+            arrays = result if isinstance(result, Mapping) else {"result": result}
+            for name, sink in named.items():
+                sink.write(window.row0, window.col0, cropped(arrays[name], outer, window))
 
 
 def grown(window: Window, overlap: int, height: int, width: int) -> Window:
