@@ -29,9 +29,10 @@ from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_
 from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
-from skyscatter.solvers.spectral import at_all, at_some, needed
+from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
+from skyscatter.solvers.twogrid import corrected_sums
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
@@ -265,7 +266,11 @@ def solve_range(
         say("orders of scattering", anew=False)
     chosen = needed(coarse, wavelengths, tolerance)
     sweeper = Sweeper(at_some(problem, scene, wavelengths, chosen), threads)
-    sums = sum_orders(sweeper, tolerance, max_order, progress, checkpoint, "fine")
+    if max_order is None:
+        guide = some_of(coarse, scene, wavelengths, chosen)
+        sums = corrected_sums(sweeper, guide, tolerance, progress, checkpoint, "fine")
+    else:
+        sums = sum_orders(sweeper, tolerance, max_order, progress, checkpoint, "fine")
     if chosen.size < wavelengths.size:
         sums = at_all(sums, problem, coarse, wavelengths, chosen)
     fine = Solution(problem, sums)

@@ -126,7 +126,7 @@ class Series(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.nan_to_num(np.clip(moments[:, :, 0] / self.moments[:, :, 0], 0.0, 0.9999))
         more = more._replace(ratio=ratio)
-        change = _change(self.extended(), more.extended())
+        change = greatest_change(self.extended(), more.extended())
         if not np.isfinite(change):
             raise ConvergenceError(
                 f"orders: the sum is no number after {more.order} orders of scattering; use solver path"
@@ -135,7 +135,7 @@ class Series(NamedTuple):
         if self.is_slow and more.is_slow:
             mean = slice(0, 1)
             (before, flux_before), (now, flux_now) = self.extrapolated(mean), more.extrapolated(mean)
-            change = _change((before[:, :, 0], flux_before), (now[:, :, 0], flux_now))
+            change = greatest_change((before[:, :, 0], flux_before), (now[:, :, 0], flux_now))
             # These do not fall evenly: the larger of two changes is what may be missing.
             steps[4:] = change, change / self.steps[4], max(change, self.steps[4])
         return more
@@ -165,7 +165,7 @@ def _settling(change: float, before: Array) -> tuple[float, float, float]:
     return change, shrinks, change * rate / (1 - rate)
 
 
-def _change(before: tuple[Array, Array], now: tuple[Array, Array]) -> float:
+def greatest_change(before: tuple[Array, Array], now: tuple[Array, Array]) -> float:
     """Greatest relative change of mean radiance or fluxes, where there is light worth the name."""
     mean, flux = now
     visible = mean > FAINTEST * mean.max()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.grid import cubic_weights
 from skyscatter.solvers.sweeps import FLOOR, Problem, Solution, Sums
+from skyscatter.solvers.transfer import Light, Transfer, blended, light_of, pattern
 
 if TYPE_CHECKING:
     from skyscatter.scene import Scene
@@ -70,15 +71,7 @@ def _pattern(coarse: Solution) -> Array:
 
 def _between(values: Array, known: Array, wavelengths: Array) -> Array:
     """Values (..., known) at other wavelengths, (..., wavelength)."""
-    return np.moveaxis(_blended(np.moveaxis(values, -1, 0), *cubic_weights(known, wavelengths)), 0, -1)
-
-
-def _blended(values: Array, number: Numbers, weight: Array) -> Array:
-    """Values (node, ...) at points, of which number and weight (point, 4) are those of `cubic_weights`."""
-    out = np.zeros((len(number), *values.shape[1:]))
-    for k in range(number.shape[1]):
-        out += values[number[:, k]] * weight[:, k].reshape(-1, *[1] * (values.ndim - 1))
-    return out
+    return np.moveaxis(blended(np.moveaxis(values, -1, 0), *cubic_weights(known, wavelengths)), 0, -1)
 
 
 def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers) -> Problem:
@@ -93,43 +86,20 @@ def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers)
     )  # fmt: skip
 
 
+def some_of(solution: Solution, scene: Scene, wavelengths: Array, chosen: Numbers) -> Solution:
+    """A solution at some of its wavelengths."""
+    moments, flux = (np.ascontiguousarray(values[..., chosen]) for values in (solution.sums.moments, solution.sums.flux))
+    sums = Sums(moments, flux, solution.sums.orders)
+    return Solution(at_some(solution.problem, scene, wavelengths, chosen), sums)
+
+
 def at_all(some: Sums, problem: Problem, coarse: Solution, wavelengths: Array, chosen: Numbers) -> Sums:
     """Sums on the grid of a problem at all wavelengths, from those at some and a coarse solution."""
-    mean, rest, flux = _on_grid(coarse, problem)
-    known = wavelengths[chosen]
+    guide = Transfer.between(coarse.problem, problem).moved(pattern(Light(coarse.sums.moments, coarse.sums.flux)))
+    known = pattern(Light(some.moments, some.flux))
 
     def carried(values: Array, guide: Array) -> Array:
-        """Logarithms (..., chosen) at all wavelengths, by those of the guide (..., wavelength)."""
-        return guide + _between(values - guide[..., chosen], known, wavelengths)
+        """A pattern (..., chosen) at all wavelengths, by that of the guide (..., wavelength)."""
+        return guide + _between(values - guide[..., chosen], wavelengths[chosen], wavelengths)
 
-    level = np.log(np.maximum(some.moments[:, :, 0], FLOOR))
-    moments = np.empty((*some.moments.shape[:3], wavelengths.size))
-    moments[:, :, 0] = np.exp(carried(level, mean))
-    there = {key: k for k, key in enumerate(_keys(coarse.problem))}
-    for k, key in enumerate(_keys(problem)):
-        if k > 0:
-            values = some.moments[:, :, k] / np.maximum(some.moments[:, :, 0], FLOOR)
-            guide = rest[:, :, there[key] - 1] if key in there else np.zeros_like(mean)
-            moments[:, :, k] = carried(values, guide) * moments[:, :, 0]
-    return Sums(moments, np.exp(carried(np.log(np.maximum(some.flux, FLOOR)), flux)), some.orders)
-
-
-def _keys(problem: Problem) -> list[tuple[int, int, int]]:
-    """Kind, degree and order of the moments."""
-    table = problem.moments
-    return [(int(a), int(b), int(c)) for a, b, c in zip(table.kind, table.degree, table.order, strict=True)]
-
-
-def _on_grid(coarse: Solution, problem: Problem) -> tuple[Array, Array, Array]:
-    """Logarithm of the mean radiance, ratios of the other moments to it, logarithm of the fluxes, on another grid."""
-    moments = coarse.sums.moments
-    theirs, ours = coarse.problem.grid, problem.grid
-    height, sun = cubic_weights(theirs.altitudes, ours.altitudes), cubic_weights(theirs.sun_zenith, ours.sun_zenith)
-
-    def moved(values: Array) -> Array:
-        """(node, sun, ...) on the other grid."""
-        return _blended(_blended(values, *height).swapaxes(0, 1), *sun).swapaxes(0, 1)
-
-    mean = np.maximum(moments[:, :, :1], FLOOR)
-    flux = np.log(np.maximum(coarse.sums.flux, FLOOR)).swapaxes(1, 2)
-    return moved(np.log(mean[:, :, 0])), moved(np.clip(moments[:, :, 1:] / mean, -1, 1)), moved(flux).swapaxes(1, 2)
+    return Sums(*light_of(Light(*(carried(*both) for both in zip(known, guide, strict=True)))), some.orders)
