@@ -12,9 +12,16 @@ import math
 import numpy as np
 
 from skyscatter.kernels.bundle import place_rays, sun_reach
-from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
-from skyscatter.kernels.rows import add_product, add_products, add_rows, add_scaled, clear, set_sum_of_four
+from skyscatter.kernels.rows import (
+    add_product,
+    add_products,
+    add_rows,
+    add_scaled,
+    clear,
+    set_exponentials,
+    set_sum_of_four,
+)
 from skyscatter.kernels.stations import (
     first_station,
     lay_stations,
@@ -258,21 +265,16 @@ def _sum_orders(to, ray, orders, bundle):
 
 
 @inlined
-def _scale_by_level(to, ray, bundle):
-    """Multiply ``bundle.sum`` by the level of a station, interpolated as logarithm."""
-    j = bundle.sun[ray]
-    v_0, v_1 = bundle.part[ray, 0], bundle.part[ray, 1]
-    v_2, v_3 = bundle.part[ray, 2], bundle.part[ray, 3]
-    stokes, wavelengths = bundle.gathered.shape[1], bundle.gathered.shape[2]
-    for i in range(wavelengths):
-        p, q = bundle.level[to, j, i], bundle.level[to, j + 1, i]
-        r, s = bundle.level[to, j + 2, i], bundle.level[to, j + 3, i]
-        # Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
-        level = min(max(v_0 * p + v_1 * q + v_2 * r + v_3 * s, min(min(p, q), min(r, s))), max(max(p, q), max(r, s)))
-        bundle.here[i] = np.float32(fast_exp(level))
-    for channel in range(stokes):
-        for i in range(wavelengths):
-            bundle.sum[channel, i] *= bundle.here[i]
+def _level_at(to, ray, bundle):
+    """Level of a station for a ray, interpolated as logarithm, into ``bundle.here``.
+
+    Where light ends abruptly, at the edge of night, a cubic would swing beyond its nodes.
+    """
+    suns, wavelengths = bundle.level.shape[1], bundle.level.shape[2]
+    set_exponentials(
+        bundle.here, 0, bundle.part[ray, 0], bundle.part[ray, 1], bundle.part[ray, 2], bundle.part[ray, 3],
+        bundle.level, (to * suns + bundle.sun[ray]) * wavelengths, wavelengths, wavelengths,
+    )  # fmt: skip
 
 
 @kernel
@@ -282,11 +284,15 @@ def _give_to_rays(diffuse, line, stations, b, suns, rays, bundle):
     place_rays(diffuse, line, t, r, 1, suns, rays, bundle)
     to = b % 3
     _take_logarithms(to, bundle)
-    part = bundle.gathered.shape[1] * bundle.gathered.shape[2]
+    stokes, wavelengths = bundle.gathered.shape[1], bundle.gathered.shape[2]
     for ray in range(rays):
         _sum_orders(to, ray, bundle.reach[to, 2], bundle)
-        _scale_by_level(to, ray, bundle)
-        add_scaled(bundle.gathered, ray * part, np.float32(1.0), bundle.sum, 0, part)
+        _level_at(to, ray, bundle)
+        for channel in range(stokes):
+            begin = channel * wavelengths
+            add_product(
+                bundle.gathered, ray * stokes * wavelengths + begin, bundle.sum, begin, bundle.here, 0, wavelengths
+            )
 
 
 @kernel

@@ -272,7 +272,7 @@ def solve_range(
     else:
         sums = sum_orders(sweeper, tolerance, max_order, progress, checkpoint, "fine")
     if chosen.size < wavelengths.size:
-        sums = at_all(sums, problem, coarse, wavelengths, chosen)
+        sums = at_all(sums, problem, coarse, wavelengths, chosen, threads)
     fine = Solution(problem, sums)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.grid import cubic_weights
 from skyscatter.solvers.sweeps import FLOOR, Problem, Solution, Sums
-from skyscatter.solvers.transfer import Light, Transfer, blended, light_of, pattern
+from skyscatter.solvers.transfer import Light, Transfer, light_of, pattern
+from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
     from skyscatter.scene import Scene
@@ -71,7 +72,7 @@ def _pattern(coarse: Solution) -> Array:
 
 def _between(values: Array, known: Array, wavelengths: Array) -> Array:
     """Values (..., known) at other wavelengths, (..., wavelength)."""
-    return np.moveaxis(blended(np.moveaxis(values, -1, 0), *cubic_weights(known, wavelengths)), 0, -1)
+    return _over(values, *cubic_weights(known, wavelengths))
 
 
 def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers) -> Problem:
@@ -88,18 +89,39 @@ def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers)
 
 def some_of(solution: Solution, scene: Scene, wavelengths: Array, chosen: Numbers) -> Solution:
     """A solution at some of its wavelengths."""
-    moments, flux = (np.ascontiguousarray(values[..., chosen]) for values in (solution.sums.moments, solution.sums.flux))
-    sums = Sums(moments, flux, solution.sums.orders)
+    whole = solution.sums
+    moments, flux = (np.ascontiguousarray(values[..., chosen]) for values in (whole.moments, whole.flux))
+    sums = Sums(moments, flux, whole.orders)
     return Solution(at_some(solution.problem, scene, wavelengths, chosen), sums)
 
 
-def at_all(some: Sums, problem: Problem, coarse: Solution, wavelengths: Array, chosen: Numbers) -> Sums:
+def at_all(
+    some: Sums, problem: Problem, coarse: Solution, wavelengths: Array, chosen: Numbers, threads: int = 1
+) -> Sums:
     """Sums on the grid of a problem at all wavelengths, from those at some and a coarse solution."""
-    guide = Transfer.between(coarse.problem, problem).moved(pattern(Light(coarse.sums.moments, coarse.sums.flux)))
-    known = pattern(Light(some.moments, some.flux))
+    way = Transfer.between(coarse.problem, problem)
+    guides = way.known(Light(coarse.sums.moments, coarse.sums.flux))
+    many = wavelengths.size
+    out = Light(np.empty((*some.moments.shape[:3], many)), np.empty((*some.flux.shape[:3], many)))
+    between = cubic_weights(wavelengths[chosen], wavelengths)
 
-    def carried(values: Array, guide: Array) -> Array:
-        """A pattern (..., chosen) at all wavelengths, by that of the guide (..., wavelength)."""
-        return guide + _between(values - guide[..., chosen], wavelengths[chosen], wavelengths)
+    def at(suns: slice) -> None:
+        guide = way.moved(guides, suns)
+        known = pattern(Light(some.moments[:, suns], some.flux[:, :, suns]))
+        known.moments[:, :, way.there] -= guide.moments[..., chosen]
+        flux = _over(known.flux - guide.flux[..., chosen], *between) + guide.flux
+        moments = _over(known.moments, *between)
+        moments[:, :, way.there] += guide.moments
+        out.moments[:, suns], out.flux[:, :, suns] = light_of(Light(moments, flux))
 
-    return Sums(*light_of(Light(*(carried(*both) for both in zip(known, guide, strict=True)))), some.orders)
+    with Workers(max_workers=threads) as pool:
+        way.by_sun(pool, at)
+    return Sums(*out, some.orders)
+
+
+def _over(values: Array, number: Numbers, weight: Array) -> Array:
+    """Values (..., known) at other wavelengths, of which number and weight (wavelength, 4) are as in `blended`."""
+    out = values[..., number[:, 0]] * weight[:, 0]
+    for k in range(1, number.shape[1]):
+        out += values[..., number[:, k]] * weight[:, k]
+    return out

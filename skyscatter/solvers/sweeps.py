@@ -440,44 +440,28 @@ class Sweeper:
         """Moments and fluxes of the first order."""
         return self._sweep(pool, True)
 
-    def next(
-        self,
-        pool: ThreadPoolExecutor,
-        moments: Array,
-        flux: Array,
-        nodes: NDArray[np.int64] | None = None,
-        suns: NDArray[np.int64] | None = None,
-    ) -> tuple[Array, Array]:
-        """Moments and fluxes of the order after the one given; 0 but at those heights and Suns, where some are named."""
+    def next(self, pool: ThreadPoolExecutor, moments: Array, flux: Array) -> tuple[Array, Array]:
+        """Moments and fluxes of the order after the one given."""
         self.load(pool, moments, flux)
-        return self._sweep(pool, False, nodes, suns)
+        return self._sweep(pool, False)
 
-    def _sweep(
-        self,
-        pool: ThreadPoolExecutor,
-        is_first: bool,
-        nodes: NDArray[np.int64] | None = None,
-        suns: NDArray[np.int64] | None = None,
-    ) -> tuple[Array, Array]:
+    def _sweep(self, pool: ThreadPoolExecutor, is_first: bool) -> tuple[Array, Array]:
         p, grid, stage = self.problem, self.problem.grid, self.stage
-        chosen = np.arange(grid.sun_zenith.size) if suns is None else suns
-        shape = grid.altitudes.size, grid.sun_zenith.size, p.diffuse.sigma_t.shape[1]
-        moments = np.zeros((*shape[:2], p.moments.degree.size, shape[2]))
-        flux = np.zeros((shape[0], 2, *shape[1:]))
-        sun_mu, fine_mu = np.cos(grid.sun_zenith[chosen]), np.cos(grid.fine_sun_zenith)
+        nodes, suns, wavelengths = grid.altitudes.size, grid.sun_zenith.size, p.diffuse.sigma_t.shape[1]
+        moments = np.zeros((nodes, suns, p.moments.degree.size, wavelengths))
+        flux = np.empty((nodes, 2, suns, wavelengths))
+        sun_mu, fine_mu = np.cos(grid.sun_zenith), np.cos(grid.fine_sun_zenith)
 
         def height(k: int) -> None:
-            here = np.empty((chosen.size, stage.kept.size, shape[2]))
-            passed = np.empty((2, chosen.size, shape[2]))
+            here = np.empty((suns, stage.kept.size, wavelengths))
             with self._a_scratch() as scratch:
                 sweep_height(
                     p.table.columns, stage.diffuse, p.cut, stage.field, grid.altitudes[k], stage.directions[k],
-                    stage.take[k], sun_mu, fine_mu, stage.azimuth, stage.turns, is_first, scratch, here, passed,
+                    stage.take[k], sun_mu, fine_mu, stage.azimuth, stage.turns, is_first, scratch, here, flux[k],
                 )  # fmt: skip
-            moments[k][np.ix_(chosen, stage.kept)] = here
-            flux[k][:, chosen] = passed
+            moments[k][:, stage.kept] = here
 
-        for _ in pool.map(height, range(shape[0]) if nodes is None else nodes.tolist()):
+        for _ in pool.map(height, range(nodes)):
             pass
         return moments, flux
 

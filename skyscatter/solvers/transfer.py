@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +18,7 @@ Numbers = NDArray[np.int64]
 
 #: Greatest ratio of a moment to the mean radiance that is believed.
 MOST_RATIO = 2.0
+EVERY = slice(None)
 
 
 class Light(NamedTuple):
@@ -24,13 +27,15 @@ class Light(NamedTuple):
     moments: Array  #: (node, sun, moment, wavelength)
     flux: Array  #: (node, 2, sun, wavelength), upward and downward
 
-    def __add__(self, other: tuple[object, ...]) -> Light:
-        """Both together."""
-        return Light(self.moments + other[0], self.flux + other[1])
 
-    def __sub__(self, other: Light) -> Light:
-        """The difference."""
-        return Light(self.moments - other.moments, self.flux - other.flux)
+def added(light: Light, other: tuple[Array, Array]) -> Light:
+    """Both together."""
+    return Light(light.moments + other[0], light.flux + other[1])
+
+
+def less(light: Light, other: tuple[Array, Array]) -> Light:
+    """What is left of a light without another."""
+    return Light(light.moments - other[0], light.flux - other[1])
 
 
 def pattern(light: Light) -> Light:
@@ -62,31 +67,43 @@ def blended(values: Array, number: Numbers, weight: Array) -> Array:
 
 @dataclass(frozen=True)
 class Transfer:
-    """The way from one grid to another, by cubics over heights and Suns."""
+    """The way from one grid to another, by cubics over heights and Suns, of the moments that both have."""
 
     heights: tuple[Numbers, Array]
     suns: tuple[Numbers, Array]
-    moments: Numbers  #: (moment,) numbers of the other grid's moments on the one; -1 where it has none
+    here: Numbers  #: numbers of those moments on the one grid; the mean radiance is the first
+    there: Numbers  #: and on the other
 
     @classmethod
     def between(cls, one: Problem, other: Problem) -> Transfer:
         """From the grid of one problem to that of another."""
-        there = {key: k for k, key in enumerate(_keys(one))}
+        known = {key: k for k, key in enumerate(_keys(one))}
+        both = [(known[key], k) for k, key in enumerate(_keys(other)) if key in known]
+        here, there = np.array(both).T
         return cls(
             cubic_weights(one.grid.altitudes, other.grid.altitudes),
-            cubic_weights(one.grid.sun_zenith, other.grid.sun_zenith),
-            np.array([there.get(key, -1) for key in _keys(other)]),
-        )
+            cubic_weights(one.grid.sun_zenith, other.grid.sun_zenith), here, there,
+        )  # fmt: skip
 
-    def moved(self, pattern: Light) -> Light:
-        """A pattern on the other grid; moments that this one does not have are 0."""
-        known = self._moved(pattern.moments)[:, :, np.maximum(self.moments, 0)]
-        known[:, :, self.moments < 0] = 0.0
-        return Light(known, self._moved(pattern.flux.swapaxes(1, 2)).swapaxes(1, 2))
+    def known(self, light: Light) -> Light:
+        """The pattern of a light on the one grid, of the moments that both have."""
+        return pattern(Light(light.moments[:, :, self.here], light.flux))
 
-    def _moved(self, values: Array) -> Array:
-        """(node, sun, ...) on the other grid."""
-        return blended(blended(values, *self.heights).swapaxes(0, 1), *self.suns).swapaxes(0, 1)
+    def moved(self, pattern: Light, suns: slice = EVERY) -> Light:
+        """Such a pattern on the other grid, at some of its Suns."""
+        flux = self.carried(pattern.flux.swapaxes(1, 2), suns)
+        return Light(self.carried(pattern.moments, suns), flux.swapaxes(1, 2))
+
+    def carried(self, values: Array, suns: slice = EVERY) -> Array:
+        """Values (node, sun, ...) on the other grid, at some of its Suns."""
+        number, weight = self.suns
+        return blended(blended(values.swapaxes(0, 1), number[suns], weight[suns]).swapaxes(0, 1), *self.heights)
+
+    def by_sun(self, pool: Executor, work: Callable[[slice], object]) -> None:
+        """Do something for each Sun of the other grid: its numbers stay in the cache, and threads share in it."""
+        suns = len(self.suns[0])
+        for _ in pool.map(work, [slice(k, k + 1) for k in range(suns)]):
+            pass
 
 
 def _keys(problem: Problem) -> list[tuple[int, int, int]]:

@@ -20,28 +20,26 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.errors import ConvergenceError
-from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, greatest_change, sum_orders
+from skyscatter.solvers.mixing import settled
+from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, sum_orders
 from skyscatter.solvers.state import Checkpoint
-from skyscatter.solvers.sweeps import FAINTEST, Solution, Sums, Sweeper
-from skyscatter.solvers.transfer import Light, Transfer, light_of, pattern
+from skyscatter.solvers.sweeps import FAINTEST, FLOOR, Solution, Sums, Sweeper
+from skyscatter.solvers.transfer import Light, Transfer, added, less, light_of
 from skyscatter.workers import Workers
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: What a correction leaves, in units of itself: 0.03 to 0.28 in clear air, haze and dust, by day and in twilight.
-LEFT = 0.25
-#: Corrections after which orders are summed instead; and what each may have of the one before.
+#: A coarse grid that was wrong about the light by some share is wrong by the same share, but by this much at least,
+#: about what it says is missing; and of what it cannot see so much is left (0.1 to 0.3 in clear air, haze and dust).
+#: Later cycles are judged by how much less each changed than the one before.
+LEAST_LEFT, ROUGH_LEFT = 0.03, 0.3
+#: Share of places [%] at which what is rough is looked at: at the ends of the range of Suns there is more of it.
+MOST_PLACES = 90.0
+#: Cycles after which orders are summed instead; and how much each may have of the one before.
 MOST_CYCLES, SLOWEST = 12, 0.7
 #: Share of what may be missing in the end that may be missing of a correction.
 CORRECTION_SHARE = 0.3
-#: Steps that are remembered to find where they lead, and their number at most.
-MEMORY, MOST_STEPS = 6, 500
-#: A step that darkens a place by more than this is not believed: light is not negative.
-DARKEST = 0.1
-#: Nor what several steps together make of a place beyond this factor of what the last one made of it.
-WILDEST = 3.0
 
 
 def corrected_sums(
@@ -96,48 +94,48 @@ def _cycles(
     pool, goal = correction.pool, correction.goal
     if "first_moments" in kept:
         first, light = Light(kept["first_moments"], kept["first_flux"]), Light(kept["moments"], kept["flux"])
-        left, cycle = kept["left"], int(kept["cycle"])
+        pool, goal = correction.pool, correction.goal
+    if "first_moments" in kept:
+        first, light = Light(kept["first_moments"], kept["first_flux"]), Light(kept["moments"], kept["flux"])
+        left, changed, cycle = kept["state"]
     else:
         first = Light(*sweeper.first(pool))
-        light = first + correction.multiple()
-        left, cycle = np.ones(light.moments.shape[:2]), 0
-    while left.max() > goal:
+        light = correction.begun(first)
+        left, changed, cycle = np.inf, np.inf, 0
+    while left > goal:
         if cycle == MOST_CYCLES:
             return None
         if checkpoint is not None:
-            state = {"first_moments": first.moments, "first_flux": first.flux, "left": left, "cycle": np.array(float(cycle))}
-            checkpoint.put(name, state | light._asdict())
+            state = {"first_moments": first.moments, "first_flux": first.flux, **light._asdict()}
+            checkpoint.put(name, state | {"state": np.array([left, changed, cycle])})
         if progress is not None:
             progress(FINE_SHARE * (0.3 + 0.3 * cycle / (1 + 0.3 * cycle)))
         sweeper.narrow(light.moments, light.moments, 0.0)
-        swept = _swept(sweeper, first, light, left > goal, pool)
-        light = correction.corrected(light, swept)
-        now, cycle = LEFT * _changes(swept, light), cycle + 1
-        if cycle > 1 and now.max() > SLOWEST * left.max():
+        swept = added(first, sweeper.next(pool, *light))
+        found = correction.corrected(light, swept)
+        before, changes = changed, _changes(light, found)
+        changed = float(np.median(changes))
+        if not changed < SLOWEST * before:
             return None
-        left = now
+        if cycle == 0:
+            rough = float(np.percentile(correction.rough(light, swept), MOST_PLACES))
+            left = max(changed, LEAST_LEFT) * changed + ROUGH_LEFT * rough
+        else:
+            left = max(changed / before, LEAST_LEFT) * float(changes.max())
+        light, cycle = found, cycle + 1
     return light
-
-
-def _swept(sweeper: Sweeper, first: Light, light: Light, where: Mask, pool: ThreadPoolExecutor) -> Light:
-    """One sweep better, at those heights and Suns (node, sun) between which all lie that have not settled."""
-    nodes, suns = np.flatnonzero(where.any(axis=1)), np.flatnonzero(where.any(axis=0))
-    found = first + sweeper.next(pool, *light, nodes, suns)
-    if nodes.size * suns.size == where.size:
-        return found
-    moments, flux = light.moments.copy(), light.flux.copy()
-    here = np.ix_(nodes, suns)
-    moments[here] = found.moments[here]
-    flux[nodes[:, None], :, suns] = found.flux[nodes[:, None], :, suns]
-    return Light(moments, flux)
 
 
 def _changes(before: Light, now: Light) -> Array:
     """Greatest relative change of the mean radiance over wavelengths, (node, sun); 0 in the deep night."""
     mean = now.moments[:, :, 0]
-    visible = mean > FAINTEST * mean.max(axis=(0, 1))
-    change = np.abs(mean - before.moments[:, :, 0]) / np.where(visible, mean, np.inf)
+    change = np.abs(mean - before.moments[:, :, 0]) / np.where(_visible(mean), mean, np.inf)
     return np.asarray(change.max(axis=2))
+
+
+def _visible(mean: Array) -> Mask:
+    """Where a mean radiance (node, sun, wavelength) is worth the name."""
+    return np.asarray(mean > FAINTEST * mean.max(axis=(0, 1)))
 
 
 class _Correction:
@@ -149,84 +147,52 @@ class _Correction:
         self.up = Transfer.between(guide.problem, sweeper.problem)
         self.down = Transfer.between(sweeper.problem, guide.problem)
 
-    def multiple(self) -> Light:
-        """The guide's light but for the first order, on the fine grid."""
-        total, first = self.guide.sums, self.sweeper.first(self.pool)
-        rest = Light(np.array(total.moments), np.array(total.flux)) - Light(*first)
-        return light_of(self.up.moved(pattern(rest)))
+    def begun(self, first: Light) -> Light:
+        """The first order of the fine grid with the guide's light of all others."""
+        total = self.guide.sums
+        rest = self.up.known(less(Light(total.moments, total.flux), self.sweeper.first(self.pool)))
+        out = Light(first.moments.copy(), first.flux.copy())
+
+        def at(suns: slice) -> None:
+            more = light_of(self.up.moved(rest, suns))
+            out.moments[:, suns, self.up.there] += more.moments
+            out.flux[:, :, suns] += more.flux
+
+        self.up.by_sun(self.pool, at)
+        return out
 
     def corrected(self, light: Light, swept: Light) -> Light:
         """The light that was swept, with what the coarse grid says that is still missing of it."""
-        before, now = (light_of(self.down.moved(pattern(which))) for which in (light, swept))
-        given = now - Light(*self.sweeper.next(self.pool, *before))
-        found = settle(lambda u: given + self.sweeper.next(self.pool, *u), now, CORRECTION_SHARE * self.goal)
-        return light_of(pattern(swept) + self.up.moved(pattern(found) - pattern(now)))
+        before, now = (self._lowered(which) for which in (light, swept))
+        given = less(now, self.sweeper.next(self.pool, *before))
 
+        found = settled(lambda u: added(given, self.sweeper.next(self.pool, *u)), now, CORRECTION_SHARE * self.goal)
+        return self._changed(swept, less(self.up.known(found), self.up.known(now)))
 
-def settle(step: Callable[[Light], Light], light: Light, goal: float) -> Light:
-    """The light that a linear step leaves as it is, from where some steps seem to lead.
+    def rough(self, light: Light, swept: Light) -> Array:
+        """What a sweep changed of the mean radiance and the coarse grid cannot tell, relative; (node, sun)."""
+        change = np.log(np.maximum(swept.moments[:, :, 0], FLOOR) / np.maximum(light.moments[:, :, 0], FLOOR))
+        change *= _visible(swept.moments[:, :, 0])
+        return np.asarray(np.abs(change - self.up.carried(self.down.carried(change))).max(axis=2))
 
-    Anderson (1965), J. ACM 12, 547, for every wavelength by itself; Walker & Ni (2011), SIAM J. Numer. Anal. 49, 1715.
+    def _lowered(self, light: Light) -> Light:
+        """A light on the coarse grid."""
+        down, coarse = self.down, self.guide.sums.moments
+        known = light_of(down.moved(down.known(light)))
+        moments = np.zeros(coarse.shape)
+        moments[:, :, down.there] = known.moments
+        return Light(moments, known.flux)
 
-    Parameters
-    ----------
-    step : callable
-    light : Light
-        To begin with.
-    goal : float
-        Greatest relative change in the last two steps.
+    def _changed(self, light: Light, change: Light) -> Light:
+        """A light on the fine grid whose pattern is changed by what the coarse grid says."""
+        out = Light(np.empty_like(light.moments), np.empty_like(light.flux))
 
-    Raises
-    ------
-    ConvergenceError
-        After 500 steps.
-    """
-    lights: list[Light] = []
-    images: list[Light] = []
-    before = np.inf
-    for _ in range(MOST_STEPS):
-        lights, images = [*lights[1 - MEMORY :], light], [*images[1 - MEMORY :], _believed(step(light), light)]
-        found = _mixed(lights, images)
-        change = greatest_change((light.moments[:, :, 0], light.flux), (found.moments[:, :, 0], found.flux))
-        light = found
-        if not np.isfinite(change):
-            break
-        if max(change, before) < goal:
-            return light
-        before = change
-    raise ConvergenceError(f"orders: light has not settled after {MOST_STEPS} steps; use solver path")
+        def at(suns: slice) -> None:
+            more = self.up.moved(change, suns)
+            factor = np.exp(more.moments[:, :, :1])
+            moments = light.moments[:, suns] * factor
+            moments[:, :, self.up.there[1:]] += more.moments[:, :, 1:] * moments[:, :, :1]
+            out.moments[:, suns], out.flux[:, :, suns] = moments, light.flux[:, :, suns] * np.exp(more.flux)
 
-
-def _believed(image: Light, light: Light) -> Light:
-    """What a step made of a light, but where it took nearly all of it away."""
-    dark = image.moments[:, :, 0] < DARKEST * light.moments[:, :, 0]
-    moments = np.where(dark[:, :, None], DARKEST * light.moments, image.moments)
-    return Light(moments, np.maximum(image.flux, DARKEST * light.flux))
-
-
-def _mixed(lights: list[Light], images: list[Light]) -> Light:
-    """Where several lights and what a step made of them lead.
-
-    Images are weighed so that lights with the same weights change least in the step, in units of the light there is.
-    """
-    last, mean = images[-1], lights[-1].moments[:, :, 0]
-    if len(lights) == 1:
-        return last
-    scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
-    steps = np.stack([(b.moments[:, :, 0] - a.moments[:, :, 0]) * scale for a, b in zip(lights, images, strict=True)])
-    moments, flux = last.moments.copy(), last.flux.copy()
-    for w in range(mean.shape[-1]):
-        rows = steps[..., w].reshape(len(steps), -1)
-        length = np.linalg.norm(rows[-1])
-        if length == 0:
-            continue
-        shares = np.linalg.lstsq((rows[-1] - rows[:-1]).T / length, rows[-1] / length, rcond=1e-8)[0]
-        for share, image in zip(shares, images[:-1], strict=True):
-            moments[..., w] -= share * (last.moments[..., w] - image.moments[..., w])
-            flux[..., w] -= share * (last.flux[..., w] - image.flux[..., w])
-    tame = _tame(moments[:, :, 0], last.moments[:, :, 0])
-    return Light(np.where(tame[:, :, None], moments, last.moments), np.where(_tame(flux, last.flux), flux, last.flux))
-
-
-def _tame(found: Array, last: Array) -> Mask:
-    return (found * WILDEST > last) & (found < WILDEST * last)
+        self.up.by_sun(self.pool, at)
+        return out

@@ -1,0 +1,96 @@
+"""Where the repetition of a linear step leads, found from a few steps.
+
+Light L that a step leaves as it is, L = S + K L, is the sum of all orders of scattering.  Repeating the step adds one
+order each time, and deep in a cloud there are hundreds.  But several lights and what the step made of them tell of the
+way all together: they are weighed so that lights with the same weights change least.
+Anderson (1965), J. ACM 12, 547; Walker & Ni (2011), SIAM J. Numer. Anal. 49, 1715.  Every wavelength has its own
+weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import ConvergenceError
+from skyscatter.solvers.series import greatest_change
+from skyscatter.solvers.sweeps import FAINTEST
+from skyscatter.solvers.transfer import Light
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Steps that are remembered, and their number at most.
+MEMORY, MOST_STEPS = 6, 500
+#: A step that darkens a place by more than this is not believed: light is not negative.
+DARKEST = 0.1
+#: Nor what several steps together make of a place beyond this factor of what the last one made of it.
+WILDEST = 3.0
+
+
+def settled(step: Callable[[Light], Light], light: Light, goal: float) -> Light:
+    """The light that a linear step leaves as it is.
+
+    Parameters
+    ----------
+    step : callable
+    light : Light
+        To begin with: not far from it.
+    goal : float
+        Greatest relative change in the last two steps.
+
+    Raises
+    ------
+    ConvergenceError
+        After 500 steps.
+    """
+    steps: list[Array] = []
+    images: list[Light] = []
+    before = np.inf
+    for _ in range(MOST_STEPS):
+        image = _believed(step(light), light)
+        steps = [*steps[1 - MEMORY :], image.moments[:, :, 0] - light.moments[:, :, 0]]
+        images = [*images[1 - MEMORY :], image]
+        found = _mixed(images, steps, light.moments[:, :, 0])
+        change = greatest_change((light.moments[:, :, 0], light.flux), (found.moments[:, :, 0], found.flux))
+        light = found
+        if not np.isfinite(change):
+            break
+        if max(change, before) < goal:
+            return light
+        before = change
+    raise ConvergenceError(f"orders: light has not settled after {MOST_STEPS} steps; use solver path")
+
+
+def _believed(image: Light, light: Light) -> Light:
+    """What a step made of a light, but where it took nearly all of it away."""
+    dark = image.moments[:, :, 0] < DARKEST * light.moments[:, :, 0]
+    moments = np.where(dark[:, :, None], DARKEST * light.moments, image.moments)
+    return Light(moments, np.maximum(image.flux, DARKEST * light.flux))
+
+
+def _mixed(images: list[Light], steps: list[Array], mean: Array) -> Light:
+    """Where several steps lead: what they made, and what they changed of the mean radiance (node, sun, wavelength)."""
+    last = images[-1]
+    if len(images) == 1:
+        return last
+    scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
+    every = np.stack(steps) * scale
+    moments, flux = last.moments.copy(), last.flux.copy()
+    for w in range(mean.shape[-1]):
+        rows = every[..., w].reshape(len(steps), -1)
+        length = np.linalg.norm(rows[-1])
+        if length == 0:
+            continue
+        shares = np.linalg.lstsq((rows[-1] - rows[:-1]).T / length, rows[-1] / length, rcond=1e-8)[0]
+        for share, image in zip(shares, images[:-1], strict=True):
+            moments[..., w] -= share * (last.moments[..., w] - image.moments[..., w])
+            flux[..., w] -= share * (last.flux[..., w] - image.flux[..., w])
+    tame = _tame(moments[:, :, 0], last.moments[:, :, 0])
+    return Light(np.where(tame[:, :, None], moments, last.moments), np.where(_tame(flux, last.flux), flux, last.flux))
+
+
+def _tame(found: Array, last: Array) -> Mask:
+    return np.asarray((found * WILDEST > last) & (found < WILDEST * last))
