@@ -92,8 +92,8 @@ DEFAULT_TONE = "photograph"
 #: Numbers of which a summary takes the median, at least.
 JUDGED = 500_000
 TONES = (
-    "photograph (the default: colours as strong as film has them), eye (they fade in dim light), filmic (as they are) "
-    "or linear"
+    "photograph (the default: colours as strong as film has them), eye (they fade in dim light), filmic (as they are), "
+    "asinh (the faint is lifted, the bright keeps its colour) or linear"
 )
 Tone = Annotated[str | None, typer.Option(metavar="NAME", help=f"For PNG: {TONES}.")]
 SPACES = "srgb (the default), display-p3, rec2020 or any space of colour-science, such as adobe-rgb-1998"

@@ -102,6 +102,15 @@ def nebula(
     softening: Annotated[
         str | None, typer.Option(metavar="Q", help="For PNG with lupton: 8 if nothing is said.")
     ] = None,
+    continuum: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOW",
+            help="For PNG of a palette, the light between the lines: keep, subtract, or natural (in its own colours).",
+        ),
+    ] = None,
+    look: pictures.Look = None,
+    glare: pictures.Glare = None,
     exposure: common.Exposure = None,
     space: common.Space = None,
     bits: common.Bits = None,
@@ -110,7 +119,7 @@ def nebula(
         str | None,
         typer.Option(
             metavar="PSF",
-            help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds; else none, but "
+            help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds, airy:DIAMETER, hubble; else none, but "
             f"{options.SEEING:g} pixels in .png files that are smoothed or of no stated size.",
         ),
     ] = None,
@@ -155,12 +164,14 @@ def nebula(
         taken = {"resume": resume, "psf": psf or aperture, "denoise": denoise or None, "smooth": smooth}
         _check_turn(outputs, {**settled, **taken})
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
-    common.check_png_options(outputs, {**png, "space": space, "bits": bits})
+    png |= {"continuum": continuum, "glare": glare}
+    common.check_png_options(outputs, {"look": look, **png, "space": space, "bits": bits})
+    developed = options.png_options(png, space, look)
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
     observation = options.observation(psf, aperture, exposure_time, throughput, seed)
     pictures.check_smooth(smooth, denoise, outputs, solver)
     first = size is None and solver == "path"
-    few = pictures.NEBULA_WAVELENGTHS if filters is None and palette is None else DEFAULT_WAVELENGTHS
+    few = pictures.NEBULA_WAVELENGTHS if filters is None and not options.of_planes(developed) else DEFAULT_WAVELENGTHS
     if first and noise is None and store is None:
         samples = samples or options.FIRST_SAMPLES
     request = Request(
@@ -174,7 +185,7 @@ def nebula(
         sampling=sampling,
         **common.photon_options(photons, radius, estimator),
         filters=filters,
-        png=options.png_options(png, space),
+        png=developed,
         observation=observation,
         seeing=options.SEEING if (first or smooth) and psf is None else 0.0,
         smooth=smooth,
@@ -244,7 +255,7 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
     chosen = {"solver": request.solver, "seed": request.seed or 0, **given}
     frames = Frames(scenes, camera, request.wavelengths, None, chosen)
     look = {**request.png, "bits": request.bits}
-    exposure = None if {"palette", "filters"} & set(look) else look.pop("exposure", "auto")
+    exposure = None if options.of_planes(look) else look.pop("exposure", "auto")
     return sequence.produce(request, turn, model.name, frames, look, exposure)
 
 
@@ -302,7 +313,7 @@ def _write(request: Request, image: Any, outputs: list[Path]) -> tuple[float | N
     if common.has_suffix(outputs, ".png"):
         even = pictures.evened(image, request)
         shown = options.as_seen(data if even is image else options.observed(even, request.observation), request.seeing)
-    if not {"palette", "filters"} & set(png):
+    if not options.of_planes(png):
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = shown.auto_exposure() if stated == "auto" else float(stated)
     for path in outputs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,11 +19,48 @@ Smooth = Annotated[
         "no stated size are smoothed.",
     ),
 ]
+Look = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="For PNG, options by a name: eye, photograph, film, deep (asinh); of nebulae also hubble and bicolour.  "
+        "What is given beside it wins.",
+    ),
+]
+Glare = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WHAT",
+        help="For PNG, around bright lights: none or lens; in the sky also diffraction: hubble, eye, airy:DIAMETER.",
+    ),
+]
 #: Of pictures of nebulae [nm]: the lines of hydrogen, oxygen, nitrogen and sulphur lie at nodes, and so have their
 #: own colours.
 NEBULA_WAVELENGTHS = "410,434,460,486,500,520,545,570,595,620,640,656.5,672,700"
 #: Of pictures of rooms [nm].
 ROOM_WAVELENGTHS = "400:700:20"
+
+
+def natural_look(look: str | None, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of pictures in natural colours, of an image without a place in the sky: those given, and of the look."""
+    from skyscatter.image.looks import LOOKS, expanded, is_of_planes
+
+    options = expanded(look, given)
+    if is_of_planes(options):
+        names = [name for name, own in LOOKS.items() if not is_of_planes(own)]
+        raise DomainError("look", look, f"is for nebulae; choose one of {', '.join(names)}")
+    if options.get("glare") not in (None, "none", "lens"):
+        raise DomainError("glare", options["glare"], "choose none or lens; diffraction is for nebulae")
+    return options
+
+
+def natural_options(look: str | None, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as the PNG writer takes them, with those that nobody named."""
+    options = natural_look(look, given)
+    if "exposure" in options:
+        options["exposure"] = parse.parse_exposure(options["exposure"])
+    named = {} if look is None else {"look": look}
+    return {"exposure": "auto", "tone": common.DEFAULT_TONE, "space": "srgb", **options, **named}
 
 
 def wavelengths(given: str | None, outputs: Sequence[Path], picture: str, data: str) -> str:
