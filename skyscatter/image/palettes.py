@@ -267,8 +267,13 @@ def _between(image: SpectralImage, continuum: str) -> _Continuum | None:
 
 
 def _natural(between: _Continuum) -> Array:
-    """The continuum in its own colours (y, x, 3), in the scale of levels."""
+    """The continuum in its own colours (y, x, 3), in the scale of levels.
+
+    Planes are shown as display values; so that colours are no stronger than they are, their ratios are encoded.
+    """
     colours = np.nan_to_num(np.stack([between.at(wavelength) for wavelength in _NATURAL], axis=-1))
     lit = colours.mean(axis=-1)
     bright = float(np.percentile(lit[lit > 0.0], _STARS)) if (lit > 0.0).any() else 0.0
-    return np.asarray(colours / bright) if bright > 0.0 else np.zeros_like(colours)
+    peak = np.maximum(colours.max(axis=-1, keepdims=True), 0.0)
+    ratios = encode(np.maximum(np.divide(colours, peak, out=np.zeros_like(colours), where=peak > 0.0), 0.0))
+    return np.asarray(ratios * (peak / bright)) if bright > 0.0 else np.zeros_like(colours)

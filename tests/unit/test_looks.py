@@ -141,7 +141,8 @@ def test_stars_in_their_own_colours() -> None:
     assert shown.made["continuum"] == "natural"
     hot, cool = shown.picture[HOT], shown.picture[COOL]
     assert hot[2] > hot[0]  # blue
-    assert cool[0] > 1.5 * cool[2]  # orange
+    assert cool[0] > 1.2 * cool[2]  # orange
+    assert hot.min() > 0.5  # pale, as stars are: no hole in a bright nebula
     assert min(hot.max(), cool.max()) > 0.8
 
 
