@@ -181,6 +181,11 @@ class RunRequest:
     resume: Path | None
     every: float | None
 
+    @property
+    def halved(self) -> bool:
+        """Whether two halves of the walks are told apart, by which noise is taken off."""
+        return bool(self.denoise)
+
 
 def run_options(**texts: Any) -> dict[str, Any]:
     """Values of the fields of `RunRequest` that every command parses alike, from what was typed; tolerance as it is."""
@@ -489,7 +494,7 @@ def render_request(
 
     store = request.store
     checkpoint = None if store else checkpoint_for(request.resume, request.outputs, request.every)
-    halves: dict[str, Any] = {"halves": True} if request.denoise else {}
+    halves: dict[str, Any] = {"halves": True} if request.halved else {}
     try:
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),

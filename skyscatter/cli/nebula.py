@@ -307,12 +307,17 @@ def run(request: Request, arguments: list[str]) -> int:
 
 def _write(request: Request, image: Any, outputs: list[Path]) -> tuple[float | None, bool]:
     """Write the files; returns the exposure value of a picture in natural colour, and whether it was smoothed."""
-    png, exposure, even = dict(request.png), None, image
+    from skyscatter.progress import say
+
+    png, exposure, even = dict(request.png), None, None
+    if request.evened:
+        say("smoothing")
+        even = pictures.evened(image)
+        image = pictures.unhalved(image)
     data = options.observed(image, request.observation)
     shown = data
     if common.has_suffix(outputs, ".png"):
-        even = pictures.evened(image, request)
-        shown = options.as_seen(data if even is image else options.observed(even, request.observation), request.seeing)
+        shown = options.as_seen(data if even is None else options.observed(even, request.observation), request.seeing)
     if not options.of_planes(png):
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = shown.auto_exposure() if stated == "auto" else float(stated)
@@ -322,7 +327,7 @@ def _write(request: Request, image: Any, outputs: list[Path]) -> tuple[float | N
         if suffix == ".fits" and request.filters is not None:
             taken["filters"] = request.filters
         (shown if suffix == ".png" else data).save(path, **taken)
-    return exposure, even is not image
+    return exposure, even is not None
 
 
 def summarise(

@@ -53,6 +53,22 @@ class Request(common.RunRequest):
     smooth: bool | None
     first: bool
 
+    @property
+    def evened(self) -> bool:
+        """Whether noise is taken off .png files alone."""
+        if self.denoise or self.solver == "single" or not common.has_suffix(self.outputs, ".png"):
+            return False
+        return self._can_be_halved and self.first if self.smooth is None else self.smooth
+
+    @property
+    def _can_be_halved(self) -> bool:
+        return self.sampling is None and (self.samples or 0) % 2 == 0
+
+    @property
+    def halved(self) -> bool:
+        """As `RunRequest.halved`; .png files that are smoothed need them, too."""
+        return super().halved or self.evened
+
 
 def of_planes(options: dict[str, Any]) -> bool:
     """Whether the picture of these options shows three filters."""

@@ -15,8 +15,8 @@ Smooth = Annotated[
     bool | None,
     typer.Option(
         "--smooth/--no-smooth",
-        help="For PNG: average pixels that are the same within their errors; files with data never are.  Pictures of "
-        "no stated size are smoothed.",
+        help="For PNG: take noise off as --denoise does; files with data keep it.  Pictures of no stated size are "
+        "smoothed where the number of walks is even.",
     ),
 ]
 Look = Annotated[
@@ -83,9 +83,23 @@ def check_smooth(smooth: bool | None, denoise: bool, outputs: list[Path], solver
         raise DomainError("smooth", True, "means nothing to the solver single, which has no noise; leave it out")
 
 
-def evened(image: Any, request: Any) -> Any:
-    """The picture of a request as .png files show it."""
-    from skyscatter.image.smoothing import smoothed
+def evened(image: Any) -> Any:
+    """The picture as .png files show it that are smoothed: denoised; as it is where it has no halves."""
+    from skyscatter.image.denoising import HALVES
 
-    wanted = request.first if request.smooth is None else request.smooth
-    return smoothed(image) if wanted and not request.denoise else image
+    if any(name not in image.layers for name in HALVES):
+        return image
+    clean = image.denoised()
+    recipe = {name: value for name, value in clean.recipe.items() if name != "denoising"}
+    recipe["smoothed"] = clean.recipe["denoising"]
+    return type(image)(clean.radiance, clean.wavelengths, recipe=recipe, sky=image.sky)
+
+
+def unhalved(image: Any) -> Any:
+    """The picture as data have it: without the halves by which it is smoothed."""
+    from skyscatter.image.denoising import HALVES
+
+    layers = {name: values for name, values in image.layers.items() if name not in HALVES}
+    return type(image)(
+        image.radiance, image.wavelengths, image.error, recipe=image.recipe, layers=layers, sky=image.sky
+    )
