@@ -152,6 +152,11 @@ ProgressMode = Annotated[
 ]
 
 
+Previewed = Annotated[
+    bool, typer.Option("--preview", help="Show the picture growing in the terminal, in natural colours.")
+]
+
+
 @dataclass(frozen=True)
 class RunRequest:
     """What every rendering command is asked, checked as far as that goes without a model."""
@@ -180,6 +185,7 @@ class RunRequest:
     progress: str
     resume: Path | None
     every: float | None
+    preview: bool | None
 
     @property
     def halved(self) -> bool:
@@ -207,7 +213,17 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "progress": talk(texts["quiet"], texts["verbose"], texts["progress"]),
         "every": None if texts["every"] is None else parse.parse_time(texts["every"], "checkpoint"),
         "resume": None if texts["resume"] is None else parse.check_checkpoint(texts["resume"]),
+        "preview": checked_preview(texts["preview"], texts["store"], texts["quiet"]),
     }
+
+
+def checked_preview(preview: bool, store: Path | None, quiet: bool) -> bool | None:
+    """Whether the picture is shown while it is made."""
+    for name, value in {"store": store, "quiet": quiet or None}.items():
+        if preview and value is not None:
+            rule = "leaves nothing to look at for --preview; leave one of them out"
+            raise DomainError(name, str(value), rule)
+    return preview or None
 
 
 def checked_store(store: Path | None, resume: Path | None, every: str | None) -> Path | None:
@@ -498,7 +514,7 @@ def render_request(
     try:
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),
-            Progress(1.0, label, request.progress) as progress,
+            Progress(1.0, label, request.progress, above=_preview(request, checkpoint, scene, camera)) as progress,
             executor_of(request.workers, request.scheduler, request.worker_memory) as executor,
         ):
             image = skyscatter.render(
@@ -536,6 +552,18 @@ def render_request(
         keep(checkpoint, arguments, store)
         raise
     return Rendered(image, 1.0, request.outputs, request, arguments, checkpoint)
+
+
+def _preview(request: RunRequest, checkpoint: Checkpoint | None, scene: Any, camera: Any) -> Any:
+    """What shows the picture above the bar; None where it was not asked for, or there is no terminal to show it."""
+    if not request.preview or checkpoint is None:
+        return None
+    if not (sys.stderr.isatty() and request.progress in ("auto", "bar")):
+        print("skyscatter: --preview needs a terminal and the bar; the run goes on without it", file=sys.stderr)
+        return None
+    from skyscatter.cli.preview import Preview
+
+    return Preview(lambda: checkpoint.state, scene, camera, request.wavelengths, DEFAULT_TONE).text
 
 
 def keep(checkpoint: Checkpoint | None, arguments: list[str], store: Path | None = None) -> None:

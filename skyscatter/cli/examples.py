@@ -23,7 +23,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "skyscatter nebula dark-globule --samples 32 --denoise -o globule.png -o globule.fits",
     ),
     "render": (
-        "skyscatter render fog-room --size 160x120 -o room.png",
+        "skyscatter render fog-room --size 160x120 --preview -o room.png",
         "skyscatter render searchlight --solver photons --samples 64 -o beam.exr --no-clobber",
         "skyscatter render milk-and-water --solver path --samples 64 --denoise -o milk.png -o milk.exr",
     ),

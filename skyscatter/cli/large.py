@@ -22,6 +22,7 @@ BATCHES = 16
 OPTIONS = {
     "psf": "psf", "aperture_m": "aperture", "collecting_area_m2": "aperture", "unit": "unit", "filters": "filters",
     "resume": "resume", "every": "checkpoint", "subpixels": "subpixels", "denoise": "denoise", "smooth": "smooth",
+    "preview": "preview",
 }  # fmt: skip
 
 

@@ -146,6 +146,7 @@ def nebula(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     progress: common.ProgressMode = "auto",
+    preview: common.Previewed = False,
 ) -> int:
     """Render a nebula as a telescope sees it: north up, east left.
 
@@ -162,6 +163,7 @@ def nebula(
         angles = {"azimuth": azimuth, "inclination": inclination}
         settled = {name: angle for name, angle in angles.items() if paths[f"{name}s"] is not None}
         taken = {"resume": resume, "psf": psf or aperture, "denoise": denoise or None, "smooth": smooth}
+        taken |= {"preview": preview or None}
         _check_turn(outputs, {**settled, **taken})
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
     png |= {"continuum": continuum, "glare": glare}
@@ -220,6 +222,7 @@ def nebula(
             progress=progress,
             every=every,
             resume=resume,
+            preview=preview,
         ),
     )
     common.check_solver(request, options.MEANINGLESS, options.REMEDY)

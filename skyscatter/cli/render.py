@@ -113,6 +113,7 @@ def render(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     progress: common.ProgressMode = "auto",
+    preview: common.Previewed = False,
 ) -> int:
     """Render a scene of surfaces, media and lamps.
 
@@ -145,7 +146,7 @@ def render(
             samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed, denoise=denoise,
             threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
             as_json=as_json, quiet=quiet,
-            verbose=verbose, progress=progress, every=every, resume=resume,
+            verbose=verbose, progress=progress, every=every, resume=resume, preview=preview,
         ),
     )  # fmt: skip
     common.check_solver(request, MEANINGLESS, REMEDY)

@@ -201,6 +201,7 @@ def sky(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     progress: common.ProgressMode = "auto",
+    preview: common.Previewed = False,
 ) -> int:
     """Render the sky of a model.
 
@@ -215,6 +216,7 @@ def sky(
     frames = sequence.asked(model, times, sun_elevations, exposure_step, frame_rate)
     if frames is not None:
         meaningless = {"resume": resume, "subpixels": subpixels, "denoise": denoise or None}
+        meaningless |= {"preview": preview or None}
         _check_sequence(frames, place, time, sun_elevation, sun_azimuth, meaningless)
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth, bool(times))
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if frames else ())
@@ -282,6 +284,7 @@ def sky(
             progress=progress,
             every=every,
             resume=resume,
+            preview=preview,
         ),
     )
     common.check_solver(request, MEANINGLESS, REMEDY)
