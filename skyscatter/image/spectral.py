@@ -41,7 +41,7 @@ _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".png": (
         "png",
         (
-            *("look", "space", "exposure", "tone", "glare", "bits", "show", "wavelength", "labels", "lines"),
+            *("space", "exposure", "tone", "bits", "show", "wavelength", "labels", "lines", "look", "glare"),
             *_PLANE_OPTIONS,
         ),
     ),
