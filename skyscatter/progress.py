@@ -6,6 +6,7 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Any, Literal, Self, TextIO, get_args
 
@@ -67,9 +68,18 @@ class Progress:
         How to show it; auto is a bar on a terminal, and lines elsewhere.
     stream : text stream, optional
         Where to write; by default ``sys.stderr``.
+    above : callable, optional
+        What a bar has above it: of the terminal's columns and lines it makes something that rich can print.
     """
 
-    def __init__(self, total: float, label: str, mode: str = "auto", stream: TextIO | None = None) -> None:
+    def __init__(
+        self,
+        total: float,
+        label: str,
+        mode: str = "auto",
+        stream: TextIO | None = None,
+        above: Callable[[int, int], Any] | None = None,
+    ) -> None:
         if not total > 0:
             raise ValueError(f"total = {total!r}: the amount of work must be positive")
         if mode not in MODES:
@@ -79,6 +89,7 @@ class Progress:
         self.words = self.remark = ""
         self._stream = sys.stderr if stream is None else stream
         self.mode = mode if mode != "auto" else "bar" if self._stream.isatty() else "log"
+        self._above = above
         self._bar: Any = None
         self._task: Any = None
         self._compiling = _Compiling()
@@ -184,14 +195,24 @@ class Progress:
     def _start_bar(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
+        from rich.progress import Progress as Plain
+
+        above, console = self._above, Console(file=self._stream, force_terminal=True)
+
+        class Bar(Plain):
+            """The bar, below what is above it."""
+
+            def get_renderables(self) -> Iterable[Any]:
+                if above is not None:
+                    yield above(console.width, console.height)
+                yield from super().get_renderables()
 
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
             TaskProgressColumn(),
             TimeRemainingColumn(elapsed_when_finished=True),
-            console=Console(file=self._stream, force_terminal=True),
+            console=console,
         )
         self._task = self._bar.add_task(self.label, total=self.total)
         self._bar.start()

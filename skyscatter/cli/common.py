@@ -92,8 +92,8 @@ DEFAULT_TONE = "photograph"
 #: Numbers of which a summary takes the median, at least.
 JUDGED = 500_000
 TONES = (
-    "photograph (the default: colours as strong as film has them), eye (they fade in dim light), filmic (as they are) "
-    "or linear"
+    "photograph (the default: colours as strong as film has them), eye (they fade in dim light), filmic (as they are), "
+    "asinh (the faint is lifted, the bright keeps its colour) or linear"
 )
 Tone = Annotated[str | None, typer.Option(metavar="NAME", help=f"For PNG: {TONES}.")]
 SPACES = "srgb (the default), display-p3, rec2020 or any space of colour-science, such as adobe-rgb-1998"
@@ -152,6 +152,11 @@ ProgressMode = Annotated[
 ]
 
 
+Previewed = Annotated[
+    bool, typer.Option("--preview", help="Show the picture growing in the terminal, in natural colours.")
+]
+
+
 @dataclass(frozen=True)
 class RunRequest:
     """What every rendering command is asked, checked as far as that goes without a model."""
@@ -180,6 +185,12 @@ class RunRequest:
     progress: str
     resume: Path | None
     every: float | None
+    preview: bool | None
+
+    @property
+    def halved(self) -> bool:
+        """Whether two halves of the walks are told apart, by which noise is taken off."""
+        return bool(self.denoise)
 
 
 def run_options(**texts: Any) -> dict[str, Any]:
@@ -202,7 +213,17 @@ def run_options(**texts: Any) -> dict[str, Any]:
         "progress": talk(texts["quiet"], texts["verbose"], texts["progress"]),
         "every": None if texts["every"] is None else parse.parse_time(texts["every"], "checkpoint"),
         "resume": None if texts["resume"] is None else parse.check_checkpoint(texts["resume"]),
+        "preview": checked_preview(texts["preview"], texts["store"], texts["quiet"]),
     }
+
+
+def checked_preview(preview: bool, store: Path | None, quiet: bool) -> bool | None:
+    """Whether the picture is shown while it is made."""
+    for name, value in {"store": store, "quiet": quiet or None}.items():
+        if preview and value is not None:
+            rule = "leaves nothing to look at for --preview; leave one of them out"
+            raise DomainError(name, str(value), rule)
+    return preview or None
 
 
 def checked_store(store: Path | None, resume: Path | None, every: str | None) -> Path | None:
@@ -489,11 +510,11 @@ def render_request(
 
     store = request.store
     checkpoint = None if store else checkpoint_for(request.resume, request.outputs, request.every)
-    halves: dict[str, Any] = {"halves": True} if request.denoise else {}
+    halves: dict[str, Any] = {"halves": True} if request.halved else {}
     try:
         with (
             stopping.keeping(lambda: keep(checkpoint, arguments, store)),
-            Progress(1.0, label, request.progress) as progress,
+            Progress(1.0, label, request.progress, above=_preview(request, checkpoint, scene, camera)) as progress,
             executor_of(request.workers, request.scheduler, request.worker_memory) as executor,
         ):
             image = skyscatter.render(
@@ -531,6 +552,18 @@ def render_request(
         keep(checkpoint, arguments, store)
         raise
     return Rendered(image, 1.0, request.outputs, request, arguments, checkpoint)
+
+
+def _preview(request: RunRequest, checkpoint: Checkpoint | None, scene: Any, camera: Any) -> Any:
+    """What shows the picture above the bar; None where it was not asked for, or there is no terminal to show it."""
+    if not request.preview or checkpoint is None:
+        return None
+    if not (sys.stderr.isatty() and request.progress in ("auto", "bar")):
+        print("skyscatter: --preview needs a terminal and the bar; the run goes on without it", file=sys.stderr)
+        return None
+    from skyscatter.cli.preview import Preview
+
+    return Preview(lambda: checkpoint.state, scene, camera, request.wavelengths, DEFAULT_TONE).text
 
 
 def keep(checkpoint: Checkpoint | None, arguments: list[str], store: Path | None = None) -> None:

@@ -18,11 +18,12 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "view": ("skyscatter view", "skyscatter view ring-nebula --no-open --port 8050 --keep"),
     "nebula": (
         "skyscatter nebula ring-nebula --size 128x128 --palette hoo -o ring.png",
+        "skyscatter nebula hii-region --look hubble -o pillars.png",
         "skyscatter nebula reflection-nebula --samples 64 --wavelengths 400:700:50 -o nebula.fits --progress log",
         "skyscatter nebula dark-globule --samples 32 --denoise -o globule.png -o globule.fits",
     ),
     "render": (
-        "skyscatter render fog-room --size 160x120 -o room.png",
+        "skyscatter render fog-room --size 160x120 --preview -o room.png",
         "skyscatter render searchlight --solver photons --samples 64 -o beam.exr --no-clobber",
         "skyscatter render milk-and-water --solver path --samples 64 --denoise -o milk.png -o milk.exr",
     ),

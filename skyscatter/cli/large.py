@@ -22,6 +22,7 @@ BATCHES = 16
 OPTIONS = {
     "psf": "psf", "aperture_m": "aperture", "collecting_area_m2": "aperture", "unit": "unit", "filters": "filters",
     "resume": "resume", "every": "checkpoint", "subpixels": "subpixels", "denoise": "denoise", "smooth": "smooth",
+    "preview": "preview",
 }  # fmt: skip
 
 
@@ -48,7 +49,7 @@ def fits(request: common.RunRequest, rays: int = 1, **given: Any) -> bool:
         Where it can be made in neither way, before any work.
     """
     width, height = request.size
-    layers = (given.get("orders") or 0) + (2 if request.denoise else 0)
+    layers = (given.get("orders") or 0) + (2 if request.halved else 0)
     try:
         memory.check_picture(width, height, request.wavelengths.size, layers, rays)
     except DomainError as error:

@@ -102,6 +102,15 @@ def nebula(
     softening: Annotated[
         str | None, typer.Option(metavar="Q", help="For PNG with lupton: 8 if nothing is said.")
     ] = None,
+    continuum: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOW",
+            help="For PNG of a palette, the light between the lines: keep, subtract, or natural (in its own colours).",
+        ),
+    ] = None,
+    look: pictures.Look = None,
+    glare: pictures.Glare = None,
     exposure: common.Exposure = None,
     space: common.Space = None,
     bits: common.Bits = None,
@@ -110,7 +119,7 @@ def nebula(
         str | None,
         typer.Option(
             metavar="PSF",
-            help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds; else none, but "
+            help="Blur: gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds, airy:DIAMETER, hubble; else none, but "
             f"{options.SEEING:g} pixels in .png files that are smoothed or of no stated size.",
         ),
     ] = None,
@@ -137,6 +146,7 @@ def nebula(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     progress: common.ProgressMode = "auto",
+    preview: common.Previewed = False,
 ) -> int:
     """Render a nebula as a telescope sees it: north up, east left.
 
@@ -153,14 +163,17 @@ def nebula(
         angles = {"azimuth": azimuth, "inclination": inclination}
         settled = {name: angle for name, angle in angles.items() if paths[f"{name}s"] is not None}
         taken = {"resume": resume, "psf": psf or aperture, "denoise": denoise or None, "smooth": smooth}
+        taken |= {"preview": preview or None}
         _check_turn(outputs, {**settled, **taken})
     png = {"palette": palette, "tone": tone, "stretch": stretch, "softening": softening, "exposure": exposure}
-    common.check_png_options(outputs, {**png, "space": space, "bits": bits})
+    png |= {"continuum": continuum, "glare": glare}
+    common.check_png_options(outputs, {"look": look, **png, "space": space, "bits": bits})
+    developed = options.png_options(png, space, look)
     turned = {"inclination_deg": inclination, "azimuth_deg": azimuth, "position_angle_deg": position_angle}
     observation = options.observation(psf, aperture, exposure_time, throughput, seed)
     pictures.check_smooth(smooth, denoise, outputs, solver)
     first = size is None and solver == "path"
-    few = pictures.NEBULA_WAVELENGTHS if filters is None and palette is None else DEFAULT_WAVELENGTHS
+    few = pictures.NEBULA_WAVELENGTHS if filters is None and not options.of_planes(developed) else DEFAULT_WAVELENGTHS
     if first and noise is None and store is None:
         samples = samples or options.FIRST_SAMPLES
     request = Request(
@@ -174,7 +187,7 @@ def nebula(
         sampling=sampling,
         **common.photon_options(photons, radius, estimator),
         filters=filters,
-        png=options.png_options(png, space),
+        png=developed,
         observation=observation,
         seeing=options.SEEING if (first or smooth) and psf is None else 0.0,
         smooth=smooth,
@@ -209,6 +222,7 @@ def nebula(
             progress=progress,
             every=every,
             resume=resume,
+            preview=preview,
         ),
     )
     common.check_solver(request, options.MEANINGLESS, options.REMEDY)
@@ -244,7 +258,7 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
     chosen = {"solver": request.solver, "seed": request.seed or 0, **given}
     frames = Frames(scenes, camera, request.wavelengths, None, chosen)
     look = {**request.png, "bits": request.bits}
-    exposure = None if {"palette", "filters"} & set(look) else look.pop("exposure", "auto")
+    exposure = None if options.of_planes(look) else look.pop("exposure", "auto")
     return sequence.produce(request, turn, model.name, frames, look, exposure)
 
 
@@ -296,13 +310,18 @@ def run(request: Request, arguments: list[str]) -> int:
 
 def _write(request: Request, image: Any, outputs: list[Path]) -> tuple[float | None, bool]:
     """Write the files; returns the exposure value of a picture in natural colour, and whether it was smoothed."""
-    png, exposure, even = dict(request.png), None, image
+    from skyscatter.progress import say
+
+    png, exposure, even = dict(request.png), None, None
+    if request.evened:
+        say("smoothing")
+        even = pictures.evened(image)
+        image = pictures.unhalved(image)
     data = options.observed(image, request.observation)
     shown = data
     if common.has_suffix(outputs, ".png"):
-        even = pictures.evened(image, request)
-        shown = options.as_seen(data if even is image else options.observed(even, request.observation), request.seeing)
-    if not {"palette", "filters"} & set(png):
+        shown = options.as_seen(data if even is None else options.observed(even, request.observation), request.seeing)
+    if not options.of_planes(png):
         stated = png.get("exposure", "auto")
         exposure = png["exposure"] = shown.auto_exposure() if stated == "auto" else float(stated)
     for path in outputs:
@@ -311,7 +330,7 @@ def _write(request: Request, image: Any, outputs: list[Path]) -> tuple[float | N
         if suffix == ".fits" and request.filters is not None:
             taken["filters"] = request.filters
         (shown if suffix == ".png" else data).save(path, **taken)
-    return exposure, even is not image
+    return exposure, even is not None
 
 
 def summarise(

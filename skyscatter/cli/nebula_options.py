@@ -53,10 +53,35 @@ class Request(common.RunRequest):
     smooth: bool | None
     first: bool
 
+    @property
+    def evened(self) -> bool:
+        """Whether noise is taken off .png files alone."""
+        if self.denoise or self.solver == "single" or not common.has_suffix(self.outputs, ".png"):
+            return False
+        return self._can_be_halved and self.first if self.smooth is None else self.smooth
 
-def png_options(given: dict[str, Any], space: str | None) -> dict[str, Any]:
-    """Options of the PNG writer that were named, as it takes them."""
+    @property
+    def _can_be_halved(self) -> bool:
+        return self.sampling is None and (self.samples or 0) % 2 == 0
+
+    @property
+    def halved(self) -> bool:
+        """As `RunRequest.halved`; .png files that are smoothed need them, too."""
+        return super().halved or self.evened
+
+
+def of_planes(options: dict[str, Any]) -> bool:
+    """Whether the picture of these options shows three filters."""
+    return bool({"palette", "filters"} & set(options))
+
+
+def png_options(given: dict[str, Any], space: str | None, look: str | None = None) -> dict[str, Any]:
+    """Options of the PNG writer that were named, by themselves or by a look, as it takes them."""
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if look is not None:
+        from skyscatter.image.looks import expanded
+
+        options = {**expanded(look, options), "look": look}
     for name in ("stretch", "softening"):
         if name in options:
             options[name] = parse.parse_positive(options[name], name)
@@ -172,7 +197,7 @@ def check(request: Request) -> None:
     of_fits = {} if request.filters is None else {"filters": request.filters}
     files = {suffix: taken | (of_fits if suffix == ".fits" else {}) for suffix, taken in request.file_options.items()}
     common.check_brightness(files, request.wavelengths)
-    if not {"palette", "filters"} & set(request.png):
+    if not of_planes(request.png):
         png = request.png
         common.check_development(png.get("space", "srgb"), png.get("tone", common.DEFAULT_TONE), request.bits)
     if common.has_suffix(request.outputs, ".png"):
@@ -181,8 +206,9 @@ def check(request: Request) -> None:
 
 def _try_picture(request: Request) -> None:
     """Make the picture of one dark pixel with the options of the PNG file, which refuses what it would refuse later."""
-    from skyscatter.image.spectral import SpectralImage
+    from skyscatter.image import SkyFrame, SpectralImage
 
-    dark = SpectralImage(np.zeros((1, 1, request.wavelengths.size)), request.wavelengths)
+    sky = SkyFrame(ra_deg=0.0, dec_deg=0.0, pixel_scale_deg=1.0)
+    dark = SpectralImage(np.zeros((1, 1, request.wavelengths.size)), request.wavelengths, sky=sky)
     with TemporaryDirectory() as folder:
         dark.save(Path(folder) / "try.png", bits=request.bits, **request.png)

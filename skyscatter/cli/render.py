@@ -94,8 +94,10 @@ def render(
     worker_memory: common.WorkerMemory = None,
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
+    look: pictures.Look = None,
     exposure: common.Exposure = None,
     tone: common.Tone = None,
+    glare: pictures.Glare = None,
     space: common.Space = None,
     bits: common.Bits = None,
     scale: common.Scale = None,
@@ -111,6 +113,7 @@ def render(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     progress: common.ProgressMode = "auto",
+    preview: common.Previewed = False,
 ) -> int:
     """Render a scene of surfaces, media and lamps.
 
@@ -120,8 +123,8 @@ def render(
     NAME.partial.EXT, and says how to go on.
     """
     outputs = parse.check_outputs(output or [], no_clobber)
-    development = {"exposure": exposure, "tone": tone, "space": space}
-    common.check_png_options(outputs, {**development, "bits": bits})
+    development = {"exposure": exposure, "tone": tone, "space": space, "glare": glare}
+    common.check_png_options(outputs, {"look": look, **development, "bits": bits})
     whole = parse.parse_integer
     seen = {"position": position, "target": target, "up": up}
     request = Request(
@@ -133,11 +136,7 @@ def render(
         orders=whole(orders, "orders", 1, "give a number of layers, 1 or more"),
         subpixels=whole(subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"),
         **common.photon_options(photons, radius, estimator),
-        png={
-            "exposure": "auto" if exposure is None else parse.parse_exposure(exposure),
-            "tone": common.DEFAULT_TONE if tone is None else tone,
-            "space": "srgb" if space is None else space,
-        },
+        png=pictures.natural_options(look, development),
         outputs=outputs,
         file_options=common.file_options(
             outputs, scale=scale, half=half, no_spectra=no_spectra, float32=float32, compress=compress
@@ -147,7 +146,7 @@ def render(
             samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed, denoise=denoise,
             threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
             as_json=as_json, quiet=quiet,
-            verbose=verbose, progress=progress, every=every, resume=resume,
+            verbose=verbose, progress=progress, every=every, resume=resume, preview=preview,
         ),
     )  # fmt: skip
     common.check_solver(request, MEANINGLESS, REMEDY)

@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from skyscatter.cli import common, parse, sequence
-from skyscatter.cli.common import DEFAULT_TONE
+from skyscatter.cli import common, parse, pictures, sequence
 from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
 from skyscatter.cli.lights import LightChoice, Lights, SolarFlux, Stars, Without, centre_of, light_choice
 from skyscatter.cli.towns import TownMaps, Towns, asked_towns, with_towns
@@ -48,9 +47,7 @@ class Request(common.RunRequest):
     view: str | None
     sun_disk: bool
     scene_for: str | None
-    exposure: float | str
-    tone: str
-    space: str
+    png: dict[str, Any]
     stokes: bool
     subpixels: int | None
     show: str
@@ -170,8 +167,10 @@ def sky(
     worker_memory: common.WorkerMemory = None,
     scheduler: common.Scheduler = None,
     store: common.StoreFolder = None,
+    look: pictures.Look = None,
     exposure: common.Exposure = None,
     tone: common.Tone = None,
+    glare: pictures.Glare = None,
     space: common.Space = None,
     bits: common.Bits = None,
     show: Annotated[
@@ -202,6 +201,7 @@ def sky(
     quiet: common.Quiet = False,
     verbose: common.Verbose = False,
     progress: common.ProgressMode = "auto",
+    preview: common.Previewed = False,
 ) -> int:
     """Render the sky of a model.
 
@@ -216,6 +216,7 @@ def sky(
     frames = sequence.asked(model, times, sun_elevations, exposure_step, frame_rate)
     if frames is not None:
         meaningless = {"resume": resume, "subpixels": subpixels, "denoise": denoise or None}
+        meaningless |= {"preview": preview or None}
         _check_sequence(frames, place, time, sun_elevation, sun_azimuth, meaningless)
     elevation, azimuth = _sun_choice(place, time, sun_elevation, sun_azimuth, bool(times))
     outputs = parse.check_outputs(output or [], no_clobber, parse.FILMS if frames else ())
@@ -223,11 +224,11 @@ def sky(
         sequence.check_output(outputs)
     parse.check_new(lamp_files(outputs) if no_clobber and no_sun else ())
     shown, shown_wavelength, shown_filter = parse.parse_show(show)
-    development = {"exposure": exposure, "tone": tone, "space": space}
+    development = {"exposure": exposure, "tone": tone, "space": space, "glare": glare}
     marks = {"label": label or None, "lines": lines or None}
-    common.check_png_options(outputs, {**development, **marks, "bits": bits, "show": show})
+    common.check_png_options(outputs, {"look": look, **development, **marks, "bits": bits, "show": show})
     _check_marks(marks, place, shown)
-    _check_development(shown, development)
+    _check_development(shown, {"look": look, **development})
     view = _view(view, north, no_sun)
     request = Request(
         model=model,
@@ -241,9 +242,7 @@ def sky(
         scene_for=_scene_for(scene_for, outputs, no_sun and frames is None, no_clobber),
         size=(0, 0) if size is None and view is None else parse.parse_size(size, view or ""),
         solver=solver or default_solver(model),
-        exposure="auto" if exposure is None else parse.parse_exposure(exposure),
-        tone=DEFAULT_TONE if tone is None else tone,
-        space="srgb" if space is None else space,
+        png=pictures.natural_options(look, development),
         stokes=stokes or shown in ("degree", "angle"),
         subpixels=parse.parse_integer(
             subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"
@@ -285,6 +284,7 @@ def sky(
             progress=progress,
             every=every,
             resume=resume,
+            preview=preview,
         ),
     )
     common.check_solver(request, MEANINGLESS, REMEDY)
@@ -292,9 +292,9 @@ def sky(
     if frames is not None:
         asked = frames
         kept = "repeat the command to go on with the frames that are missing"
-        look = _png_options(request, 0.0)
-        exposed = request.exposure if look.pop("exposure", None) is not None else None
-        return common.stoppable(lambda: sequence.run(request, asked, look, exposed), kept)
+        shown_as = _png_options(request, 0.0)
+        exposed = request.png["exposure"] if shown_as.pop("exposure", None) is not None else None
+        return common.stoppable(lambda: sequence.run(request, asked, shown_as, exposed), kept)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
 
@@ -372,7 +372,7 @@ def _check_marks(marks: Mapping[str, bool | None], place: str | None, show: str)
 
 
 def _check_picture(request: Request) -> None:
-    common.check_development(request.space, request.tone, request.bits)
+    common.check_development(request.png["space"], request.png["tone"], request.bits)
     common.check_brightness(request.file_options, request.wavelengths)
     if request.show == "magnitudes":
         from skyscatter.image.filters import filter_curve
@@ -434,7 +434,8 @@ def run(request: Request, arguments: list[str]) -> int:
     rendered = common.render_request(request, scene, camera, f"{model.name} sky", arguments, **more)
     with rendered.writing() as outputs:
         image = rendered.image
-        exposure = image.auto_exposure() if request.exposure == "auto" else float(request.exposure)
+        stated = request.png["exposure"]
+        exposure = image.auto_exposure() if stated == "auto" else float(stated)
         for path in outputs:
             _save(request, image, path, exposure)
     if not request.sun_disk:
@@ -467,8 +468,7 @@ def lamp_files(outputs: list[Path]) -> list[Path]:
 
 def _png_options(request: Request, exposure: float) -> dict[str, Any]:
     if request.show == "colour":
-        look = {"exposure": exposure, "tone": request.tone, "space": request.space, "bits": request.bits}
-        return {**look, **request.marks}
+        return {**request.png, "exposure": exposure, "bits": request.bits, **request.marks}
     if request.show == "magnitudes":
         return {"show": request.show, "filters": request.shown_filter, "bits": request.bits, **request.marks}
     return {"show": request.show, "wavelength": request.shown_wavelength, "bits": request.bits}

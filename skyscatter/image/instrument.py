@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.image.aperture import Aperture
 from skyscatter.image.filters import cells
 from skyscatter.image.horizon import pixel_solid_angle
-from skyscatter.image.psf import PointSpread, blurred, point_spread
+from skyscatter.image.psf import PointSpread, blurred, kernels, point_spread
 from skyscatter.image.skyframe import SkyFrame
 from skyscatter.image.spectral import SpectralImage
 from skyscatter.spectra.table import Spectral, evaluate
@@ -57,7 +58,7 @@ def _sky(image: SpectralImage, purpose: str) -> SkyFrame:
 
 def observe(
     image: SpectralImage,
-    psf: str | PointSpread | None = None,
+    psf: str | PointSpread | Aperture | None = None,
     *,
     photon_noise: bool = False,
     collecting_area_m2: float | None = None,
@@ -71,9 +72,11 @@ def observe(
     ----------
     image : SpectralImage
         With a celestial frame, which gives the pixel scale.
-    psf : str or PointSpread, optional
-        ``"gaussian:2.0"`` or ``"moffat:2.0:2.5"``: full width at half maximum [arc second], and β.  Light carried over
-        the picture's edge is lost and none comes in: within one kernel of a bright edge the result is too dark.
+    psf : str, PointSpread or Aperture, optional
+        ``"gaussian:2.0"`` or ``"moffat:2.0:2.5"``: full width at half maximum [arc second], and β; or diffraction at
+        each wavelength, by a clear mirror, ``"airy:2.4m"``, or ``"hubble"`` with its rings and spikes (see
+        `skyscatter.image.psf.point_spread`).  Light carried over the picture's edge is lost and none comes in: within
+        one kernel of a bright edge the result is too dark.
     photon_noise : bool
         Replace each value by a Poisson draw of the photons in its pixel and wavelength cell, back in radiance.  Values
         below zero, which a noisy estimate may have, count as dark.
@@ -142,20 +145,28 @@ def _like(
     return SpectralImage(radiance, image.wavelengths, error, recipe=recipe, layers=layers, sky=image.sky)
 
 
-def _blurred_image(image: SpectralImage, spread: PointSpread) -> SpectralImage:
-    height, width, _ = image.shape
+def _blurred_image(image: SpectralImage, spread: PointSpread | Aperture) -> SpectralImage:
     scale = 3600.0 * _sky(image, "a point spread function").pixel_scale_deg
-    kernel = spread.kernel(scale, max(height, width))
+
+    def blur(cube: NDArray[Any], power: int = 1) -> Array:
+        each = kernels(spread, scale, max(image.shape[:2]), image.wavelengths)
+        return blurred(cube, each if power == 1 else (kernel**power for kernel in each))
 
     def spread_error(values: NDArray[Any]) -> Array:
-        return np.sqrt(blurred(np.square(values, dtype=float), kernel**2))
+        return np.sqrt(blur(np.square(values, dtype=float), 2))
 
     layers = {
-        name: spread_error(cube) if name.endswith("_error") else blurred(cube, kernel)
-        for name, cube in image.layers.items()
+        name: spread_error(cube) if name.endswith("_error") else blur(cube) for name, cube in image.layers.items()
     }
     error = None if image.standard_error is None else spread_error(image.standard_error)
-    return _like(image, blurred(image.radiance, kernel), error, image.recipe, layers)
+    return _like(image, blur(image.radiance), error, image.recipe, layers)
+
+
+def glared(image: SpectralImage, psf: str | PointSpread | Aperture) -> SpectralImage:
+    """The light of a picture, to be looked at, blurred as `observe` does it; without errors and layers."""
+    bare = SpectralImage(image.radiance, image.wavelengths, recipe=image.recipe, sky=image.sky)
+    seen = _blurred_image(bare, point_spread(psf))
+    return _like(image, seen.radiance, None, image.recipe, {})
 
 
 def _counted(image: SpectralImage, photons: Array, seed: int) -> SpectralImage:

@@ -15,6 +15,12 @@ those of the planes, in highlights too.  `stretch` is the I at which the straigh
 white.  A pixel whose largest x is m I is just at white with a stretch of ``softening I / sinh(softening / m)``; the
 default is the 99.5th percentile of that over the pixels that have light.  ``"linear"`` takes x as linear light on the
 display, stopped at white in the same way.
+
+Continuum.  The light of stars, and of dust that scatters it, falls into narrow bands too, and levels of its own for
+each plane give every star the same loud colour.  ``"subtract"`` takes it off as observers do, by what is seen beside
+the lines, in `CLEAR`: between two wavelengths there ln(λ⁵ L) is a straight line over 1 / λ, as by Wien's law for black
+bodies of any temperature, and beyond the last it is as there.  ``"natural"`` gives it back in its own colours: L at
+460, 540 and 615 nm as blue, green and red, its 99.9th percentile as bright as the white of the lines.
 """
 
 from __future__ import annotations
@@ -27,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
 from skyscatter.image.filterimage import FilterImage, through
-from skyscatter.image.filters import filter_curve
+from skyscatter.image.filters import FilterCurve, filter_curve
 from skyscatter.image.tone import encode
 
 if TYPE_CHECKING:
@@ -38,7 +44,12 @@ Levels = Sequence[Sequence[float]]
 
 TONES = ("lupton", "linear")
 SOFTENING = 8.0  #: Q of the asinh curve by default, as in the program of Lupton et al.
-_BLACK, _WHITE = 1.0, 99.5  # percentiles
+_BLACK, _WHITE, _STARS = 1.0, 99.5, 99.9  # percentiles
+#: What becomes of the light between the lines.
+CONTINUA = ("keep", "subtract", "natural")
+#: Bands without bright lines of nebulae [nm, vacuum].
+CLEAR = ((440.0, 475.0), (510.0, 570.0), (600.0, 625.0), (684.0, 725.0))
+_NATURAL = (615.0, 540.0, 460.0)  # red, green, blue [nm]
 
 
 class Palette(NamedTuple):
@@ -153,6 +164,7 @@ def plane_picture(
     stretch: float | None = None,
     softening: float | None = None,
     levels: Levels | Literal["auto"] | None = None,
+    continuum: str | None = None,
 ) -> Planes:
     """Show three filters as red, green and blue.
 
@@ -168,6 +180,8 @@ def plane_picture(
     stretch, softening : float, optional
         Of the asinh curve; `stretch` as a share of the white level.
     levels : "auto" or three pairs (black, white) [W m-2 sr-1 nm-1], optional
+    continuum : {"keep", "subtract", "natural"}, optional
+        What becomes of the light between the lines; see the module's text.
 
     Raises
     ------
@@ -184,6 +198,9 @@ def plane_picture(
     soft = SOFTENING if softening is None else _positive("softening", softening, 100.0)
     curves = [filter_curve(word) for word in words]
     planes = np.stack([_plane(image, curve) for curve in curves], axis=-1)
+    between = _between(image, "keep" if continuum is None else continuum)
+    if between is not None:
+        planes = planes - np.stack([between.through(curve, image.wavelengths) for curve in curves], axis=-1)
     pairs = auto_levels(planes, own) if levels is None or levels == "auto" else _check_levels(levels)
     black, span = np.array([low for low, _ in pairs]), np.array([high - low for low, high in pairs])
     opaque = np.asarray(np.isfinite(planes).all(axis=-1))
@@ -196,6 +213,9 @@ def plane_picture(
     }
     if palette is not None:
         made["palette"] = palette
+    if between is not None:
+        made["continuum"] = continuum
+        x = x + _natural(between) if continuum == "natural" else x
     if tone == "linear":
         return Planes(encode(x / np.maximum(x.max(axis=-1, keepdims=True), 1.0)), opaque, made)
     straight = auto_stretch(x, soft) if stretch is None else _positive("stretch", stretch, 1e6)
@@ -205,3 +225,55 @@ def plane_picture(
 def _plane(image: SpectralImage, curve: Any) -> Array:
     looked: FilterImage = through(image, [curve])
     return np.asarray(looked.radiance[..., 0], dtype=float)
+
+
+class _Continuum(NamedTuple):
+    """Wavelengths [nm] between the lines, and radiance (y, x, wavelength) there."""
+
+    nodes: Array
+    light: Array
+
+    def at(self, wavelength: float) -> Array:
+        """Radiance (y, x) of the continuum at a wavelength [nm]."""
+        if len(self.nodes) == 1 or not self.nodes[0] < wavelength < self.nodes[-1]:
+            return np.asarray(self.light[..., 0 if wavelength <= self.nodes[0] else -1])
+        right = int(np.searchsorted(self.nodes, wavelength))
+        low, high = self.light[..., right - 1], self.light[..., right]
+        first, last = self.nodes[right - 1] / wavelength, self.nodes[right] / wavelength
+        share = (1.0 - 1.0 / first) / (1.0 / last - 1.0 / first)
+        both = (low > 0.0) & (high > 0.0)
+        wien = (np.where(both, low, 1.0) * first**5) ** (1.0 - share) * (np.where(both, high, 1.0) * last**5) ** share
+        return np.where(both, wien, (1.0 - share) * low + share * high)
+
+    def through(self, curve: FilterCurve, wavelengths: Array) -> Array:
+        """Its average (y, x) over a filter, at the wavelengths that stand for their cells [nm]."""
+        weights, _ = curve.weights(wavelengths)
+        shares = [weight * self.at(nm) for nm, weight in zip(wavelengths, weights, strict=True) if weight > 0.0]
+        return np.asarray(sum(shares))
+
+
+def _between(image: SpectralImage, continuum: str) -> _Continuum | None:
+    """The light between the lines; None where it is kept."""
+    if continuum not in CONTINUA:
+        raise DomainError("continuum", continuum, f"choose one of {', '.join(CONTINUA)}")
+    if continuum == "keep":
+        return None
+    wavelengths = image.wavelengths
+    clear = np.any([(wavelengths >= low) & (wavelengths <= high) for low, high in CLEAR], axis=0)
+    if not clear.any():
+        bands = ", ".join(f"{low:g} to {high:g}" for low, high in CLEAR)
+        raise DomainError("continuum", continuum, f"needs wavelengths between the lines, within {bands} nm")
+    return _Continuum(wavelengths[clear], np.asarray(image.radiance, dtype=float)[..., clear])
+
+
+def _natural(between: _Continuum) -> Array:
+    """The continuum in its own colours (y, x, 3), in the scale of levels.
+
+    Planes are shown as display values; so that colours are no stronger than they are, their ratios are encoded.
+    """
+    colours = np.nan_to_num(np.stack([between.at(wavelength) for wavelength in _NATURAL], axis=-1))
+    lit = colours.mean(axis=-1)
+    bright = float(np.percentile(lit[lit > 0.0], _STARS)) if (lit > 0.0).any() else 0.0
+    peak = np.maximum(colours.max(axis=-1, keepdims=True), 0.0)
+    ratios = encode(np.maximum(np.divide(colours, peak, out=np.zeros_like(colours), where=peak > 0.0), 0.0))
+    return np.asarray(ratios * (peak / bright)) if bright > 0.0 else np.zeros_like(colours)

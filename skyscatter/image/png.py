@@ -22,7 +22,8 @@ from skyscatter.errors import DomainError, MissingDataError
 from skyscatter.image import skybrightness as brightness
 from skyscatter.image.chart import marked
 from skyscatter.image.colour import ColourSpace, display_space
-from skyscatter.image.palettes import Levels, plane_picture
+from skyscatter.image.looks import expanded, is_of_planes
+from skyscatter.image.palettes import Levels, Planes, plane_picture
 from skyscatter.image.polarisation import SCALES, check_shown, painted
 from skyscatter.image.spectral import SpectralImage
 
@@ -125,6 +126,9 @@ def write(
     stretch: float | None = None,
     softening: float | None = None,
     levels: Levels | Literal["auto"] | None = None,
+    continuum: str | None = None,
+    glare: str | None = None,
+    look: str | None = None,
     labels: bool = False,
     lines: bool = False,
 ) -> None:
@@ -134,36 +138,42 @@ def write(
     by luminous efficiency or of one `wavelength` [nm], and transparent where it is undefined.  With a `palette` or
     three `filters` it shows these as red, green and blue; see `skyscatter.image.palettes`.  With `show`
     ``"magnitudes"`` it is a map of the brightness in the filter V, or in one that `filters` names; see
-    `skyscatter.image.skybrightness`.  With `labels` and `lines` names and constellations are drawn over it; see
+    `skyscatter.image.skybrightness`.  A `look` stands for several of these (see `skyscatter.image.looks`), `glare` for
+    what optics throw around bright lights.  With `labels` and `lines` names and constellations are drawn over it; see
     `skyscatter.image.chart`.
     """
     check_shown(show)
-    developed = {"space": space, "exposure": exposure, "tone": tone}
-    planes = {"palette": palette, "filters": filters, "stretch": stretch, "softening": softening, "levels": levels}
+    developed: dict[str, Any] = {"space": space, "exposure": exposure, "tone": tone, "glare": glare}
+    planes: dict[str, Any] = {
+        **{"palette": palette, "filters": filters, "stretch": stretch, "softening": softening, "levels": levels},
+        "continuum": continuum,
+    }
+    if look is not None:
+        if show != "colour":
+            raise DomainError("look", look, f"means nothing to show={show!r}, whose colours are fixed; leave it out")
+        options = expanded(look, {**developed, **planes})
+        developed, planes = ({name: options.get(name) for name in part} for part in (developed, planes))
     if show == "magnitudes":
         name = "V" if filters is None else filters
         others = {**developed, **planes, "filters": None, "wavelength": wavelength}
         _refuse(others, "magnitudes, whose colours are fixed")
         space, (picture, opaque, shown) = "srgb", brightness.painted(image, str(name))
         made = {"show": show, **shown}
-    elif palette is not None or filters is not None:
-        _refuse({"space": space, "exposure": exposure}, "pictures of filters, which are sRGB and take levels")
+    elif is_of_planes(planes):
         _refuse({"wavelength": wavelength, "show": None if show == "colour" else show}, "pictures of filters")
-        space, (picture, opaque, made) = "srgb", plane_picture(image, tone=tone, **planes)  # type: ignore[arg-type]
+        space, (picture, opaque, made) = "srgb", _of_planes(image, developed, planes)
     elif show == "colour":
         if wavelength is not None:
             raise DomainError("wavelength", wavelength, "is for show='degree' and 'angle'; colour takes all of them")
-        if tone == "lupton":
-            raise DomainError("tone", tone, "makes a picture of three planes: name a palette or three filters as well")
         _refuse(planes, "natural colour; name a palette or three filters as well")
-        space, tone = "srgb" if space is None else space, "photograph" if tone is None else tone
-        picture, ev100 = image.developed(space, "auto" if exposure is None else exposure, tone)
-        opaque, made = image.inside, {"colour_space": space, "ev100": ev100, "tone": tone}
+        (picture, opaque, made) = _natural(image, **developed)
+        space = str(made["colour_space"])
     else:
         _refuse({**developed, **planes}, f"show={show!r}, whose colours are fixed; leave it out")
         space, scale = "srgb", SCALES[show]
         picture, opaque = painted(image, show, wavelength)
         made = {"show": show, "wavelength_nm": wavelength, "colours": scale.colours, "range": [scale.low, scale.high]}
+    made |= {} if look is None else {"look": look}
     if labels or lines:
         picture = marked(image, picture, labels, lines)
         made |= {"labels": labels, "lines": lines}
@@ -173,6 +183,47 @@ def write(
     data = encode_png(picture, space, bits, texts, dither=show == "colour")
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+def _of_planes(image: SpectralImage, developed: dict[str, Any], planes: dict[str, Any]) -> Planes:
+    """Three filters as red, green and blue."""
+    fixed = {name: developed[name] for name in ("space", "exposure")}
+    _refuse(fixed, "pictures of filters, which are sRGB and take levels")
+    glare = developed["glare"]
+    if glare == "lens":
+        raise DomainError("glare", glare, "is of natural colour; pictures of filters take none, or an aperture: hubble")
+    shown = plane_picture(_through_optics(image, glare), tone=developed["tone"], **planes)
+    return shown if glare is None else shown._replace(made={**shown.made, "glare": glare})
+
+
+def _natural(
+    image: SpectralImage,
+    space: str | None,
+    exposure: float | Literal["auto"] | None,
+    tone: str | None,
+    glare: str | None,
+) -> Planes:
+    """The picture in natural colour."""
+    if tone == "lupton":
+        raise DomainError("tone", tone, "makes a picture of three planes: name a palette or three filters as well")
+    space, tone = "srgb" if space is None else space, "photograph" if tone is None else tone
+    lens = None if glare is None else glare == "lens"
+    seen = _through_optics(image, glare)
+    picture, ev100 = seen.developed(space, "auto" if exposure is None else exposure, tone, lens)
+    made = {"colour_space": space, "ev100": ev100, "tone": tone, **({} if glare is None else {"glare": glare})}
+    return Planes(picture, image.inside, made)
+
+
+def _through_optics(image: SpectralImage, glare: str | None) -> SpectralImage:
+    """The picture with the diffraction of an aperture, where its glare is one: not ``"none"``, and not a ``"lens"``'s.
+
+    That of a lens is added to natural colours as they are developed; see `skyscatter.image.glare`.
+    """
+    if glare in (None, "none", "lens"):
+        return image
+    from skyscatter.image.instrument import glared
+
+    return glared(image, str(glare))
 
 
 def _refuse(options: dict[str, Any], purpose: str) -> None:

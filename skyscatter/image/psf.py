@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import repeat
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.errors import DomainError
+from skyscatter.errors import DomainError, UnitsError
+from skyscatter.image.aperture import Aperture
 from skyscatter.record import Record
+from skyscatter.units import metres
 
 Array = NDArray[np.float64]
 
 #: Share of the light beyond the edge of the kernel, which is given back to what is inside.
 LOST = 1e-4
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+#: Apertures with a name.  The Hubble telescope's are those of its programs for point spread functions (Krist, Hook &
+#: Stoehr 2011, Proc. SPIE 8127, 81270J): 0.33 and 0.022 of the mirror's radius; the eye's is a pupil in the dark.
+APERTURES = {
+    "hubble": Aperture(diameter_m=2.4, obstruction=0.33, vane_m=0.0264),
+    "eye": Aperture(diameter_m=0.007),
+}
+_FORMS = "gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds, airy:DIAMETER, hubble or eye"
 
 
 class PointSpread(Record):
@@ -90,24 +101,35 @@ class PointSpread(Record):
         return total
 
 
-def point_spread(given: Any) -> PointSpread:
-    """Point spread function from ``"gaussian:FWHM"`` or ``"moffat:FWHM:BETA"``, FWHM in arc seconds.
+def point_spread(given: Any) -> PointSpread | Aperture:
+    """Point spread function from text.
+
+    Parameters
+    ----------
+    given : str, PointSpread or Aperture
+        ``"gaussian:FWHM"`` or ``"moffat:FWHM:BETA"``, FWHM in arc seconds; or diffraction by an aperture:
+        ``"airy:DIAMETER"``, ``"airy:DIAMETER:OBSTRUCTION"`` (a share of the diameter),
+        ``"airy:DIAMETER:OBSTRUCTION:VANE"`` (the width of two crossed vanes, a length), or one of `APERTURES`.
 
     Raises
     ------
     DomainError
-        For another text, a width that is not above 0, and a β outside 1.5 to 20 (below, the wings hold most of the
-        light and have no end; above, the profile is a Gaussian).
+        For another text, a width that is not above 0, a β outside 1.5 to 20 (below, the wings hold most of the light
+        and have no end; above, the profile is a Gaussian), and an aperture of which nothing is left.
     """
-    if isinstance(given, PointSpread):
+    if isinstance(given, (PointSpread, Aperture)):
         return given
+    if given in APERTURES:
+        return APERTURES[given]
     words = str(given).split(":")
+    if words[0] == "airy" and 2 <= len(words) <= 4:
+        return _aperture(given, *words[1:])
     try:
         numbers = [float(word) for word in words[1:]]
     except ValueError:
         numbers = []
     if (words[0], len(numbers)) not in (("gaussian", 1), ("moffat", 2)):
-        raise DomainError("psf", given, "give gaussian:FWHM or moffat:FWHM:BETA, FWHM in arc seconds: gaussian:2.0")
+        raise DomainError("psf", given, f"give {_FORMS}: gaussian:2.0")
     if not 0.0 < numbers[0] < np.inf:
         raise DomainError("psf", given, "the full width at half maximum must be above 0 arc seconds")
     if words[0] == "gaussian":
@@ -117,8 +139,30 @@ def point_spread(given: Any) -> PointSpread:
     return PointSpread(kind="moffat", fwhm_arcsec=numbers[0], beta=numbers[1])
 
 
-def blurred(cube: NDArray[Any], kernel: Array) -> Array:
-    """Convolve each plane of (y, x, plane) with a kernel; dark outside the picture, NaN stays NaN and counts as dark.
+def _aperture(given: Any, diameter: str, obstruction: str = "0", vane: str = "0") -> Aperture:
+    """The aperture that a text describes."""
+    try:
+        wide, hidden, width = metres(diameter, "psf"), float(obstruction), metres(vane, "psf")
+    except (UnitsError, ValueError):
+        raise DomainError("psf", given, "give airy:DIAMETER:OBSTRUCTION:VANE, such as airy:2.4m:0.33:26mm") from None
+    if not 0.0 < wide < np.inf:
+        raise DomainError("psf", given, "the diameter of the aperture must be above 0")
+    if not 0.0 <= hidden <= 0.9:
+        raise DomainError("psf", given, "the obstruction is a share of the diameter from 0 to 0.9")
+    if not 0.0 <= width <= 0.1 * wide:
+        raise DomainError("psf", given, "the vanes must be no wider than a tenth of the diameter")
+    return Aperture(diameter_m=wide, obstruction=hidden, vane_m=width)
+
+
+def kernels(spread: PointSpread | Aperture, pixel_scale_arcsec: float, largest: int, wavelengths: Array) -> Any:
+    """The kernel of each wavelength [nm], one after the other; see `PointSpread.kernel` and `Aperture.kernel`."""
+    if isinstance(spread, PointSpread):
+        return repeat(spread.kernel(pixel_scale_arcsec, largest), len(wavelengths))
+    return (spread.kernel(pixel_scale_arcsec, largest, float(wavelength)) for wavelength in wavelengths)
+
+
+def blurred(cube: NDArray[Any], kernels: Iterable[Array]) -> Array:
+    """Convolve the planes of (y, x, plane) with their kernels; dark outside the picture, NaN stays and counts as dark.
 
     Light that the kernel carries over the edge is lost, and none comes in from outside.
     """
@@ -127,7 +171,7 @@ def blurred(cube: NDArray[Any], kernel: Array) -> Array:
     outside = np.isnan(cube)
     filled = np.where(outside, 0.0, cube).astype(float)
     result = np.empty(cube.shape)
-    for plane in range(cube.shape[2]):
+    for plane, kernel in zip(range(cube.shape[2]), kernels, strict=False):
         # "same" would centre a kernel that is larger than the picture on itself
         full = fftconvolve(filled[..., plane], kernel, mode="full")
         reach_y, reach_x = kernel.shape[0] // 2, kernel.shape[1] // 2

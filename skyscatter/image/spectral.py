@@ -33,12 +33,18 @@ Array = NDArray[np.float64]
 
 
 #: Options of pictures made from three filters.
-_PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels")
+_PLANE_OPTIONS = ("palette", "filters", "stretch", "softening", "levels", "continuum")
 #: Extension -> module and the options that its writer takes.
 _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".exr": ("exr", ("spectral", "scale", "half")),
     ".hdr": ("hdr", ("scale",)),
-    ".png": ("png", ("space", "exposure", "tone", "bits", "show", "wavelength", "labels", "lines", *_PLANE_OPTIONS)),
+    ".png": (
+        "png",
+        (
+            *("space", "exposure", "tone", "bits", "show", "wavelength", "labels", "lines", "look", "glare"),
+            *_PLANE_OPTIONS,
+        ),
+    ),
     ".fits": ("fits", ("filters", "dtype", "compress", "unit")),
     ".nc": ("netcdf", ("dtype", "unit")),
     ".zarr": ("zarrfolder", ("dtype",)),
@@ -477,10 +483,10 @@ class SpectralImage:
         exposure : float or "auto"
             Exposure value at ISO 100: a luminance of ``2**exposure * 0.125`` cd m-2 becomes mid grey.  Take one from
             `auto_exposure` to give several images the same exposure.
-        tone : {"photograph", "eye", "filmic", "linear"}
+        tone : {"photograph", "eye", "asinh", "filmic", "linear"}
             A film-like curve with colours made stronger as cameras do, with colours that fade in dim light as the eye
-            sees them, or with colours as they are; or a straight line that stops at white.  See
-            `skyscatter.image.tone.colourfulness`.
+            sees them, or (``filmic``) as they are; the stretch of astronomers, which shows the faint and keeps the
+            colours of the bright; or a straight line that stops at white.  See `skyscatter.image.tone`.
 
         Examples
         --------
@@ -493,8 +499,10 @@ class SpectralImage:
         """
         return self.developed(space, exposure, tone)[0]
 
-    def developed(self, space: str, exposure: float | Literal["auto"], tone: str) -> tuple[Array, float]:
-        """`picture`, and the exposure value (EV at ISO 100) that it was made with."""
+    def developed(
+        self, space: str, exposure: float | Literal["auto"], tone: str, lens: bool | None = None
+    ) -> tuple[Array, float]:
+        """`picture`, and the exposure value (EV at ISO 100) that it was made with; `lens` says whether it has glare."""
         colour.display_space(space)
         xyz = self._xyz
         ev100 = self._exposed(xyz[..., 1]) if exposure == "auto" else tones.exposure_value(exposure, xyz[..., 1])
@@ -502,7 +510,7 @@ class SpectralImage:
             xyz = nightvision.as_the_eye(xyz, nightvision.scotopic_luminance(self._radiance, self._wavelengths))
         elif tone == "photograph" and self._is_sky:
             xyz = nightvision.balanced(xyz, ev100)
-        return tones.develop(colour.xyz_to_rgb(xyz, space), space, ev100, tone), ev100
+        return tones.develop(colour.xyz_to_rgb(xyz, space), space, ev100, tone, lens), ev100
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
         """Write the image; the extension says how.
@@ -518,7 +526,10 @@ class SpectralImage:
             `skyscatter.image.photometry`), ``.nc`` (netCDF-4; options ``dtype``, ``unit``) or ``.zarr`` (a folder
             with the same labels, for xarray and dask; option ``dtype``).  A ``.png`` may also show three filters as
             red, green and blue: a ``palette`` or three ``filters``, ``tone`` "lupton" or "linear", ``stretch``,
-            ``softening``, ``levels``; see `skyscatter.image.palettes`.  Of the sky of a place and a time it may have
+            ``softening``, ``levels``, ``continuum`` "keep", "subtract" or "natural"; see `skyscatter.image.palettes`.
+            ``glare`` is "lens", "none" or, for images with a place in the sky, diffraction by an aperture such as
+            "hubble"; ``look`` is a name for several of these, see `skyscatter.image.looks`.  Of the sky of a place and
+            a time it may have
             ``labels=True`` (names of the Moon, planets and bright stars) and ``lines=True`` (of the constellations).
             A ``.png`` of a polarised image may also show
             ``show="degree"`` (of linear polarisation, 0 to 1 on the colour map viridis) or ``show="angle"`` (0 to 180

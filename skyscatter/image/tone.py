@@ -26,9 +26,12 @@ from skyscatter.workers import Workers, steady_algebra
 Array = NDArray[np.float64]
 
 #: `apply_tone` has the curves.
-TONES = ("photograph", "eye", "filmic", "linear")
+TONES = ("photograph", "eye", "asinh", "filmic", "linear")
 MID_GREY = 0.18  #: linear value that the metered luminance is given
 LIFT = 0.7  #: stops above mid grey that automatic exposure gives to the average: skies are lighter than the world below
+#: The curve of "asinh": exposed value from which on it grows as a logarithm, and the value that is white, 6.5 stops
+#: above mid grey.  Mid grey then looks as with `filmic_curve`, 0.55 of the way from black to white.
+BEND, ASINH_WHITE = 1.38e-3, 16.0
 PART = 65536  #: colours that a thread changes at a time
 #: What automatic exposure makes of nebulae: so many stops above mid grey lie the brightest `OBJECT` per cent of them.
 SPACE_LIFT, OBJECT = 1.2, 10.0
@@ -144,6 +147,16 @@ def filmic_curve(x: ArrayLike) -> Array:
     return np.minimum(value * (2.51 * value + 0.03) / (value * (2.43 * value + 0.59) + 0.14), 1.0)
 
 
+def asinh_curve(x: ArrayLike) -> Array:
+    """Linear display value, on [0, inf) to [0, 1], of which the *encoded* value is ``asinh(x / b) / asinh(w / b)``.
+
+    The stretch of astronomers (Lupton, Gunn & Szalay 1999, AJ 118, 1406): straight in the faint, a logarithm in the
+    bright, so that both are seen at once; b is `BEND`, w is `ASINH_WHITE`.
+    """
+    value = np.minimum(np.asarray(x, dtype=float), ASINH_WHITE)
+    return decode(np.arcsinh(value / BEND) / np.arcsinh(ASINH_WHITE / BEND))
+
+
 def colourfulness(tone: str, ev100: float) -> float:
     """Factor by which a tone strengthens colours.
 
@@ -171,6 +184,7 @@ def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb", strength: float |
     ``"filmic"`` is `filmic_curve`, and from 1 to 64 (2.5 to 8.5 stops above mid grey) colours go over to white as on
     film, along a line of constant hue in Oklab (Ottosson 2020).  ``"photograph"`` and ``"eye"`` do the same to colours
     that were made stronger before, by a factor `strength` (of daylight if none is given; see `colourfulness`).
+    ``"asinh"`` is `asinh_curve`, and highlights keep their colours, as those of stars.
     """
     if tone not in TONES:
         raise DomainError("tone", tone, f"one of {', '.join(TONES)}")
@@ -182,6 +196,8 @@ def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb", strength: float |
     ratios = np.divide(values, peak, out=np.zeros_like(values), where=peak > 0.0)
     if tone == "linear":
         return np.asarray(ratios * np.minimum(peak, 1.0))
+    if tone == "asinh":
+        return asinh_curve(peak) * ratios
     bright = peak[..., 0] > 1.0
     if bright.any():
         fade = np.minimum(np.log2(peak[bright]) / 6.0, 1.0)
@@ -230,15 +246,22 @@ def encode(linear: ArrayLike) -> Array:
     return np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.maximum(value, 0.0031308) ** (1.0 / 2.4) - 0.055)
 
 
-def develop(rgb: ArrayLike, space: str, ev100: float, tone: str) -> Array:
+def decode(encoded: ArrayLike) -> Array:
+    """Linear value in [0, 1] of a display encoding: the inverse of `encode`."""
+    value = np.asarray(encoded, dtype=float)
+    return np.where(value <= 0.04045, value / 12.92, ((np.maximum(value, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def develop(rgb: ArrayLike, space: str, ev100: float, tone: str, lens: bool | None = None) -> Array:
     """Display-encoded picture (..., 3) in [0, 1] from absolute linear RGB [cd m-2]; NaN becomes black.
 
-    A ``"photograph"`` (y, x, 3) has the glare of a lens around the Sun and stars; see `skyscatter.image.glare`.
+    With a `lens` a picture (y, x, 3) has its glare around the Sun and stars; see `skyscatter.image.glare`.  Where
+    nothing is said a ``"photograph"`` has it.
     """
     values = np.asarray(rgb, dtype=float)
     scale, strength = MID_GREY / metered_luminance(ev100), colourfulness(tone, ev100)
     exposed = _in_parts(lambda part: map_gamut(np.nan_to_num(part * scale, nan=0.0), space), values)
-    if tone == "photograph" and exposed.ndim == 3:
+    if (tone == "photograph" if lens is None else lens) and exposed.ndim == 3:
         exposed = np.where(np.isnan(values), 0.0, with_glare(exposed))
     return _in_parts(lambda part: encode(apply_tone(part, tone, space, strength)), exposed)
 

@@ -9,6 +9,7 @@ import pytest
 
 from skyscatter.cli.main import main
 from skyscatter.image import SpectralImage
+from skyscatter.image.png import read_png
 from skyscatter.progress import Progress
 
 # Large enough for several tiles, small enough for seconds.
@@ -93,3 +94,38 @@ def test_what_is_no_checkpoint_is_refused(kind, capsys, monkeypatch, tmp_path):
     err = capsys.readouterr().err
     assert "mine" in err
     assert err.count("\n") == 1
+
+
+NOISY = {
+    "tiles": "sky earth-simple --sun-elevation 20 --size 96x64 --solver path --samples 4 --denoise",
+    "a nebula": "nebula dark-globule --size 64x64 --samples 4 --denoise",
+    "a smooth picture": "nebula dark-globule --size 64x64 --samples 4 --smooth",
+    "passes": "render fog-room --size 24x16 --solver photons --photons 1000 --samples 6 --denoise",
+}
+
+
+@pytest.mark.parametrize("words", NOISY.values(), ids=NOISY)
+def test_noise_is_taken_off_as_if_nothing_had_been_interrupted(
+    words, interrupt_half_way, capsys, monkeypatch, tmp_path
+):
+    """The halves of the walks that were finished are kept with them, and go on."""
+    monkeypatch.chdir(tmp_path)
+    command = [*words.split(), "--wavelengths", "450,550,650", "--threads", "1", "-q"]
+    assert main([*command, "-o", "a.fits", "-o", "a.png"]) == 130
+    assert 0 < interrupt_half_way[0] < 1
+    assert "--resume a.fits.partial.zarr" in capsys.readouterr().err
+    # nothing is denoised before it is whole, and the file does not say so
+    assert not SpectralImage.load("a.partial.fits").is_denoised
+    assert main([*command, "-o", "a.fits", "-o", "a.png", "--resume", "a.fits.partial.zarr"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.fits", "a.png"]
+    assert main([*command, "-o", "whole.fits", "-o", "whole.png"]) == 0
+    resumed, whole = SpectralImage.load("a.fits"), SpectralImage.load("whole.fits")
+    assert resumed.is_denoised is ("--denoise" in words)
+    assert list(resumed.layers) == list(whole.layers) == (["raw", "raw_error"] if "--denoise" in words else [])
+    # same seed, same numbers: every bit
+    np.testing.assert_array_equal(resumed.radiance, whole.radiance)
+    np.testing.assert_array_equal(resumed.error, whole.error)
+    for name, values in whole.layers.items():
+        np.testing.assert_array_equal(resumed.layers[name], values)
+    assert resumed.recipe.get("denoising") == whole.recipe.get("denoising")
+    np.testing.assert_array_equal(read_png("a.png").pixels, read_png("whole.png").pixels)

@@ -63,7 +63,8 @@ def fake(monkeypatch, tmp_path):
         calls.render = {"camera": camera, "wavelengths": wavelengths, **options}
         options["progress"](1.0)
         cube = 1e-9 * np.random.default_rng(2).random((camera.height, camera.width, len(wavelengths)))
-        image = SpectralImage(cube, wavelengths, 0.02 * cube, recipe={"model": "orion"})
+        halves = {"half_a": 0.98 * cube, "half_b": 1.02 * cube} if options.get("halves") else {}
+        image = SpectralImage(cube, wavelengths, 0.02 * cube, recipe={"model": "orion"}, layers=halves)
         if calls.stop:
             options["checkpoint"].begin(half_a_state())
             raise Interrupted(image, options["checkpoint"].state)
@@ -344,12 +345,19 @@ def test_pictures_are_smoothed_and_data_are_not(fake):
     for words, even in (
         ([], True),
         (["--no-smooth"], False),
+        (["--samples", "3"], False),  # no halves of an odd number, and nobody asked for them
+        (["--sampling", "free-flight"], False),
         (["--size", "24x24"], False),
         (["--size", "24x24", "--smooth"], True),
     ):
         assert main(["nebula", "orion", "-q", "-o", "a.png", "-o", "a.nc", "--wavelengths", "550", *words]) == 0
         assert ("smoothed" in json.loads(read_png("a.png").texts["skyscatter-recipe"])) is even
-        assert "smoothed" not in SpectralImage.load("a.nc").recipe
+        assert bool(fake.render.get("halves")) is even
+        data = SpectralImage.load("a.nc")
+        assert "smoothed" not in data.recipe
+        assert data.layers == {}
+        # the walks themselves, as the stand-in has them
+        np.testing.assert_array_equal(data.error, 0.02 * data.radiance)
 
 
 def test_what_has_nothing_to_smooth_says_so(fake, capsys):

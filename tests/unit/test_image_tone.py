@@ -215,3 +215,19 @@ def test_glare_stays_in_the_circle_of_a_fisheye() -> None:
     shown = tone.develop(rgb, "srgb", 13.0, "photograph")
     assert not shown[:, :18].any()
     assert shown[20, 22].min() > tone.develop(rgb, "srgb", 13.0, "filmic")[20, 22].min()
+
+
+def test_a_nebula_is_exposed_for_its_bright_part() -> None:
+    """What is dim around it, and stars in it, do not count: the brightest tenth begins 1.2 stops above mid grey."""
+    nebula = np.linspace(0.5, 1.0, 1000)
+    dark, star = np.full(5000, 1e-5), [1e3, 1e3]
+    found = tone.space_ev100(np.concatenate([nebula, dark, star]))
+    stops = np.log2(np.percentile(nebula, 90.0) / tone.metered_luminance(found))
+    # 2 stars among 1000 pixels raise the rank by 0.2 %
+    assert stops == pytest.approx(tone.SPACE_LIFT, abs=0.01)
+    assert tone.space_ev100(np.zeros(5)) == 0.0
+    scene = {"view": {}, "medium": {}}
+    cube = nebula.reshape(20, 50, 1) * np.ones(3)
+    in_space = SpectralImage(cube, [450.0, 550.0, 650.0], recipe={"scene": scene})
+    assert in_space.auto_exposure() > SpectralImage(cube, [450.0, 550.0, 650.0]).auto_exposure() - 0.6
+    assert in_space.auto_exposure() == pytest.approx(tone.space_ev100(in_space.luminance()))

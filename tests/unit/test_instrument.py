@@ -91,7 +91,7 @@ def test_kernels_larger_than_the_picture() -> None:
     cube[2, 4] = 1.0
     kernel = point_spread("moffat:8.0:2.0").kernel(1.0, 9)
     assert kernel.shape == (19, 19)
-    np.testing.assert_allclose(blurred(cube, kernel)[..., 0], kernel[7:12, 5:14], atol=1e-15)
+    np.testing.assert_allclose(blurred(cube, [kernel])[..., 0], kernel[7:12, 5:14], atol=1e-15)
 
 
 def test_holes_stay_holes() -> None:

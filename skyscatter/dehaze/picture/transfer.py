@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.image.tone import decode as decode_srgb
 
 Transfer = Literal["linear", "srgb"] | float
 """``"linear"``: values are proportional to light; ``"srgb"``: the curve of IEC 61966-2-1; a number: a plain power."""
@@ -37,7 +38,7 @@ def decode(values: NDArray[np.float64], transfer: Transfer) -> NDArray[np.float6
     if transfer == "linear":
         return values
     if transfer == "srgb":
-        return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4)
+        return decode_srgb(values)
     return np.maximum(values, 0.0) ** float(transfer)
 
 
