@@ -23,19 +23,16 @@ from numpy.typing import NDArray
 from skyscatter.solvers.mixing import settled
 from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, sum_orders
 from skyscatter.solvers.state import Checkpoint
-from skyscatter.solvers.sweeps import FAINTEST, FLOOR, Solution, Sums, Sweeper
+from skyscatter.solvers.sweeps import FAINTEST, Solution, Sums, Sweeper
 from skyscatter.solvers.transfer import Light, Transfer, added, less, light_of
 from skyscatter.workers import Workers
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: A coarse grid that was wrong about the light by some share is wrong by the same share, but by this much at least,
-#: about what it says is missing; and of what it cannot see so much is left (0.1 to 0.3 in clear air, haze and dust).
-#: Later cycles are judged by how much less each changed than the one before.
-LEAST_LEFT, ROUGH_LEFT = 0.03, 0.3
-#: Share of places [%] at which what is rough is looked at: at the ends of the range of Suns there is more of it.
-MOST_PLACES = 90.0
+#: What a cycle leaves of what it changed: as much less as it changed than the one before, but this at least.  (0.02 to
+#: 0.3 in clear air, haze, dust and clouds.)
+LEAST_LEFT = 0.05
 #: Cycles after which orders are summed instead; and how much each may have of the one before.
 MOST_CYCLES, SLOWEST = 12, 0.7
 #: Share of what may be missing in the end that may be missing of a correction.
@@ -117,10 +114,7 @@ def _cycles(
         changed = float(np.median(changes))
         if not changed < SLOWEST * before:
             return None
-        if cycle == 0:
-            rough = float(np.percentile(correction.rough(light, swept), MOST_PLACES))
-            left = max(changed, LEAST_LEFT) * changed + ROUGH_LEFT * rough
-        else:
+        if cycle > 0:  # one alone does not tell how much is left
             left = max(changed / before, LEAST_LEFT) * float(changes.max())
         light, cycle = found, cycle + 1
     return light
@@ -168,12 +162,6 @@ class _Correction:
 
         found = settled(lambda u: added(given, self.sweeper.next(self.pool, *u)), now, CORRECTION_SHARE * self.goal)
         return self._changed(swept, less(self.up.known(found), self.up.known(now)))
-
-    def rough(self, light: Light, swept: Light) -> Array:
-        """What a sweep changed of the mean radiance and the coarse grid cannot tell, relative; (node, sun)."""
-        change = np.log(np.maximum(swept.moments[:, :, 0], FLOOR) / np.maximum(light.moments[:, :, 0], FLOOR))
-        change *= _visible(swept.moments[:, :, 0])
-        return np.asarray(np.abs(change - self.up.carried(self.down.carried(change))).max(axis=2))
 
     def _lowered(self, light: Light) -> Light:
         """A light on the coarse grid."""
