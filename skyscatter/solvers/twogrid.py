@@ -86,15 +86,12 @@ def _cycles(
     checkpoint: Checkpoint | None,
     name: str,
 ) -> Light | None:
-    """Light that has settled, or None where it does not; every cycle sweeps the places that have not."""
+    """Light that has settled, or None where it does not."""
     kept = {} if checkpoint is None else checkpoint.part(name)
     pool, goal = correction.pool, correction.goal
     if "first_moments" in kept:
         first, light = Light(kept["first_moments"], kept["first_flux"]), Light(kept["moments"], kept["flux"])
-        pool, goal = correction.pool, correction.goal
-    if "first_moments" in kept:
-        first, light = Light(kept["first_moments"], kept["first_flux"]), Light(kept["moments"], kept["flux"])
-        left, changed, cycle = kept["state"]
+        left, changed, cycle = kept["state"].tolist()
     else:
         first = Light(*sweeper.first(pool))
         light = correction.begun(first)
