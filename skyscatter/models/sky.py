@@ -253,7 +253,7 @@ def _sun_at(site: Site, time: Any, altitude: float) -> Sun:
 def _warn_of_night(elevation: float) -> None:
     """Say that the Sun alone is not the sky of the night."""
     warnings.warn(
-        f"lights = None with the Sun at {elevation:.1f} degrees: the scene has the Sun alone, and most light of so dark "
+        f"lights = None with the Sun at {elevation:.1f} degrees: the scene has the Sun alone, and most light of such "
         'a sky is that of Moon, stars and airglow; give lights = "auto", or ("sun",) for the Sun alone',
         stacklevel=3,
     )
