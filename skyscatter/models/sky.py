@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,6 +23,8 @@ from skyscatter.units import PositiveMetres
 
 #: In the totality of an eclipse lights matter as while the Sun stands there [degree]: planets and bright stars.
 TOTALITY = -3.0
+#: Elevation of the Sun [degree] below which most of the light is that of others: of a bright Moon, then of the night.
+DARK = -10.0
 
 
 class Planet(Record):
@@ -187,7 +190,8 @@ class Model(ModelFile):
             Of the observer above the ground [m].
         lights : "auto", SkyLights, sequence of str or callable, optional
             What shines, see `skyscatter.SkyLights`; ``"auto"`` takes what matters at that time, a function is given the
-            elevation of the Sun [degree] and the planet and returns `SkyLights`.  The Sun alone when not given.
+            elevation of the Sun [degree] and the planet and returns `SkyLights`.  The Sun alone when not given, with
+            a warning where it stands so low that most light is that of others.
 
         Returns
         -------
@@ -219,6 +223,8 @@ class Model(ModelFile):
         elevation = sun.elevation_deg
         if lights is not None and _in_totality(site, scene.altitude):
             elevation = min(elevation, TOTALITY)
+        if lights is None and elevation < DARK:
+            _warn_of_night(elevation)
         lit = _lights(lights, elevation, body)
         if lit is not None and body != "Earth" and "airglow" in lit.shine:
             raise DomainError("lights", "airglow", f"that of {body} is not known; leave it out")
@@ -241,6 +247,15 @@ def _sun_at(site: Site, time: Any, altitude: float) -> Sun:
         azimuth_deg=float(np.degrees(np.arctan2(east, north)) % 360.0),
         distance_au=site.sight(altitude).sun.distance / AU,
         site=site,
+    )
+
+
+def _warn_of_night(elevation: float) -> None:
+    """Say that the Sun alone is not the sky of the night."""
+    warnings.warn(
+        f"lights = None with the Sun at {elevation:.1f} degrees: the scene has the Sun alone, and most light of such "
+        'a sky is that of Moon, stars and airglow; give lights = "auto", or ("sun",) for the Sun alone',
+        stacklevel=3,
     )
 
 

@@ -25,6 +25,9 @@ STRENGTHS = 10.0 ** np.arange(-1.0, 5.1, 1.0)
 ROUNDS = 5
 #: Relative standard error that no node is better than, so that none decides alone.
 LEAST = 0.01
+#: And that of nodes where no walk found light though it is found all around: nothing is known of them, neither the
+#: light nor, from a spread of nothing, its error.  Neighbours tell what is there.
+UNMET = 100.0
 #: The strengths are found from the same noise, and that of walks is skewed: without this factor 88 % of values lie
 #: within two of the errors where walks have 30 % of noise; with it 97 %, and 99 % where they have 10 %.
 WIDER = 1.25
@@ -92,27 +95,37 @@ def _strengths(found: Array, noise: Array, penalties: Penalties) -> tuple[float,
     own = noise / np.maximum(found.mean(axis=0), 1e-300)
     # Walks carry all wavelengths: their noise is common, and the mean has hardly less of it.
     mean, error = light.mean(axis=1), own.mean(axis=1)
+    met = np.count_nonzero(_met(mean))
 
     def missed(strengths: tuple[float, float]) -> float:
         _, _, rest, freedom = _solved(mean, error, penalties.of(strengths))
-        return rest * mean.size / max(mean.size - freedom, 1e-3) ** 2
+        return rest * met / max(met - freedom, 1e-3) ** 2
 
     return min(product(STRENGTHS, STRENGTHS), key=missed)
 
 
+def _met(mean: Array) -> Array:
+    """Nodes that tell of their light: where walks found some; all, where they found it nowhere."""
+    lit = mean > 0
+    return np.asarray(lit | ~lit.any())
+
+
 def _solved(mean: Array, error: Array, penalty: Array) -> tuple[Array, Array, float, float]:
     """Logarithm and its standard error; sum of the squares that remain, in variances, and degrees of freedom."""
-    level = np.maximum(mean, 1e-3 * np.median(mean) + 1e-300)
+    met = _met(mean)
+    usual = np.median(mean[met])
+    level = np.where(met, np.maximum(mean, 1e-3 * usual + 1e-300), usual + 1e-300)
     logarithm = np.log(level)
     for number in range(ROUNDS):
         # Errors that walks state go with what they found; those of what is smooth do not.
-        relative = np.hypot(np.maximum(error / level, np.median(error / level)), LEAST)
+        stated = error / level
+        relative = np.where(met, np.hypot(np.maximum(stated, np.median(stated[met])), LEAST), UNMET)
         weight = relative**-2
         inverse = np.linalg.inv(np.diag(weight) + penalty)
-        target = logarithm + (np.clip((mean - level) / level, -1.0, 3.0) if number else 0.0)
-        logarithm = inverse @ (weight * target)
+        step = np.where(met, np.clip((mean - level) / level, -1.0, 3.0), 0.0) if number else 0.0
+        logarithm = inverse @ (weight * (logarithm + step))
         level = np.exp(logarithm)
-    freedom = float(np.sum(np.diag(inverse) * weight))
-    rest = float(np.sum(weight * (mean / level - 1.0) ** 2))
-    wider = max(rest / max(mean.size - freedom, 1.0), 1.0)
+    freedom = float(np.sum((np.diag(inverse) * weight)[met]))
+    rest = float(np.sum((weight * (mean / level - 1.0) ** 2)[met]))
+    wider = max(rest / max(np.count_nonzero(met) - freedom, 1.0), 1.0)
     return logarithm, WIDER * np.sqrt(np.diag(inverse) * wider), rest, freedom

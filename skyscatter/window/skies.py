@@ -110,7 +110,8 @@ class Skies:
         model = load_model(one_of(question, "model", self._models()))
         latitude, longitude = number(question, "latitude", -90.0, 90.0), number(question, "longitude", -360.0, 360.0)
         assert isinstance(model, Model)  # the models of skies are
-        scene = model.scene_at(latitude, longitude, str(question.get("time")), number(question, "altitude", 0, HIGHEST))
+        altitude = number(question, "altitude", 0, HIGHEST)
+        scene = model.scene_at(latitude, longitude, str(question.get("time")), altitude, ("sun",))
         yield {"what": "sun", "elevation": scene.sun.elevation_deg, "azimuth": scene.sun.azimuth_deg}, None
 
     def command(self, question: Message, told: Told) -> Iterator[tuple[Message, None]]:

@@ -7,7 +7,7 @@ import pytest
 from bases import complaint
 from pydantic import ValidationError
 
-from skyscatter import Component, Ground, Medium, Scene, SpectralTable, Star, Sun, radiance
+from skyscatter import Component, Ground, Medium, Scene, SpectralTable, Star, Sun, load_model, radiance
 from skyscatter.media.fields import Exponential, Tent
 from skyscatter.optics.rayleigh import RayleighPowerLaw
 from skyscatter.scene import AU
@@ -124,3 +124,12 @@ def test_observer_stands_on_the_z_axis() -> None:
     observer = Scene(medium=MEDIUM, altitude="400 km").observer
     np.testing.assert_allclose(observer.position, [0, 0, 6771e3])
     assert observer.atmosphere_top == 3e5
+
+
+def test_a_night_with_the_sun_alone_is_told() -> None:
+    """Midnight and an hour of twilight in the Alps; whoever names the lights is not warned."""
+    model = load_model("earth-simple")
+    with pytest.warns(UserWarning, match="the scene has the Sun alone"):
+        assert model.scene_at(47.0, 11.0, "2026-08-12T23:00Z").lights is None
+    assert model.scene_at(47.0, 11.0, "2026-08-12T23:00Z", lights=("sun",)).lights is not None
+    assert -10 < model.scene_at(47.0, 11.0, "2026-08-12T19:05Z").sun.elevation_deg < 0

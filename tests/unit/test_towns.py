@@ -46,7 +46,7 @@ def test_a_town_on_earth_needs_an_observer_there() -> None:
     town = Town(latitude_deg=48, longitude_deg=11, lumens=1e8, spectrum=SPECTRUM)
     model = EARTH.model_copy(update={"towns": (town,)})
     assert "give a place and a time" in complaint(lambda: model.scene())
-    assert model.scene_at(47.0, 11.0, NIGHT).towns == (town,)
+    assert model.scene_at(47.0, 11.0, NIGHT, lights="auto").towns == (town,)
 
 
 def test_places_on_the_sphere() -> None:
