@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Steps that are remembered, and their number at most.
-MEMORY, MOST_STEPS = 6, 500
+MEMORY, MOST_STEPS = 6, 100
 #: A step that darkens a place by more than this is not believed: light is not negative.
 DARKEST = 0.1
 #: Nor what several steps together make of a place beyond this factor of what the last one made of it.
@@ -44,7 +44,7 @@ def settled(step: Callable[[Light], Light], light: Light, goal: float) -> Light:
     Raises
     ------
     ConvergenceError
-        After 500 steps.
+        After 100 steps.
     """
     steps: list[Array] = []
     images: list[Light] = []

@@ -32,6 +32,11 @@ def four(out: Any, to: int, v: Any, row: Any, at: int, step: int, count: int, ad
 
 
 @entry
+def exponentials(out: Any, to: int, v: Any, row: Any, at: int, step: int, count: int) -> None:
+    rows.set_exponentials(out, to, v[0], v[1], v[2], v[3], row, at, step, count)
+
+
+@entry
 def many(out: Any, to: int, factors: Any, first: int, terms: int, row: Any, at: int, step: int, count: int) -> None:
     rows.add_rows(out, to, factors, first, terms, row, at, step, count)
 
@@ -82,3 +87,21 @@ def test_rows_are_summed_as_numpy_does(count: int) -> None:
         expected = expected + table[k] * random(30 * count + 2, seed=5)[2 + k * count : 2 + (k + 1) * count]
     check(expected, products, numbers, 2, 3, table, random(30 * count + 2, seed=5), 2, count)
     check(np.zeros(count, F), cleared, count)
+
+
+@pytest.mark.parametrize("count", [1, 8, 13])
+def test_exponentials_are_those_of_numpy_and_stay_between_their_four(count: int) -> None:
+    row, out = (40.0 * random(4 * 50, seed=1)).clip(-85, 80), np.zeros(60, F)
+    four_rows = row.reshape(4, 50)[:, 3 : 3 + count]
+    for v in (np.array([0.1, 0.2, 0.3, 0.4], F), np.array([-3.0, 5.0, -2.0, 1.0], F)):
+        exponentials(out, 2, v, row, 3, 50, count)
+        # Single precision of a sum of some tens is 4e-6 of it, and so is what is made of it, relatively.
+        expected = np.exp(np.clip(v.astype(float) @ four_rows, four_rows.min(axis=0), four_rows.max(axis=0)))
+        np.testing.assert_allclose(out[2 : 2 + count], expected, rtol=4e-5 if v[0] < 0 else 1.2e-5)
+    np.testing.assert_array_equal(np.delete(out, np.arange(2, 2 + count)), 0.0)
+
+
+def test_an_exponential_of_what_is_dark_is_as_good_as_zero() -> None:
+    out = np.zeros(9, F)
+    exponentials(out, 0, np.array([1.0, 0.0, 0.0, 0.0], F), np.full(36, -500.0, F), 0, 9, 9)
+    assert np.all((out >= 0) & (out < 1e-36))

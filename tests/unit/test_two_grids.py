@@ -1,0 +1,122 @@
+"""The fine solution corrected on the coarse grid: judged by sweeps of the fine grid alone, repeated to their end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import skyscatter
+from skyscatter.errors import ConvergenceError
+from skyscatter.solvers import mixing, twogrid
+from skyscatter.solvers.field import COARSER, solve_once, zenith_range
+from skyscatter.solvers.mixing import settled
+from skyscatter.solvers.series import ORDERS_SHARE
+from skyscatter.solvers.sweeps import Sweeper, make_problem
+from skyscatter.solvers.transfer import Light, Transfer, light_of, pattern
+from skyscatter.workers import Workers
+
+WAVELENGTHS = np.array([450.0, 650.0])
+
+
+def swept_to_the_end(sweeper: Sweeper, goal: float) -> Any:
+    """Mean radiance of the light that a sweep of the grid leaves as it is."""
+    with Workers(max_workers=1) as pool:
+        first = sweeper.first(pool)
+        light, change = first, np.inf
+        while change > goal:
+            sweeper.narrow(light[0], light[0], 0.0)  # what that costs is another question
+            before, light = light, tuple(a + b for a, b in zip(first, sweeper.next(pool, *light), strict=True))
+            mean = light[0][:, :, 0]
+            change = np.max(np.abs(mean - before[0][:, :, 0]) / np.maximum(mean, 1e-9 * mean.max()))
+    return mean
+
+
+@pytest.mark.parametrize(
+    ("model", "elevation", "tolerance"),
+    [
+        ("earth-simple", 60.0, 0.02),
+        ("earth-simple", -3.0, 0.03),
+        ("earth-hazy", 30.0, 0.02),
+        pytest.param("mars", 5.0, 0.02, marks=pytest.mark.slow),
+        pytest.param("titan", 30.0, 0.05, marks=pytest.mark.slow),
+        pytest.param("earth-hazy", -6.0, 0.02, marks=pytest.mark.slow),
+    ],
+)
+def test_it_is_the_sum_of_all_orders(model: str, elevation: float, tolerance: float) -> None:
+    scene = skyscatter.load_model(model).scene(sun_elevation_deg=elevation)
+    zenith = zenith_range(scene, (elevation, elevation), tolerance)
+    guide = solve_once(scene, WAVELENGTHS, zenith, COARSER * tolerance, False, None, 1)
+    problem = make_problem(scene, WAVELENGTHS, zenith, tolerance)
+    found = twogrid.corrected_sums(Sweeper(problem, 1), guide, tolerance)
+    mean, right = found.moments[:, :, 0], swept_to_the_end(Sweeper(problem, 1), 0.01 * tolerance)
+    deviation = np.abs(mean / right - 1)[right > 1e-6 * right.max()]
+    # What may be missing of the orders by the solver's own rule; the others are at the ends of the range of Suns.
+    assert np.percentile(deviation, twogrid.MOST_PLACES) < ORDERS_SHARE * tolerance
+
+
+def test_orders_are_summed_where_cycles_do_not_settle(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=40.0)
+    whole = skyscatter.solve(scene, [550.0], sun_elevations_deg=(40, 40), tolerance=0.05)
+    monkeypatch.setattr(mixing, "MOST_STEPS", 1)
+    summed = skyscatter.solve(scene, [550.0], sun_elevations_deg=(40, 40), tolerance=0.05)
+    assert not np.array_equal(whole.fine.sums.moments, summed.fine.sums.moments)
+    mean, right = whole.fine.sums.moments[:, :, 0], summed.fine.sums.moments[:, :, 0]
+    np.testing.assert_allclose(mean, right, rtol=ORDERS_SHARE * 0.05)
+
+
+def problem(tolerance: float) -> Any:
+    scene = skyscatter.load_model("earth-simple").scene()
+    return make_problem(scene, WAVELENGTHS[:1], (0.2, 1.4), tolerance)
+
+
+def test_a_pattern_that_is_a_cubic_is_carried_exactly() -> None:
+    one, other = problem(0.05), problem(0.01)
+    way = Transfer.between(one, other)
+
+    def cubic(of: Any) -> Any:
+        h, z = of.grid.altitudes[:, None] / 1e5, of.grid.sun_zenith[None, :]
+        return ((1 + h - 2 * h**3) * (0.3 + z**2 - z**3))[..., None]
+
+    np.testing.assert_allclose(way.carried(cubic(one)), cubic(other), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(way.carried(cubic(one), slice(1, 2)), way.carried(cubic(one))[:, 1:2])
+    assert len(way.here) == len(way.there) == one.moments.degree.size
+    assert way.here[0] == way.there[0] == 0
+
+
+def test_a_light_has_the_pattern_that_it_is_made_of() -> None:
+    rng = np.random.default_rng(1)
+    moments = rng.uniform(-0.3, 0.3, (3, 4, 5, 2))
+    moments[:, :, 0] = rng.uniform(0.5, 2.0, (3, 4, 2))
+    light = Light(moments, rng.uniform(0.1, 1.0, (3, 2, 4, 2)))
+    for found, expected in zip(light_of(pattern(light)), light, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_a_slow_step_is_settled_in_a_few() -> None:
+    rng = np.random.default_rng(2)
+    n = 40
+    modes = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    # Five modes live on from order to order, by up to 0.99: a thousand orders to the sixth digit.
+    rates = np.concatenate([[0.99, 0.95, 0.8, 0.6, 0.4], np.full(n - 5, 0.05)])
+    matrix = (modes * rates) @ modes.T
+    right = rng.uniform(1.0, 2.0, n)
+    source = right - matrix @ right
+    steps = 0
+
+    def step(light: Light) -> Light:
+        nonlocal steps
+        steps += 1
+        return Light((source + matrix @ light.moments.ravel()).reshape(light.moments.shape), light.flux)
+
+    flux = np.ones((1, 2, n, 1))
+    found = settled(step, Light(right.reshape(1, n, 1, 1) * rng.uniform(0.9, 1.1, (1, n, 1, 1)), flux), 1e-7)
+    np.testing.assert_allclose(found.moments.ravel(), right, rtol=1e-5)
+    assert steps < 30
+
+
+def test_a_step_that_leads_nowhere_is_told() -> None:
+    light = Light(np.ones((1, 3, 1, 1)), np.ones((1, 2, 3, 1)))
+    with pytest.raises(ConvergenceError, match="use solver path"):
+        settled(lambda u: Light(2.0 * u.moments + 1.0, u.flux), light, 1e-6)
