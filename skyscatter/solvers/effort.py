@@ -17,8 +17,6 @@ MOST_ORDERS, MOST_MINUTES = 1000, 60
 #: orders; measured, with caution.  And how many orders with all moments the others, which have few left, are worth.
 POINT, OF_WAVELENGTH, OF_MOMENT = 1e-6, 3e-8, 4.5e-10
 FIRST_ORDERS, LATER_SHARE = 4, 0.05
-#: Sweeps of a fine grid that is corrected on a coarser one: 2 to 6 in clear air, haze, dust and clouds.
-SWEEPS = 6
 #: Points of a line for each row of the field.
 POINTS = 1.5
 
@@ -77,12 +75,8 @@ def check_memory(problem: Problem) -> None:
     )  # fmt: skip
 
 
-def check_effort(
-    problem: Problem, wavelengths: Array, tolerance: float, max_order: int | None, corrected: bool = False
-) -> None:
+def check_effort(problem: Problem, wavelengths: Array, tolerance: float, max_order: int | None) -> None:
     """Refuse a medium in which light is scattered too often, or which takes too long.
-
-    A solution that is `corrected` on a coarser grid needs a few sweeps of its own for all orders.
 
     Raises
     ------
@@ -93,7 +87,7 @@ def check_effort(
     if max_order is not None:
         expected = np.minimum(expected, max_order)
     k = int(np.argmax(expected))
-    minutes = expected_minutes(problem, float(min(expected[k], SWEEPS) if corrected else expected[k]))
+    minutes = expected_minutes(problem, float(expected[k]))
     if expected[k] <= MOST_ORDERS and minutes <= MOST_MINUTES:
         return
     depth = float(outward_profile(problem.table.columns)[0] @ problem.table.optics.sigma_t[:, k])

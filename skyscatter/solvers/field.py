@@ -254,7 +254,7 @@ def solve_range(
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
     tolerance = min(tolerance, LOOSEST)
     problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, cut_peaks=max_order != 1)
-    check_effort(problem, wavelengths, tolerance, max_order, corrected=max_order is None)
+    check_effort(problem, wavelengths, tolerance, max_order)
     check_memory(problem)
     if progress is not None:
         say("orders of scattering, coarser, for the error")

@@ -1,7 +1,7 @@
 """Where the repetition of a linear step leads, found from a few steps.
 
 Light L that a step leaves as it is, L = S + K L, is the sum of all orders of scattering.  Repeating the step adds one
-order each time, and deep in a cloud there are hundreds.  But several lights and what the step made of them tell of the
+order each time.  But several lights and what the step made of them tell of the
 way all together: they are weighed so that lights with the same weights change least.
 Anderson (1965), J. ACM 12, 547; Walker & Ni (2011), SIAM J. Numer. Anal. 49, 1715.  Every wavelength has its own
 weights.
@@ -24,14 +24,16 @@ Mask = NDArray[np.bool_]
 
 #: Steps that are remembered, and their number at most.
 MEMORY, MOST_STEPS = 6, 100
+#: Greatest rate at which steps fall from one to the next that is reckoned with.
+FASTEST = 0.995
 #: A step that darkens a place by more than this is not believed: light is not negative.
 DARKEST = 0.1
 #: Nor what several steps together make of a place beyond this factor of what the last one made of it.
 WILDEST = 3.0
 
 
-def settled(step: Callable[[Light], Light], light: Light, goal: float) -> Light:
-    """The light that a linear step leaves as it is.
+def settled(step: Callable[[Light], Light], light: Light, goal: float, rate: float = 0.0) -> tuple[Light, float]:
+    """The light that a linear step leaves as it is, and the rate at which steps fall at the slowest.
 
     Parameters
     ----------
@@ -39,7 +41,9 @@ def settled(step: Callable[[Light], Light], light: Light, goal: float) -> Light:
     light : Light
         To begin with: not far from it.
     goal : float
-        Greatest relative change in the last two steps.
+        What may be missing, relatively: what a step changes, divided by one less the rate at which steps fall.
+    rate : float
+        The slowest that is known already; a few steps near the end do not tell.
 
     Raises
     ------
@@ -47,21 +51,32 @@ def settled(step: Callable[[Light], Light], light: Light, goal: float) -> Light:
         After 100 steps.
     """
     steps: list[Array] = []
+    lights: list[Light] = []
     images: list[Light] = []
-    before = np.inf
     for _ in range(MOST_STEPS):
         image = _believed(step(light), light)
-        steps = [*steps[1 - MEMORY :], image.moments[:, :, 0] - light.moments[:, :, 0]]
-        images = [*images[1 - MEMORY :], image]
-        found = _mixed(images, steps, light.moments[:, :, 0])
-        change = greatest_change((light.moments[:, :, 0], light.flux), (found.moments[:, :, 0], found.flux))
-        light = found
+        change = greatest_change((light.moments[:, :, 0], light.flux), (image.moments[:, :, 0], image.flux))
         if not np.isfinite(change):
             break
-        if max(change, before) < goal:
-            return light
-        before = change
+        if images:
+            rate = max(rate, _rate(lights[-1], light, images[-1], image))
+            if change / (1.0 - min(rate, FASTEST)) < goal:
+                return image, rate
+        steps = [*steps[1 - MEMORY :], image.moments[:, :, 0] - light.moments[:, :, 0]]
+        lights, images = [light], [*images[1 - MEMORY :], image]
+        light = _mixed(images, steps, light.moments[:, :, 0])
     raise ConvergenceError(f"orders: light has not settled after {MOST_STEPS} steps; use solver path")
+
+
+def _rate(light: Light, next_light: Light, image: Light, next_image: Light) -> float:
+    """What a step makes of the difference of two lights, in units of it, at the wavelength where it makes most."""
+    mean = image.moments[:, :, 0]
+    scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
+    before, now = (
+        np.linalg.norm(((b.moments[:, :, 0] - a.moments[:, :, 0]) * scale).reshape(-1, mean.shape[-1]), axis=0)
+        for a, b in ((light, next_light), (image, next_image))
+    )
+    return float(np.max(now / np.maximum(before, 1e-300)))
 
 
 def _believed(image: Light, light: Light) -> Light:

@@ -37,6 +37,9 @@ Mask = NDArray[np.bool_]
 LEAST_LEFT, MOST_PLACES = 0.8, 95.0
 #: Cycles after which orders are summed instead; and how much each may have of the one before.
 MOST_CYCLES, SLOWEST = 12, 0.9
+#: Orders of the coarse solution beyond which they are summed on the fine grid too: in a thick medium what the coarse
+#: grid cannot see falls by a twentieth with each sweep.
+MOST_ORDERS = 10
 #: Share of what may be missing in the end that may be missing of a correction.
 CORRECTION_SHARE = 0.3
 
@@ -72,8 +75,10 @@ def corrected_sums(
     kept = {} if checkpoint is None else checkpoint.part(name)
     if "orders" in kept:
         return Sums(kept["moments"], kept["flux"], int(kept["orders"]))
-    with Workers(max_workers=sweeper.threads) as pool:
-        found = _cycles(sweeper, _Correction(sweeper, guide, tolerance, pool), progress, checkpoint, name)
+    found = None
+    if guide.sums.orders <= MOST_ORDERS:
+        with Workers(max_workers=sweeper.threads) as pool:
+            found = _cycles(sweeper, _Correction(sweeper, guide, tolerance, pool), progress, checkpoint, name)
     if found is None:
         return sum_orders(Sweeper(sweeper.problem, sweeper.threads), tolerance, None, progress, checkpoint, name)
     if checkpoint is not None:
@@ -139,6 +144,7 @@ class _Correction:
     def __init__(self, sweeper: Sweeper, guide: Solution, tolerance: float, pool: ThreadPoolExecutor) -> None:
         self.goal, self.pool, self.guide = ORDERS_SHARE * tolerance, pool, guide
         self.sweeper = Sweeper(guide.problem, sweeper.threads)
+        self.rate = 0.0
         self.up = Transfer.between(guide.problem, sweeper.problem)
         self.down = Transfer.between(sweeper.problem, guide.problem)
 
@@ -161,7 +167,9 @@ class _Correction:
         before, now = (self._lowered(which) for which in (light, swept))
         given = less(now, self.sweeper.next(self.pool, *before))
 
-        found = settled(lambda u: added(given, self.sweeper.next(self.pool, *u)), now, CORRECTION_SHARE * self.goal)
+        found, self.rate = settled(
+            lambda u: added(given, self.sweeper.next(self.pool, *u)), now, CORRECTION_SHARE * self.goal, self.rate
+        )
         return self._changed(swept, less(self.up.known(found), self.up.known(now)))
 
     def _lowered(self, light: Light) -> Light:
