@@ -6,7 +6,6 @@ import warnings
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from skyscatter.celestial.frames import Sight
 from skyscatter.celestial.lights import SkyLights, chosen, shining
@@ -15,7 +14,7 @@ from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
-from skyscatter.scene import AU, HELD, Scene, Site, Star, Sun, check_world, held_of, without_empty
+from skyscatter.scene import AU, HELD, Holding, Scene, Site, Star, Sun
 from skyscatter.surfaces.lamps import AnyLamp
 from skyscatter.surfaces.scene import Body, SurfaceMedium
 from skyscatter.surfaces.townmap import AnyTown
@@ -49,7 +48,7 @@ class Planet(Record):
     radius: PositiveMetres
 
 
-class Model(ModelFile):
+class Model(Holding, ModelFile):
     """What a model file says; `scene` puts an observer and a Sun into it.
 
     Parameters
@@ -108,24 +107,10 @@ class Model(ModelFile):
     media: tuple[SurfaceMedium, ...] = ()
     lamps: tuple[AnyLamp, ...] = ()
 
-    @model_validator(mode="after")
-    def _check(self) -> Model:
-        check_world(self.medium, self.fields, self.bodies, self.media, self.lamps)
-        return self
-
     @property
     def medium(self) -> Medium:
         """The atmosphere around the planet."""
         return Medium(components=self.components, planet_radius=self.planet.radius)
-
-    @model_serializer(mode="wrap")
-    def _plain(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_empty(write(self))
-
-    @property
-    def world(self) -> str:
-        """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
-        return held_of(self)
 
     @property
     def top(self) -> float:
