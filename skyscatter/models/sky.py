@@ -157,6 +157,7 @@ class Model(Holding, ModelFile):
         return self._seen(sun=sun, altitude=altitude, towns=self.towns)
 
     def _seen(self, **fields: Any) -> Scene:
+        warn_of_size(self)
         held = {name: getattr(self, name) for name in HELD}
         return Scene(medium=self.medium, ground=self.ground, star=self.star, **held, **fields)
 
@@ -233,6 +234,17 @@ def _sun_at(site: Site, time: Any, altitude: float) -> Sun:
         distance_au=site.sight(altitude).sun.distance / AU,
         site=site,
     )
+
+
+def warn_of_size(model: Model) -> None:
+    """Say that a planet is smaller than its air is high, as where kilometres were meant."""
+    radius = model.planet.radius
+    if radius < model.top:
+        warnings.warn(
+            f"planet.radius = {radius:g} m is less than the height of its air, {model.top:g} m; "
+            f'if kilometres are meant, give "{radius:g} km"',
+            stacklevel=2,
+        )
 
 
 def _warn_of_night(elevation: float) -> None:
