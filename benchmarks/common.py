@@ -120,3 +120,16 @@ def replace_section(page: Path, section: str, body: str) -> None:
     with atomic_path(page) as temporary:
         temporary.write_text(new, encoding="utf-8")
     print(f"\nwritten to {page}")
+
+
+def view(name: str, side: int) -> tuple[Any, Any]:
+    """Scene and camera of a square picture of a shipped nebula or room."""
+    import skyscatter
+    from skyscatter.space import width_of_all
+
+    model: Any = skyscatter.load_model(name)
+    scene = model.scene()
+    if model.command == "nebula":
+        across = model.picture_width or width_of_all(scene, 1.0)
+        return scene, skyscatter.Telescope.from_length(side, side, across, scene.view.distance)
+    return scene, type(model.camera)(**{**model.camera.model_dump(), "width": side, "height": side})

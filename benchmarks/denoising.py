@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import machine, parser, report, table, versions
+from common import machine, parser, report, table, versions, view
 
 import skyscatter
 
@@ -38,18 +38,6 @@ CASES = {
     "light-guide": Case("path", (16, 32, 128, 512, 2048), 16384),
     "fog-room": Case("photons", (16, 32, 128), 768),
 }
-
-
-def view(name: str, side: int) -> tuple[Any, Any]:
-    """Scene and camera of a square picture."""
-    from skyscatter.space import width_of_all
-
-    model: Any = skyscatter.load_model(name)
-    scene = model.scene()
-    if model.command == "nebula":
-        across = model.picture_width or width_of_all(scene, 1.0)
-        return scene, skyscatter.Telescope.from_length(side, side, across, scene.view.distance)
-    return scene, type(model.camera)(**{**model.camera.model_dump(), "width": side, "height": side})
 
 
 def picture(name: str, side: int, samples: int, seed: int, keep: Path | None) -> Any:

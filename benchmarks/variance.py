@@ -16,7 +16,7 @@ import warnings
 from typing import Any
 
 import numpy as np
-from common import machine, parser, report, table, versions
+from common import machine, parser, report, table, versions, view
 
 import skyscatter
 
@@ -33,18 +33,6 @@ SCENES = (
 WAVELENGTHS = [450.0, 500.8, 550.0, 600.0, 656.5]
 #: Orders that are told apart; the sixth share is that of all higher ones and of emission that is seen directly.
 ORDERS = 5
-
-
-def view(name: str, side: int) -> tuple[Any, Any]:
-    """Scene and camera of a square picture."""
-    from skyscatter.space import width_of_all
-
-    model: Any = skyscatter.load_model(name)
-    scene = model.scene()
-    if model.command == "nebula":
-        across = model.picture_width or width_of_all(scene, 1.0)
-        return scene, skyscatter.Telescope.from_length(side, side, across, scene.view.distance)
-    return scene, type(model.camera)(**{**model.camera.model_dump(), "width": side, "height": side})
 
 
 def runs(scene: Any, camera: Any, walks: int, count: int) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ extensions = [
     "outside",
     "reference",
     "equations",
+    "literals",
     "live",
     "notebooks",
 ]

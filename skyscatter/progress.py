@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import threading
 import time
@@ -19,8 +20,8 @@ MODES: tuple[str, ...] = get_args(Mode)
 LINE_INTERVAL, LINE_SHARE, LONGEST_INTERVAL = 10.0, 0.1, 60.0
 #: Seconds of work after which its pace is trusted, and work that is worth a word at once [s].
 TRIAL, WORTH_A_WORD = 2.0, 60.0
-#: Seconds between two looks at whether a line is due.
-TICK = 0.2
+#: Seconds between two looks at whether a line is due, and between two of what is above a bar.
+TICK, ABOVE_INTERVAL = 0.2, 0.5
 #: Compiling that takes longer is foretold [s].
 WORTH_TELLING = 5.0
 #: What is said while functions are compiled.
@@ -90,6 +91,8 @@ class Progress:
         self._stream = sys.stderr if stream is None else stream
         self.mode = mode if mode != "auto" else "bar" if self._stream.isatty() else "log"
         self._above = above
+        self._made: Any = None
+        self._made_at = -math.inf
         self._bar: Any = None
         self._task: Any = None
         self._compiling = _Compiling()
@@ -116,6 +119,7 @@ class Progress:
         self._compiling.leave()
         with self._lock:
             if self._bar is not None:
+                self._made_at = -math.inf  # the last look shows what has come since
                 self._bar.stop()
                 self._bar = None
             elif self.mode == "log" and kind is None and self._last_line > self._began:
@@ -192,19 +196,27 @@ class Progress:
         self._stream.write(f"{self.label}: {text}\n")
         self._stream.flush()
 
+    def _what_is_above(self, columns: int, lines: int) -> Iterable[Any]:
+        """What is above the bar, if anything; made anew now and then, for a bar is redrawn more often."""
+        if self._above is None:
+            return
+        if time.monotonic() - self._made_at >= ABOVE_INTERVAL:
+            self._made_at = time.monotonic()
+            self._made = self._above(columns, lines)
+        yield self._made
+
     def _start_bar(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Plain
 
-        above, console = self._above, Console(file=self._stream, force_terminal=True)
+        console, above = Console(file=self._stream, force_terminal=True), self._what_is_above
 
         class Bar(Plain):
             """The bar, below what is above it."""
 
             def get_renderables(self) -> Iterable[Any]:
-                if above is not None:
-                    yield above(console.width, console.height)
+                yield from above(console.width, console.height)
                 yield from super().get_renderables()
 
         self._bar = Bar(

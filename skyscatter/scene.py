@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,44 +41,48 @@ AU = 149597870700.0  #: astronomical unit [m], IAU 2012 resolution B2
 TAKEN = ("ground", "air")
 
 
-def check_world(
-    medium: Medium,
-    fields: tuple[Component, ...],
-    bodies: tuple[Body, ...],
-    media: tuple[SurfaceMedium, ...],
-    lamps: tuple[AnyLamp, ...],
-) -> None:
+#: Fields of what a sky holds beside its shells.
+HELD = ("fields", "bodies", "media", "lamps")
+
+
+class Holding(Record):
+    """What scenes and models of skies share that may hold `HELD`: checks, plain data, and whether they do."""
+
+    @model_validator(mode="after")
+    def _check_world(self) -> Self:
+        check_world(self)
+        return self
+
+    @model_serializer(mode="wrap")
+    def _plain(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # Files and recipes of plain skies do not speak of what these do not hold.
+        return {name: value for name, value in write(self).items() if value or name not in HELD}
+
+    @property
+    def world(self) -> str:
+        """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
+        sky: Any = self
+        held = (name for name in HELD if getattr(sky, name))
+        return next(held, "" if sky.ground.material is None else "ground.material")
+
+
+def check_world(sky: Any) -> None:
     """Refuse what a sky cannot hold."""
-    names = [component.name for component in (*medium.components, *fields)]
-    for component in fields:
+    names = [component.name for component in (*sky.medium.components, *sky.fields)]
+    for component in sky.fields:
         if not isinstance(component.density, SpatialField) or isinstance(component.density, Everywhere):
             rule = "is no field in three dimensions with an end; shells of air belong to components"
             raise DomainError("fields", component.density.kind, rule)
         if names.count(component.name) > 1:
             raise DomainError("fields", component.name, "two components of one name; rename one")
-    for field, parts in (("bodies", bodies), ("media", media)):
-        for part in parts:
+    for field in ("bodies", "media"):
+        for part in getattr(sky, field):
             if part.name in TAKEN:
                 raise DomainError(field, part.name, "is what the planet has already; choose another name")
-    for lamp in lamps:
+    for lamp in sky.lamps:
         if lamp.kind == "surroundings":
             raise DomainError("lamps", lamp.kind, "are for rooms; light from all around a planet is the background")
-    SurfaceScene(media=(SurfaceMedium(name="air"), *media), bodies=bodies, lamps=lamps)
-
-
-#: Fields of what a sky holds beside its shells.
-HELD = ("fields", "bodies", "media", "lamps")
-
-
-def without_empty(content: dict[str, Any]) -> dict[str, Any]:
-    """A scene or a model as data without what it does not hold: files and recipes of plain skies do not speak of it."""
-    return {name: value for name, value in content.items() if value or name not in HELD}
-
-
-def held_of(sky: Any) -> str:
-    """The first field of a scene or a model of a sky that holds more than shells over Lambertian ground, or nothing."""
-    held = (name for name in HELD if getattr(sky, name))
-    return next(held, "" if sky.ground.material is None else "ground.material")
+    SurfaceScene(media=(SurfaceMedium(name="air"), *sky.media), bodies=sky.bodies, lamps=sky.lamps)
 
 
 #: Half the radius of a neutron star [m]: what is smaller was not meant in metres.
@@ -237,7 +241,7 @@ class Observer(NamedTuple):
         return np.array([0.0, 0.0, self.planet_radius + self.altitude])
 
 
-class Scene(Record):
+class Scene(Holding):
     """Everything that decides what a ray of light sees.
 
     The frame is the observer's: origin in the planet's centre, x east, y north, z up through the observer.
@@ -319,20 +323,6 @@ class Scene(Record):
         if self.lights is not None and self.sun.site is None:
             raise DomainError("lights", ", ".join(self.lights.shine), "need a place and a time; see Model.scene_at")
         return self
-
-    @model_validator(mode="after")
-    def _check_world(self) -> Scene:
-        check_world(self.medium, self.fields, self.bodies, self.media, self.lamps)
-        return self
-
-    @model_serializer(mode="wrap")
-    def _plain(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_empty(write(self))
-
-    @property
-    def world(self) -> str:
-        """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
-        return held_of(self)
 
     @property
     def observer(self) -> Observer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import socket
@@ -116,3 +117,13 @@ def reference() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no reference files in {folder}; name their folder in SKYSCATTER_REFERENCE")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def _log_as_it_is() -> Iterator[None]:
+    """What a test has the log say is for itself: a command told to be quiet leaves the next test's log as it was."""
+    log = logging.getLogger("skyscatter")
+    level, propagate = log.level, log.propagate
+    yield
+    log.setLevel(level)
+    log.propagate = propagate

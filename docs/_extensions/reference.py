@@ -134,7 +134,8 @@ def command_page(path: str, command: Any) -> str:
     shown = [p for p in command.params if not p.hidden]
     arguments = [p for p in shown if not p.opts[0].startswith("-")]
     usage = " ".join([path, *(f"[{a.name.upper()}]" for a in arguments), "[OPTIONS]"])
-    lines = [path, "=" * len(path), "", ".. code-block:: console", "", f"   $ {usage}", "", command.help or "", ""]
+    told = _OPTION.sub(r"``\1``", command.help or "")
+    lines = [path, "=" * len(path), "", ".. code-block:: console", "", f"   $ {usage}", "", told, ""]
     for title, chosen in (("Arguments", arguments), ("Options", [p for p in shown if p not in arguments])):
         if chosen:
             lines += [title, "-" * len(title), ""]
@@ -146,12 +147,17 @@ def command_page(path: str, command: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
+#: An option in prose, which is not in code type already.
+_OPTION = re.compile(r"(?<![`\w-])(--[a-z][a-z-]*[a-z])(?![`\w-])")
+
+
 def _option(parameter: Any) -> list[str]:
     names = ", ".join(f"``{o}``" for o in [*parameter.opts, *parameter.secondary_opts])
     meta = f" *{parameter.metavar}*" if parameter.metavar else ""
     default = parameter.default
     tail = "" if default in (None, False, (), [], "") or callable(default) else f"  Default: ``{default}``."
     text = " ".join((parameter.help or "").split()).replace("*", r"\*").replace("`", "``").replace("|", r"\|")
+    text = _OPTION.sub(r"``\1``", text)
     return [names + meta, f"    {text}{tail}"]
 
 

@@ -28,7 +28,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "skyscatter render milk-and-water --solver path --samples 64 --denoise -o milk.png -o milk.exr",
     ),
     "dehaze": (
-        "skyscatter dehaze hazy.png -o clear.png",
+        "skyscatter dehaze hazy.png -o clear.png --transfer srgb",
         "skyscatter dehaze image.tif --sensor sentinel-2a --bands B02,B03,B04 --sun-zenith 30 --scale 0.0001 "
         "--offset 0 -o surface.tif --mask mask.tif --json",
     ),

@@ -81,6 +81,8 @@ def check(
 def _checked(file: str, model: Any, tell: Callable[[float], None]) -> str:
     """Evaluate a model; returns what to say about a good one."""
     if hasattr(model, "planet"):
+        from skyscatter.models.sky import warn_of_size
+
         for number, component in enumerate(model.components):
             _check_component(file, component)
             tell((number + 1) / len(model.components))
@@ -88,6 +90,7 @@ def _checked(file: str, model: Any, tell: Callable[[float], None]) -> str:
             from skyscatter.cli.surface_models import check_held
 
             check_held(file, model)
+        warn_of_size(model)
         return f"{file}: good ({len(model.components)} components, {len(model.sources)} sources)"
     if model.command == "render":
         from skyscatter.cli.surface_models import check_surfaces

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +13,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Seconds between two pictures, and lines of the terminal that are left to others.
-INTERVAL, FREE = 0.5, 4
+#: Lines of the terminal that are left to others.
+FREE = 4
 #: The upper half of a character's cell; its ground is the lower one.
 HALF = "\u2580"
 
@@ -42,17 +41,13 @@ class Preview:
         self._wavelengths, self._tone = wavelengths, tone
         self._rays: NDArray[np.int64] | None = None
         self._size = (0, 0)
-        self._drawn, self._last = "", -INTERVAL
 
     def text(self, columns: int, lines: int) -> Any:
         """What is finished, as rich text for a terminal of so many columns and lines; empty before there is light."""
         from rich.text import Text
 
-        if time.monotonic() - self._last >= INTERVAL:
-            self._last = time.monotonic()
-            picture = self.picture(columns, 2 * max(lines - FREE, 1))
-            self._drawn = "" if picture is None else ansi(picture)
-        return Text.from_ansi(self._drawn, end="")
+        picture = self.picture(columns, 2 * max(lines - FREE, 1))
+        return Text.from_ansi("" if picture is None else ansi(picture), end="")
 
     def picture(self, width: int, height: int) -> Array | None:
         """Display values (y, x, 3) of what is finished, at most so large; None where nothing is."""

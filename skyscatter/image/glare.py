@@ -9,6 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.image.channels import largest
+from skyscatter.kernels.processors import processors
+from skyscatter.workers import Workers
+
 Array = NDArray[np.float64]
 
 SHARE = 0.01  #: of the light; veiling glare of good lenses is 0.5 to 3 % (ISO 9358 measures it)
@@ -23,23 +27,39 @@ def with_glare(exposed: Array) -> Array:
     surfaces that are almost smooth, with ``r0 = CORE width``.  The rest stays where it is, and pictures without such
     lights stay as they are.
     """
-    peak = exposed.max(axis=-1, keepdims=True)
+    peak = largest(exposed)
     if not (peak > WHITE).any():
         return exposed
-    from scipy import fft
-
     spilt = exposed * (np.maximum(peak - WHITE, 0.0) / np.maximum(peak, WHITE))
     height, width = exposed.shape[:2]
     # What leaves the picture on one side comes back on the other, but from a quarter of its size away, almost dark.
-    shape = [fft.next_fast_len(side + side // 4 + 1, real=True) for side in (height, width)]
+    shape = [_fast_length(side + side // 4 + 1) for side in (height, width)]
     y, x = (np.minimum(np.arange(side), side - np.arange(side)) for side in shape)
     radius = max(CORE * width, 1.0)
     spread = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / radius**2) ** -1.5
     spread *= SHARE / (2.0 * np.pi * radius**2)  # the integral over the plane is SHARE
-    filtered = fft.rfft2(spread)
-    veil = [
-        fft.irfft2(fft.rfft2(spilt[..., channel], s=shape) * filtered, s=shape)[:height, :width]
-        for channel in range(exposed.shape[2])
-    ]
+    filtered = np.fft.rfft2(spread)
+
+    def veiled(channel: int) -> Array:
+        light = np.fft.rfft2(spilt[..., channel], s=shape)
+        return np.fft.irfft2(light * filtered, s=shape)[:height, :width]
+
+    with Workers(processors()) as pool:
+        veil = list(pool.map(veiled, range(exposed.shape[2])))
     # Transforms leave rounding of the brightest light in the dark, some of it below zero.
     return np.asarray(exposed + np.maximum(np.stack(veil, axis=-1), 0.0))
+
+
+def _fast_length(least: int) -> int:
+    """The next number that has no prime factors but 2, 3 and 5: transforms of such lengths are quick."""
+    length = least
+    while not _is_smooth(length):
+        length += 1
+    return length
+
+
+def _is_smooth(number: int) -> bool:
+    for prime in (2, 3, 5):
+        while number % prime == 0:
+            number //= prime
+    return number == 1

@@ -105,7 +105,7 @@ class SpectralImage:
         self._radiance = _checked_cube("radiance", radiance, None, self._wavelengths.size)
         shape = self._radiance.shape
         self._error = None if standard_error is None else _checked_cube("standard_error", standard_error, shape)
-        if self._error is not None and np.any(self._error < 0.0):
+        if self._error is not None and any((row < 0.0).any() for row in self._error):
             raise DomainError("standard_error", float(np.nanmin(self._error)), "must not be negative")
         self._layers: dict[str, NDArray[Any]] = {}
         for name, values in (layers or {}).items():
@@ -248,8 +248,7 @@ class SpectralImage:
 
     @cached_property
     def _inside(self) -> NDArray[np.bool_]:
-        outside: NDArray[np.bool_] = np.isnan(self._radiance).any(axis=-1)
-        return ~outside
+        return np.stack([~np.isnan(row).any(axis=-1) for row in self._radiance])  # no mask of the whole cube
 
     @cached_property
     def dataset(self) -> xarray.Dataset:
@@ -646,6 +645,6 @@ def _checked_cube(
         raise DomainError(name, f"shape {cube.shape}", f"must have the shape of the radiance, {shape}")
     if cube.ndim != 3 or cube.size == 0 or (bands is not None and cube.shape[2] != bands):
         raise DomainError(name, f"shape {cube.shape}", f"must be (y, x, wavelength) with {bands} wavelengths")
-    if np.isinf(cube).any():
+    if any(np.isinf(row).any() for row in cube):
         raise DomainError(name, "infinite", "must be finite, or NaN outside the camera's field")
     return cube

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.image.channels import largest, least
 from skyscatter.image.colour import colour_space, display_space, luminance_weights, rgb_to_xyz_matrix
 from skyscatter.image.glare import with_glare
 from skyscatter.kernels.processors import processors
@@ -129,7 +130,7 @@ def map_gamut(rgb: ArrayLike, space: str = "srgb") -> Array:
     """
     values = np.asarray(rgb, dtype=float)
     grey = (values @ luminance_weights(display_space(space)))[..., None]
-    lowest = values.min(axis=-1, keepdims=True)
+    lowest = least(values)
     outside = (lowest < 0.0) & (grey > 0.0)
     share = np.divide(-lowest, grey - lowest, out=np.zeros_like(grey), where=outside)
     mapped = values + share * (grey - values)
@@ -192,7 +193,7 @@ def apply_tone(rgb: ArrayLike, tone: str, space: str = "srgb", strength: float |
     factor = colourfulness(tone, np.log2(DAYLIGHT / metered_luminance(0.0))) if strength is None else strength
     if factor != 1.0:
         values = _strengthened(values, factor, space)
-    peak = values.max(axis=-1, keepdims=True)
+    peak = largest(values)
     ratios = np.divide(values, peak, out=np.zeros_like(values), where=peak > 0.0)
     if tone == "linear":
         return np.asarray(ratios * np.minimum(peak, 1.0))
@@ -218,8 +219,8 @@ def _strengthened(rgb: Array, factor: float, space: str) -> Array:
     """
     to_lms = _lms(space)
     lab = np.cbrt(rgb @ to_lms.T) @ _OKLAB.T
-    peak = rgb.max(axis=-1)
-    saturation = 1.0 - np.divide(rgb.min(axis=-1), peak, out=np.ones_like(peak), where=peak > 0.0)
+    peak = largest(rgb)[..., 0]
+    saturation = 1.0 - np.divide(least(rgb)[..., 0], peak, out=np.ones_like(peak), where=peak > 0.0)
     share = 1.0 - saturation**4 if factor > 1.0 else np.ones_like(saturation)
     lab[..., 1:] *= (1.0 + (factor - 1.0) * share)[..., None]
     return map_gamut((lab @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T, space)
@@ -233,7 +234,7 @@ def _towards_white(ratios: Array, share: Array, space: str) -> Array:
     moved = ((lab + share * (white - lab)) @ np.linalg.inv(_OKLAB).T) ** 3 @ np.linalg.inv(to_lms).T
     inside = map_gamut(moved, space)
     # Oklab is homogeneous: a colour scaled as a whole keeps its hue there, too.
-    return inside / inside.max(axis=-1, keepdims=True)
+    return inside / largest(inside)
 
 
 def encode(linear: ArrayLike) -> Array:

@@ -180,6 +180,8 @@ def make_part(level: str, part: Iterable[Form], place: Path) -> list[tuple[str, 
 
 def main() -> None:
     """Fill the folder that the command names, or make a part of it."""
+    if len(sys.argv) < 2 or (sys.argv[1].startswith("-") and sys.argv[1] != "--part"):
+        raise SystemExit(f"usage: python -m skyscatter.kernels.export FOLDER [{' | '.join(LEVELS)}] ...")
     if sys.argv[1] == "--part":
         part = [Form(*pair) for pair in json.load(sys.stdin)]
         print(json.dumps(make_part(sys.argv[2], part, Path(sys.argv[3]))))

@@ -6,7 +6,6 @@ import warnings
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from skyscatter.celestial.frames import Sight
 from skyscatter.celestial.lights import SkyLights, chosen, shining
@@ -15,7 +14,7 @@ from skyscatter.ground import Ground
 from skyscatter.media.medium import Component, Medium
 from skyscatter.models.base import ModelFile
 from skyscatter.record import Record
-from skyscatter.scene import AU, HELD, Scene, Site, Star, Sun, check_world, held_of, without_empty
+from skyscatter.scene import AU, HELD, Holding, Scene, Site, Star, Sun
 from skyscatter.surfaces.lamps import AnyLamp
 from skyscatter.surfaces.scene import Body, SurfaceMedium
 from skyscatter.surfaces.townmap import AnyTown
@@ -49,7 +48,7 @@ class Planet(Record):
     radius: PositiveMetres
 
 
-class Model(ModelFile):
+class Model(Holding, ModelFile):
     """What a model file says; `scene` puts an observer and a Sun into it.
 
     Parameters
@@ -108,24 +107,10 @@ class Model(ModelFile):
     media: tuple[SurfaceMedium, ...] = ()
     lamps: tuple[AnyLamp, ...] = ()
 
-    @model_validator(mode="after")
-    def _check(self) -> Model:
-        check_world(self.medium, self.fields, self.bodies, self.media, self.lamps)
-        return self
-
     @property
     def medium(self) -> Medium:
         """The atmosphere around the planet."""
         return Medium(components=self.components, planet_radius=self.planet.radius)
-
-    @model_serializer(mode="wrap")
-    def _plain(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_empty(write(self))
-
-    @property
-    def world(self) -> str:
-        """The field because of which it is more than air in shells over Lambertian ground; empty where it is not."""
-        return held_of(self)
 
     @property
     def top(self) -> float:
@@ -172,6 +157,7 @@ class Model(ModelFile):
         return self._seen(sun=sun, altitude=altitude, towns=self.towns)
 
     def _seen(self, **fields: Any) -> Scene:
+        warn_of_size(self)
         held = {name: getattr(self, name) for name in HELD}
         return Scene(medium=self.medium, ground=self.ground, star=self.star, **held, **fields)
 
@@ -248,6 +234,17 @@ def _sun_at(site: Site, time: Any, altitude: float) -> Sun:
         distance_au=site.sight(altitude).sun.distance / AU,
         site=site,
     )
+
+
+def warn_of_size(model: Model) -> None:
+    """Say that a planet is smaller than its air is high, as where kilometres were meant."""
+    radius = model.planet.radius
+    if radius < model.top:
+        warnings.warn(
+            f"planet.radius = {radius:g} m is less than the height of its air, {model.top:g} m; "
+            f'if kilometres are meant, give "{radius:g} km"',
+            stacklevel=2,
+        )
 
 
 def _warn_of_night(elevation: float) -> None:

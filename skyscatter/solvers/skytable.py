@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,7 +180,8 @@ class SkyTable:
         if dark.any():
             for part in (scattered, *((multiple, ground) if parts else ())):
                 part[dark] = 0.0
-        beyond = _sparse(rows, across, self.elevation.size) @ self.beyond
+        shines = self.beyond.any()
+        beyond = _weighted(self.beyond, rows, across) if shines else np.zeros((len(directions), work.shape[1]))
         return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[rows[:, 1]])
 
     def _places(self, elevation: Array) -> tuple[NDArray[np.int64], Array]:
@@ -331,12 +332,11 @@ def _solved(
         lit = np.empty((rays[some].size // 3, components, wavelengths), np.float32)
         scattered, multiple, ground, direct = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit)
         cell, share = angle_cells(toward[some].ravel(), fine.problem.whole.shape[2] - 1)
-        cells = _sparse(cell, share, fine.problem.whole.shape[2])
         inner = cell[:, 1] < lost.shape[2]
         node = np.repeat(np.arange(some.start, some.stop), TURNS)[inner]
         once = np.zeros_like(scattered)
         for k, c in enumerate(kept):
-            chance = cells @ fine.problem.whole[0, c]
+            chance = _weighted(fine.problem.whole[0, c], cell, share)
             chance[inner] -= sum(share[inner, j, None] * lost[k, node, cell[inner, j]] for j in range(2))
             once += chance * lit[:, c]
             parts.lit[k, some] = lit[:, c].reshape(here)
@@ -469,9 +469,9 @@ def angle_cells(cosine: Array, last: int) -> tuple[NDArray[np.int64], Array]:
     return np.stack([k, k + 1], axis=1), np.stack([1.0 - w, w], axis=1)
 
 
-def _sparse(columns: NDArray[np.int64], weights: Array, width: int) -> Any:
-    """A matrix with a few numbers in each row."""
-    from scipy.sparse import csr_array
-
-    rows, count = columns.shape
-    return csr_array((weights.ravel(), columns.ravel(), count * np.arange(rows + 1)), shape=(rows, width))
+def _weighted(table: Array, rows: NDArray[np.int64], weights: Array) -> Array:
+    """A few rows of a table for each place (place, few), times their weights, added up: (place, wavelength)."""
+    found = weights[:, 0, None] * table[rows[:, 0]]
+    for k in range(1, rows.shape[1]):
+        found += weights[:, k, None] * table[rows[:, k]]
+    return np.asarray(found)

@@ -67,6 +67,15 @@ def test_every_equation_has_an_anchor_and_links_to_its_functions(site: Path) -> 
     assert set(numbers) <= {int(n) for n in re.findall(r'html#eq-(\d+)"', listed)}
 
 
+def test_short_options_stay_on_one_line(site: Path) -> None:
+    text = (site / "howto-blender.html").read_text()
+    assert re.search(r'<code class="[^"]*\bshort\b[^"]*">(<span class="pre">)?--view', text)
+    page = (site / "api" / "command-skyscatter-sky.html").read_text()
+    prose = re.sub(r"<(code|pre)\b.*?</\1>", "", page, flags=re.DOTALL)
+    assert not re.findall(r">[^<]*--[a-z]+-[a-z]+", prose)  # none is torn apart for want of code type
+    assert "code.short" in (site / "_static" / "skyscatter.css").read_text()
+
+
 def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     for page in site.rglob("*.html"):
         loaded = re.findall(r'<(?:script|img|link|iframe)[^>]*?(?:src|href)="(https?:[^"]*)"', page.read_text())

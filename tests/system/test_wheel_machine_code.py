@@ -28,7 +28,7 @@ RUN = """
 import sys
 from skyscatter.cli.main import main
 status = main(sys.argv[1:])
-print("numba" in sys.modules)
+print("scipy" in sys.modules, "numba" in sys.modules)
 raise SystemExit(status)
 """
 pytestmark = [
@@ -82,6 +82,8 @@ def test_it_is_for_this_sort_of_machine_and_small(wheel: Path) -> None:
 def test_the_first_picture_needs_no_compiler_and_no_cache(installed: Path, tmp_path: Path, name: str) -> None:
     found, said = picture(installed, tmp_path / "a", name, HOME="/nonexistent", NUMBA_CACHE_DIR="")
     assert said.split()[-1] == "False", "numba was loaded"
+    if name == "sky":
+        assert said.split()[-2] == "False", "scipy was loaded, a seventh of a second for the default sky"
     expected, said = picture(installed, tmp_path / "b", name, SKYSCATTER_MACHINE_CODE="0")
     assert said.split()[-1] == "True"
     assert found == expected

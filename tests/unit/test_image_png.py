@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import zlib
@@ -13,7 +14,7 @@ import pytest
 from PIL import Image
 
 from skyscatter.errors import DomainError, MissingDataError
-from skyscatter.image import SpectralImage
+from skyscatter.image import SpectralImage, png
 from skyscatter.image.png import _decode, encode_png, read_png
 
 WL = np.arange(400.0, 701.0, 20.0)
@@ -45,6 +46,18 @@ def test_gradients_have_no_steps() -> None:
     assert 0.1 < np.mean(found[2, ..., 0] != found[2, ..., 1]) < 0.9
     neighbours = np.corrcoef(found[2, :, 1:, 0].ravel(), found[2, :, :-1, 0].ravel())[0, 1]
     assert neighbours < 0.0  # finer than chance
+
+
+def test_parts_that_threads_compress_are_one_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = np.random.default_rng(8).random((300, 400, 3)).round(1)
+    picture[100:] = picture[:200]  # what parts know of those before them
+    file = encode_png(picture, bits=16)
+    assert 2 * png.PACKED < 300 * 400 * 6  # three parts at least
+    np.testing.assert_array_equal(_decode(file).pixels, np.rint(picture * 65535))
+    with Image.open(io.BytesIO(encode_png(picture))) as read:
+        np.testing.assert_array_equal(np.asarray(read), np.rint(picture * 255))
+    monkeypatch.setattr(png, "processors", lambda: 1)
+    assert encode_png(picture, bits=16) == file
 
 
 @pytest.mark.parametrize("bits", [8, 16])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyscatter.errors import DomainError
-from skyscatter.image import SpectralImage, glare, tone
+from skyscatter.image import SpectralImage, channels, glare, tone
 from skyscatter.image.colour import SPACES, luminance_weights, rgb_to_xyz_matrix, xyz_to_rgb
 
 DISPLAYS = ["srgb", "display-p3", "rec2020"]
@@ -206,6 +206,13 @@ def test_glare_is_a_hundredth_of_the_brightest_light_and_leaves_all_else_alone()
     np.testing.assert_allclose(veil[120, 140], veil[140, 160], rtol=1e-6)
     np.testing.assert_allclose(veil[120, 150, 0], veil[120, 150, 2] * 3.0, rtol=1e-6)  # of the light's own colour
     assert 0.0 <= veil.min() < veil[0, 0].max() < 0.01
+
+
+def test_channels_are_compared_as_numpy_does() -> None:
+    colours = np.random.default_rng(3).normal(size=(5, 7, 3))
+    colours[2, 3, 1] = np.nan
+    np.testing.assert_array_equal(channels.largest(colours), colours.max(axis=-1, keepdims=True))
+    np.testing.assert_array_equal(channels.least(colours), colours.min(axis=-1, keepdims=True))
 
 
 def test_glare_stays_in_the_circle_of_a_fisheye() -> None:

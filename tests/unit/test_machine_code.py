@@ -166,3 +166,12 @@ def test_an_edit_of_any_kernel_is_another_source(tmp_path: Path) -> None:
     before = ahead.sources_stamp(tmp_path)
     (tmp_path / "inner" / "a.py").write_text("A = 2\n")
     assert ahead.sources_stamp(tmp_path) != before
+
+
+@pytest.mark.parametrize("words", [[], ["--help"]])
+def test_the_export_says_how_it_is_called(words: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["export", *words])
+    with pytest.raises(SystemExit, match=r"usage: .* FOLDER"):
+        export.main()
+    assert not list(tmp_path.iterdir())

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -262,3 +264,17 @@ def test_kinds_of_nebulae_and_scenes_are_their_own() -> None:
 def test_a_misspelt_model_is_guessed() -> None:
     with pytest.raises(ModelFileError, match=r"marss: no such model; did you mean mars\?"):
         load_model("marss")
+
+
+def test_a_planet_smaller_than_its_air_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = r'planet\.radius = 1000 m is less than the height of its air, \d+ m; if kilometres are meant, give "1000 km"'
+    path = tmp_path / "toy.toml"
+    path.write_text(GOOD.replace('"1000 km"', '"1000 m"'))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert main(["models", "check", str(path)]) == 0
+    assert re.search(told, capsys.readouterr().err)
+    with pytest.warns(UserWarning, match=told):
+        load_model(path).scene()
+    path.write_text(GOOD)
+    assert main(["models", "check", str(path)]) == 0  # and any warning is an error

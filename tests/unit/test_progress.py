@@ -156,6 +156,15 @@ def test_a_terminal_shows_a_bar_with_percent():
     assert "100%" in stream.getvalue()
 
 
+def test_what_came_last_is_seen_above_the_bar_however_soon_it_ends():
+    stream, there = Terminal(), ["nothing yet"]
+    with Progress(4, "sky", stream=stream, above=lambda columns, lines: there[0]) as bar:
+        bar.look()
+        there[0] = "the picture"
+    assert "nothing yet" in stream.getvalue()
+    assert "the picture" in stream.getvalue()
+
+
 def test_a_terminal_can_be_kept_quiet():
     stream = Terminal()
     with Progress(4, "sky", "none", stream=stream) as bar:
