@@ -265,14 +265,14 @@ def solve_range(
     if progress is not None:
         say("orders of scattering", anew=False)
     chosen = needed(coarse, wavelengths, tolerance)
-    sweeper = Sweeper(at_some(problem, scene, wavelengths, chosen), threads)
+    sweeper = Sweeper(at_some(problem, scene, wavelengths, chosen.numbers), threads)
     if max_order is None:
-        guide = some_of(coarse, scene, wavelengths, chosen)
+        guide = some_of(coarse, scene, wavelengths, chosen.numbers)
         sums = corrected_sums(sweeper, guide, tolerance, progress, checkpoint, "fine")
     else:
         sums = sum_orders(sweeper, tolerance, max_order, progress, checkpoint, "fine")
-    if chosen.size < wavelengths.size:
-        sums = at_all(sums, problem, coarse, wavelengths, chosen, threads)
+    if chosen.numbers.size < wavelengths.size:
+        sums = at_all(sums, problem, coarse, chosen, threads)
     fine = Solution(problem, sums)
     return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
 

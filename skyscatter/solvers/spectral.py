@@ -1,15 +1,17 @@
 """Fewer wavelengths for the costly solution: between them it is carried by the coarse one, which knows all.
 
-What a finer grid changes of a coarse solution is little, and changes slowly with the wavelength.  So the fine solution
-is made at some wavelengths; at each of the others its mean radiance is the coarse one's times their ratio, and every
-other moment, in units of the mean, the coarse one's plus their difference, ratio and difference being cubics in the
-wavelength.  The wavelengths are those from which the coarse solution itself, without any such help, follows well.
+What a finer grid changes of a coarse solution is little.  So the fine solution is made at some wavelengths; at each of
+the others the change is a sum of the changes at these, that of the mean radiance as a logarithm, that of every other
+moment in units of the mean.  The weights are those with which the coarse solution itself follows best from what it is
+at these wavelengths: where the air is alike, light is.  Gases have bands, in which what is next in wavelength is not
+alike.  Choosing one after the other what follows worst is the way of empirical interpolation (Barrault et al. 2004,
+C. R. Acad. Sci. Paris, Ser. I 339, 667).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,31 +34,59 @@ FEW = 8
 FIRST = 4
 #: What may be missed of the coarse solution's pattern, in units of the tolerance; what is carried between wavelengths
 #: is a few hundredths of that pattern, and more only where light has fallen by many times.
-MISSED = 10.0
+MISSED = 6.0
+#: Weights that make up for less than this of the pattern, in units of the tolerance, are not worth their size.
+NOISE = 0.6
+#: Weight of the rule that a change that is the same at all wavelengths is carried as it is.
+SAME = 1e3
 #: Share of the wavelengths beyond which all are solved for.
 MOST = 0.7
 #: Values of the coarse solution that are looked at, for each wavelength.
 LOOKED_AT = 2000
 
 
-def needed(coarse: Solution, wavelengths: Array, tolerance: float) -> Numbers:
-    """Numbers of the wavelengths from which those between follow; all of them where they do not.
+class Chosen(NamedTuple):
+    """The wavelengths at which is solved, and how those between follow."""
+
+    numbers: Numbers  #: (chosen,)
+    weights: Array  #: (chosen, wavelength); at those that are chosen, one of themselves
+
+
+def needed(coarse: Solution, wavelengths: Array, tolerance: float) -> Chosen:
+    """The wavelengths from which those between follow; all of them where they do not.
 
     One after the other the wavelength is taken that follows worst from those that have been taken.
     """
     count = wavelengths.size
+    every = Chosen(np.arange(count), np.eye(count))
     if count <= FEW or not coarse.sums.moments.any():
-        return np.arange(count)
+        return every
     pattern = _pattern(coarse)
-    chosen = np.unique(np.linspace(0, count - 1, FIRST).astype(int))
-    while chosen.size < MOST * count:
-        apart = np.abs(_between(pattern[:, chosen], wavelengths[chosen], wavelengths) - pattern)
-        missed = (apart / (1 + np.abs(pattern))).max(axis=0)
+    size = 1 + np.abs(pattern)
+    numbers = np.unique(np.linspace(0, count - 1, FIRST).astype(int))
+    while numbers.size < MOST * count:
+        weights = _weights(pattern, numbers, wavelengths, NOISE * tolerance)
+        missed = (np.abs(pattern[:, numbers] @ weights - pattern) / size).max(axis=0)
         # Kernels take eight at a time: some cost as much as eight.
-        if missed.max() < MISSED * tolerance and chosen.size % FEW == 0:
-            return chosen
-        chosen = np.union1d(chosen, np.argmax(missed))
-    return np.arange(count)
+        if missed.max() < MISSED * tolerance and numbers.size % FEW == 0:
+            return Chosen(numbers, weights)
+        missed[numbers] = 0.0
+        numbers = np.union1d(numbers, np.argmax(missed))
+    return every
+
+
+def _weights(pattern: Array, numbers: Numbers, wavelengths: Array, noise: float) -> Array:
+    """Weights (chosen, wavelength) with which a pattern (value, wavelength) follows from some of its wavelengths.
+
+    They begin as those of cubics over the wavelength; what these miss is made up for by least squares.
+    """
+    few = numbers.size
+    start = np.zeros((few, wavelengths.size))
+    for number, weight in zip(*(part.T for part in cubic_weights(wavelengths[numbers], wavelengths)), strict=True):
+        start[number, np.arange(wavelengths.size)] += weight
+    known = pattern[:, numbers]
+    square = known.T @ known / len(pattern) + SAME**2 + noise**2 * np.eye(few)
+    return np.asarray(start + np.linalg.solve(square, known.T @ (pattern - known @ start) / len(pattern)))
 
 
 def _pattern(coarse: Solution) -> Array:
@@ -68,11 +98,6 @@ def _pattern(coarse: Solution) -> Array:
     rest = (moments[:, :, 1:] / np.maximum(moments[:, :, :1], FLOOR)).reshape(-1, moments.shape[3])
     both = np.concatenate([level[seen.all(axis=1)], np.clip(rest, -1.0, 1.0)])
     return np.asarray(both[:: max(len(both) // LOOKED_AT, 1)])
-
-
-def _between(values: Array, known: Array, wavelengths: Array) -> Array:
-    """Values (..., known) at other wavelengths, (..., wavelength)."""
-    return _over(values, *cubic_weights(known, wavelengths))
 
 
 def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers) -> Problem:
@@ -96,32 +121,24 @@ def some_of(solution: Solution, scene: Scene, wavelengths: Array, chosen: Number
 
 
 def at_all(
-    some: Sums, problem: Problem, coarse: Solution, wavelengths: Array, chosen: Numbers, threads: int = 1
+    some: Sums, problem: Problem, coarse: Solution, chosen: Chosen, threads: int = 1
 ) -> Sums:
     """Sums on the grid of a problem at all wavelengths, from those at some and a coarse solution."""
     way = Transfer.between(coarse.problem, problem)
     guides = way.known(Light(coarse.sums.moments, coarse.sums.flux))
-    many = wavelengths.size
+    numbers, weights = chosen
+    many = weights.shape[1]
     out = Light(np.empty((*some.moments.shape[:3], many)), np.empty((*some.flux.shape[:3], many)))
-    between = cubic_weights(wavelengths[chosen], wavelengths)
 
     def at(suns: slice) -> None:
         guide = way.moved(guides, suns)
         known = pattern(Light(some.moments[:, suns], some.flux[:, :, suns]))
-        known.moments[:, :, way.there] -= guide.moments[..., chosen]
-        flux = _over(known.flux - guide.flux[..., chosen], *between) + guide.flux
-        moments = _over(known.moments, *between)
+        known.moments[:, :, way.there] -= guide.moments[..., numbers]
+        flux = (known.flux - guide.flux[..., numbers]) @ weights + guide.flux
+        moments = known.moments @ weights
         moments[:, :, way.there] += guide.moments
         out.moments[:, suns], out.flux[:, :, suns] = light_of(Light(moments, flux))
 
     with Workers(max_workers=threads) as pool:
         way.by_sun(pool, at)
     return Sums(*out, some.orders)
-
-
-def _over(values: Array, number: Numbers, weight: Array) -> Array:
-    """Values (..., known) at other wavelengths, of which number and weight (wavelength, 4) are as in `blended`."""
-    out = values[..., number[:, 0]] * weight[:, 0]
-    for k in range(1, number.shape[1]):
-        out += values[..., number[:, k]] * weight[:, k]
-    return out

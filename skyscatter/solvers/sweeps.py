@@ -59,8 +59,8 @@ EVEN_SAMPLES, CELL_SAMPLES = 2001, 4
 #: Shares of the tolerance for which directions, and positions of the Sun in twilight, are chosen where the Sun may be
 #: below the horizon, and where it may be far below.  Light then comes from one side, low above the horizon: of what
 #: rules of few points miss of it one order, the next misses as much again.
-DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 0.5
-DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.25
+DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 1.0
+DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.5
 #: What is far, in units of the angle under which a scale height sinks below the horizon.
 DEEP = 4.5
 #: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth

@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 #: What a cycle leaves of what it changed, at least, where the light is rough and the coarse grid cannot see it: a sweep
 #: takes away a fifth to a half.  And the share of places [%] that are looked at: the worst are at the ends of the range
 #: of Suns.
-LEAST_LEFT, MOST_PLACES = 0.8, 95.0
+LEAST_LEFT, MOST_PLACES = 0.4, 95.0
 #: Cycles after which orders are summed instead; and how much each may have of the one before.
 MOST_CYCLES, SLOWEST = 12, 0.9
 #: Orders of the coarse solution beyond which they are summed on the fine grid too: in a thick medium what the coarse
@@ -111,8 +111,7 @@ def _cycles(
             checkpoint.put(name, state | {"state": np.array([left, changed, cycle])})
         if progress is not None:
             progress(FINE_SHARE * (0.3 + 0.3 * cycle / (1 + 0.3 * cycle)))
-        sweeper.narrow(light.moments, light.moments, 0.0)
-        swept = added(first, sweeper.next(pool, *light))
+        swept = _swept(sweeper, pool, first, light)
         try:
             found = correction.corrected(light, swept)
         except ConvergenceError:
@@ -124,6 +123,16 @@ def _cycles(
             left = max(changed / before, LEAST_LEFT) * changed
         light, cycle = found, cycle + 1
     return light
+
+
+def _swept(sweeper: Sweeper, pool: ThreadPoolExecutor, first: Light, light: Light) -> Light:
+    """What sunlight and a sweep make of a light; moments too small to be swept stay, whatever the first order has."""
+    sweeper.narrow(light.moments, light.moments, 0.0)
+    swept = added(first, sweeper.next(pool, *light))
+    small = np.ones(light.moments.shape[2], bool)
+    small[sweeper.stage.kept] = False
+    swept.moments[:, :, small] = light.moments[:, :, small]
+    return swept
 
 
 def _changes(before: Light, now: Light) -> Array:

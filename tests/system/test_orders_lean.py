@@ -48,9 +48,9 @@ def chosen(monkeypatch: Any) -> list[int]:
     needed = spectral.needed
 
     def counted(*given: Any) -> Any:
-        numbers = needed(*given)
-        found.append(numbers.size)
-        return numbers
+        taken = needed(*given)
+        found.append(taken.numbers.size)
+        return taken
 
     monkeypatch.setattr(field, "needed", counted)
     return found
@@ -71,8 +71,8 @@ def test_some_wavelengths_carry_the_others(model: str, sun: float, monkeypatch: 
     assert count[1] == WAVELENGTHS.size
 
 
-def test_wavelengths_within_lines_are_solved_for(monkeypatch: Any) -> None:
-    """A gas with lines of all strengths: where neighbours say nothing of a wavelength it is among the chosen."""
+def test_wavelengths_within_lines_follow_from_those_that_are_alike(monkeypatch: Any) -> None:
+    """A gas with lines of all strengths: what is next in wavelength says nothing, what is alike in depth does."""
     air = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=30.0)
     strength = np.random.default_rng(5).permutation(np.geomspace(1e-9, 3e-4, WAVELENGTHS.size))
     table = {"wavelengths": WAVELENGTHS.tolist(), "values": strength.tolist()}
@@ -87,7 +87,7 @@ def test_wavelengths_within_lines_are_solved_for(monkeypatch: Any) -> None:
     lean = look(scene)
     monkeypatch.setattr(spectral, "FEW", 1000)
     assert_as_before(lean, look(scene))
-    assert count[0] > 16
+    assert count[0] <= 16
 
 
 @pytest.mark.parametrize(
