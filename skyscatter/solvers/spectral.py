@@ -120,9 +120,7 @@ def some_of(solution: Solution, scene: Scene, wavelengths: Array, chosen: Number
     return Solution(at_some(solution.problem, scene, wavelengths, chosen), sums)
 
 
-def at_all(
-    some: Sums, problem: Problem, coarse: Solution, chosen: Chosen, threads: int = 1
-) -> Sums:
+def at_all(some: Sums, problem: Problem, coarse: Solution, chosen: Chosen, threads: int = 1) -> Sums:
     """Sums on the grid of a problem at all wavelengths, from those at some and a coarse solution."""
     way = Transfer.between(coarse.problem, problem)
     guides = way.known(Light(coarse.sums.moments, coarse.sums.flux))
