@@ -8,14 +8,19 @@ from numpy.typing import ArrayLike
 from skyscatter.solvers.base import Array
 
 #: Share of the difference that is reported: methods of second order on half the steps leave a third of it; the rest
-#: is caution.
-ERROR_SHARE = 0.5
+#: is caution.  Beyond the second number of a tolerance steps are so long that all of it may be left.
+ERROR_SHARE, ASSURED = 0.5, 0.01
 #: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
 LEAST_ERROR = 0.4
 #: Share of the level sunlight that delta-M takes for unscattered that is reported as error.
 LEVEL_ERROR = 0.3
 #: Zenith angles of the Sun [degree] between which sunlight begins to count as level.
 LEVEL = 80.0, 90.0
+
+
+def error_share(tolerance: float) -> float:
+    """Share of the difference between two solutions that is reported, where the finer one was made to a tolerance."""
+    return ERROR_SHARE if tolerance <= ASSURED else 1.0
 
 
 def levelness(zenith: ArrayLike) -> Array:
@@ -42,7 +47,7 @@ def level_error(zenith: ArrayLike, peaks: Array) -> Array:
 
 def stated_error(fine: Array, coarse: Array, tolerance: float) -> Array:
     """Estimated error of a value from that of a coarser solution, of one shape."""
-    return np.asarray(ERROR_SHARE * np.abs(fine - coarse) + LEAST_ERROR * tolerance * np.abs(fine))
+    return np.asarray(error_share(tolerance) * np.abs(fine - coarse) + LEAST_ERROR * tolerance * np.abs(fine))
 
 
 def relative_error(fine: Array, coarse: Array, tolerance: float, own: int) -> Array:
@@ -54,7 +59,7 @@ def relative_error(fine: Array, coarse: Array, tolerance: float, own: int) -> Ar
     difference = np.abs(coarse - fine) / size
     typical = np.sqrt(np.mean(difference**2, axis=0))
     worst = np.maximum(difference[:own].max(axis=0), typical)
-    return np.asarray(ERROR_SHARE * worst + LEAST_ERROR * tolerance)
+    return np.asarray(error_share(tolerance) * worst + LEAST_ERROR * tolerance)
 
 
 def turned(origin: Array, direction: Array, count: int) -> tuple[Array, Array]:

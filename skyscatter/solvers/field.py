@@ -24,14 +24,14 @@ from skyscatter.solvers.checks import check_rays, check_wavelengths, worker_coun
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort, check_memory
-from skyscatter.solvers.estimate import ERROR_SHARE, level_error, relative_error, turned
+from skyscatter.solvers.estimate import error_share, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
-from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, bundles, make_problem, view
+from skyscatter.solvers.sweeps import Problem, Solution, Sums, Sweeper, bundles, make_problem, view
 from skyscatter.solvers.twogrid import corrected_sums
 from skyscatter.workers import Workers, steady_algebra
 
@@ -40,16 +40,16 @@ if TYPE_CHECKING:
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = 0.005
-#: No grid is coarser than this asks for: less would save nothing.
-LOOSEST = 0.01
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
+#: No grid is coarser than this asks for, but that for its error: less would save nothing.
+LOOSEST = 0.015
 #: Rays of a bundle on which both solutions are compared, at most.
 COMPARED = 4
 #: Rays evaluated together: a sixteenth of all, whatever the threads, within these.
 CHUNKS, CHUNK = 16, (1024, 8192)
 #: Version of the file layout.
-FILE_VERSION = 1
+FILE_VERSION = 2
 
 
 def solve_once(
@@ -226,13 +226,18 @@ def solve(
     return field
 
 
+def check_tolerance(tolerance: float) -> None:
+    """Refuse one for which there is no grid."""
+    if not 1e-4 <= tolerance <= 0.1:
+        raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
+
+
 def zenith_range(scene: Scene, sun_elevations_deg: tuple[float, float], tolerance: float) -> tuple[float, float]:
     """Zenith angles of the Sun [rad] that a solution has to cover for those elevations, after checks of both."""
     low, high = (float(e) for e in sun_elevations_deg)
     if not -90 <= low <= high <= 90:
         raise DomainError("sun_elevations_deg", (low, high), "lowest and highest, between -90 and 90 degrees")
-    if not 1e-4 <= tolerance <= 0.1:
-        raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
+    check_tolerance(tolerance)
     margin = 2 * reach(scene.medium.radius, scene.medium.top)
     return max(np.radians(90 - high) - margin, 0.0), min(np.radians(90 - low) + margin, np.pi)
 
@@ -252,29 +257,53 @@ def solve_range(
     """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
     expect("orders")
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
-    tolerance = min(tolerance, LOOSEST)
-    problem = make_problem(scene, wavelengths, zenith, tolerance, stokes, cut_peaks=max_order != 1)
-    check_effort(problem, wavelengths, tolerance, max_order)
-    check_memory(problem)
-    if progress is not None:
-        say("orders of scattering, coarser, for the error")
-    coarser = COARSER * tolerance
-    coarse = solve_once(
-        scene, wavelengths, zenith, coarser, stokes, max_order, threads, checkpoint=checkpoint, name="coarse"
-    )
-    if progress is not None:
-        say("orders of scattering", anew=False)
-    chosen = needed(coarse, wavelengths, tolerance)
-    sweeper = Sweeper(at_some(problem, scene, wavelengths, chosen.numbers), threads)
-    if max_order is None:
-        guide = some_of(coarse, scene, wavelengths, chosen.numbers)
-        sums = corrected_sums(sweeper, guide, tolerance, progress, checkpoint, "fine")
-    else:
-        sums = sum_orders(sweeper, tolerance, max_order, progress, checkpoint, "fine")
-    if chosen.numbers.size < wavelengths.size:
-        sums = at_all(sums, problem, coarse, chosen, threads)
-    fine = Solution(problem, sums)
-    return RadianceField(scene, wavelengths, zenith, tolerance, stokes, fine, coarse)
+    made = _Making(scene, wavelengths, zenith, stokes, max_order, threads, progress, checkpoint)
+    return made.field(min(tolerance, LOOSEST))
+
+
+@dataclass(frozen=True)
+class _Making:
+    """How a field is made: a solution from one that is half as fine, which also tells its error."""
+
+    scene: Scene
+    wavelengths: Array
+    zenith: tuple[float, float]
+    stokes: bool
+    max_order: int | None
+    threads: int
+    progress: Callable[[float], None] | None = None
+    checkpoint: Checkpoint | None = None
+
+    def field(self, tolerance: float, coarse: Solution | None = None) -> RadianceField:
+        """The solution to a tolerance, and the coarser one, which may be known already."""
+        air = self.scene, self.wavelengths, self.zenith
+        problem = make_problem(*air, tolerance, self.stokes, cut_peaks=self.max_order != 1)
+        check_effort(problem, self.wavelengths, tolerance, self.max_order)
+        check_memory(problem)
+        if coarse is None:
+            if self.progress is not None:
+                say("orders of scattering, coarser, for the error")
+            coarse = solve_once(
+                *air, COARSER * tolerance, self.stokes, self.max_order, self.threads,
+                checkpoint=self.checkpoint, name="coarse",
+            )  # fmt: skip
+        if self.progress is not None:
+            say("orders of scattering", anew=False)
+        return RadianceField(*air, tolerance, self.stokes, self._finer(problem, coarse), coarse, self.max_order)
+
+    def _finer(self, problem: Problem, coarse: Solution) -> Solution:
+        """The solution at some of the wavelengths, with the help of the coarser one, carried to all others."""
+        chosen = needed(coarse, self.wavelengths, problem.tolerance)
+        numbers, more = chosen.numbers, (self.progress, self.checkpoint, "fine")
+        sweeper = Sweeper(at_some(problem, self.scene, self.wavelengths, numbers), self.threads)
+        if self.max_order is None:
+            guide = some_of(coarse, self.scene, self.wavelengths, numbers)
+            sums = corrected_sums(sweeper, guide, problem.tolerance, *more)
+        else:
+            sums = sum_orders(sweeper, problem.tolerance, self.max_order, *more)
+        if numbers.size < self.wavelengths.size:
+            sums = at_all(sums, problem, coarse, chosen, self.threads)
+        return Solution(problem, sums)
 
 
 def check_coverage(scene: Scene, zenith: tuple[float, float], origins: Array, directions: Array, sun: Sun) -> None:
@@ -307,6 +336,8 @@ class RadianceField:
     stokes : bool
     fine, coarse : Solution
         The solution, and one of half the fineness from whose difference the error is estimated.
+    max_order : int, optional
+        Light that was scattered more often was left out.
 
     Examples
     --------
@@ -327,6 +358,7 @@ class RadianceField:
     stokes: bool
     fine: Solution = field(repr=False)
     coarse: Solution = field(repr=False)
+    max_order: int | None = None
 
     def __post_init__(self) -> None:
         # Loading is not thread-safe; do it before threads ask.
@@ -335,6 +367,46 @@ class RadianceField:
     def at(self, sun: Sun) -> SceneTable:
         """Tables of the scene with the Sun elsewhere."""
         return compile_scene(self.scene.model_copy(update={"sun": sun}), self.wavelengths)
+
+    @steady_algebra()
+    def refined(self, *, threads: int | None = None, progress: Callable[[float], None] | None = None) -> RadianceField:
+        """The field to a quarter of the tolerance, which goes on from what is known: a first answer comes soon.
+
+        Parameters
+        ----------
+        threads : int, optional
+            All processors when not given.
+        progress : callable, optional
+            Called with the finished share, 0 to 1.
+
+        Returns
+        -------
+        RadianceField
+            What this one knows is the coarser solution that tells its error.
+
+        Raises
+        ------
+        DomainError
+            Where the tolerance would fall below 1e-4, or the work is too much.
+
+        Examples
+        --------
+        The first answer is good to its stated error, and the second one changes it by less.
+
+        >>> import skyscatter
+        >>> scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=30)
+        >>> first = skyscatter.solve(scene, [450, 550, 650], sun_elevations_deg=(30, 30), tolerance=0.015)
+        >>> better = first.refined()
+        >>> first.tolerance, better.tolerance
+        (0.015, 0.00375)
+        >>> one, two = (field.radiance(scene.observer.position, [0, 0, 1]) for field in (first, better))
+        >>> bool((abs(one.radiance - two.radiance) < one.estimated_error).all())
+        True
+        """
+        tolerance = self.tolerance / COARSER
+        check_tolerance(tolerance)
+        how = self.scene, self.wavelengths, self.zenith, self.stokes, self.max_order
+        return _Making(*how, worker_count(threads), progress).field(tolerance, self.fine)
 
     @steady_algebra()
     def radiance(
@@ -652,6 +724,7 @@ class RadianceField:
         content = {
             "version": FILE_VERSION, "scene": self.scene.model_dump_json(), "zenith": self.zenith,
             "wavelengths": self.wavelengths, "tolerance": self.tolerance, "stokes": self.stokes,
+            "max_order": 0 if self.max_order is None else self.max_order,
         }  # fmt: skip
         for name in ("fine", "coarse"):
             sums = getattr(self, name).sums
@@ -690,9 +763,10 @@ class RadianceField:
             scene = Scene.model_validate_json(str(content["scene"]))
             wl, zenith = content["wavelengths"], (float(content["zenith"][0]), float(content["zenith"][1]))
             tolerance, stokes = float(content["tolerance"]), bool(content["stokes"])
+            max_order = int(content["max_order"]) or None
             solutions = []
             for name, factor in (("fine", 1.0), ("coarse", COARSER)):
-                problem = make_problem(scene, wl, zenith, factor * tolerance, stokes)
+                problem = make_problem(scene, wl, zenith, factor * tolerance, stokes, cut_peaks=max_order != 1)
                 sums = Sums(content[f"{name}_moments"], content[f"{name}_flux"], int(content[f"{name}_orders"]))
                 grid = problem.grid
                 if sums.moments.shape[:3] != (grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size):
@@ -700,7 +774,7 @@ class RadianceField:
                 solutions.append(Solution(problem, sums))
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise SkyscatterError(wrong) from error
-        return cls(scene, wl, zenith, tolerance, stokes, *solutions)
+        return cls(scene, wl, zenith, tolerance, stokes, solutions[0], solutions[1], max_order)
 
     def sun(self, elevation_deg: float | None, azimuth_deg: float | None) -> Sun:
         """The scene's Sun, moved."""
@@ -787,7 +861,7 @@ class RadianceField:
             share = relative_error(fine[all_of_it], coarse[all_of_it], self.tolerance, mine.size)
             members = order[group[k] : group[k + 1]]
             error[members] = share * np.abs(diffuse[members])
-            error[rays] = np.maximum(error[rays], ERROR_SHARE * np.abs(coarse[mine] - fine[mine]))
+            error[rays] = np.maximum(error[rays], error_share(self.tolerance) * np.abs(coarse[mine] - fine[mine]))
         return np.asarray(error + self._level_error(table, origins, directions, diffuse))
 
     def _level_error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array | float:

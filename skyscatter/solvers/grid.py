@@ -69,8 +69,8 @@ class Grid:
 
 
 def fineness(tolerance: float) -> float:
-    """Factor on every spacing: the square root of the tolerance, between 1/4 and 4.5."""
-    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 4.5))
+    """Factor on every spacing: the square root of the tolerance, between 1/4 and 6.5."""
+    return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 6.5))
 
 
 def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float, tolerance: float) -> Array:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Steps that are remembered, and their number at most.
-MEMORY, MOST_STEPS = 6, 100
+MEMORY, MOST_STEPS = 6, 30
 #: Greatest rate at which steps fall from one to the next that is reckoned with.
 FASTEST = 0.995
 #: A step that darkens a place by more than this is not believed: light is not negative.
@@ -48,7 +48,7 @@ def settled(step: Callable[[Light], Light], light: Light, goal: float, rate: flo
     Raises
     ------
     ConvergenceError
-        After 100 steps.
+        After 30 steps.
     """
     steps: list[Array] = []
     lights: list[Light] = []

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from skyscatter.solvers.base import Array
-from skyscatter.solvers.estimate import ERROR_SHARE
+from skyscatter.solvers.estimate import error_share
 from skyscatter.solvers.field import RadianceField
 from skyscatter.solvers.sweeps import Solution, view
 from skyscatter.workers import in_parts, steady_algebra
@@ -181,7 +181,11 @@ class Response:
     def error(self) -> Array:
         """Estimated relative error of the diffuse light of an even sky, shape (wavelength,)."""
         fine, coarse = (self._even(m) for m in (self.modes, self._modes(self.field.coarse)))
-        return np.asarray(ERROR_SHARE * np.abs(fine - coarse).mean(axis=0) / np.maximum(fine.mean(axis=0), 1e-300))
+        return np.asarray(
+            error_share(self.field.tolerance)
+            * np.abs(fine - coarse).mean(axis=0)
+            / np.maximum(fine.mean(axis=0), 1e-300)
+        )
 
     def _even(self, modes: Array) -> Array:
         return 2 * np.pi * np.einsum("s,svw->vw", self.sources[1], modes[:, :, 0])

@@ -30,7 +30,7 @@ from skyscatter.solvers.response import Response, lowest_light
 from skyscatter.solvers.state import RenderState
 
 #: Accuracy that is aimed at in the field of the faint lights, whose own brightness is known to some 10 %.
-TOLERANCE = 0.01
+TOLERANCE = 0.008
 #: Rays whose light is added at once.
 BLOCK = 1 << 16
 #: The Sun is left out below this elevation, for an observer on the ground [degree]: its light is less than a thousandth

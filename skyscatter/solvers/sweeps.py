@@ -37,12 +37,12 @@ Array = NDArray[np.float64]
 
 #: Degrees to which phase functions may be kept, each with the tolerances below which it may be chosen, and no lower one
 #: may; what is more forward-peaked is cut off (delta-M).
-DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.01, 0.003), (16, 0.01, 0.001), (24, 0.001, 0.0))
+DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.02, 0.003), (16, 0.02, 0.001), (24, 0.001, 0.0))
 #: Optical depth of the cut peaks that is good enough, in units of the tolerance.
 PEAK_SHARE = 1.5
-#: What cut peaks may take, in units of the tolerance, from sunlight that comes in nearly level.  Delta-M lets it go on
-#: as if it had not been scattered; but where its way through a layer is long, a few degrees lead out of the layer.
-LEVEL_PEAK_SHARE = 10.0
+#: What cut peaks may take, in units of the tolerance and at most, from sunlight that comes in nearly level.  Delta-M
+#: lets it go on as if it had not been scattered; but where its way is long, a few degrees lead out of a layer.
+LEVEL_PEAK_SHARE, MOST_LEVEL_PEAK = 10.0, 0.05
 #: Coefficients below this count as zero.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
@@ -58,9 +58,10 @@ CELL_ANGLE, CELL_DEPTH = np.radians(0.6), 1.0
 EVEN_SAMPLES, CELL_SAMPLES = 2001, 4
 #: Shares of the tolerance for which directions, and positions of the Sun in twilight, are chosen where the Sun may be
 #: below the horizon, and where it may be far below.  Light then comes from one side, low above the horizon: of what
-#: rules of few points miss of it one order, the next misses as much again.
+#: rules of few points miss of it one order, the next misses as much again.  Directions for more than the last number
+#: miss what several grids miss alike.
 DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 1.0
-DEEP_DIRECTIONS, DEEP_SUNS = 0.25, 0.5
+DEEP_DIRECTIONS, DEEP_SUNS, MOST_DEEP = 0.25, 0.5, 0.00125
 #: What is far, in units of the angle under which a scale height sinks below the horizon.
 DEEP = 4.5
 #: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth
@@ -146,7 +147,8 @@ def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float
     allowed = [degree for degree, may, _ in DEGREES if tolerance < may and degree >= least]
     for degree in allowed:
         peak = np.abs(chi[:, 0, degree + 1])
-        level_enough = (peak * level).sum(axis=0).max() < LEVEL_PEAK_SHARE * tolerance
+        most = min(LEVEL_PEAK_SHARE * tolerance, MOST_LEVEL_PEAK)
+        level_enough = (peak * level).sum(axis=0).max() < most
         if level_enough and (peak * depth).sum(axis=0).max() < PEAK_SHARE * tolerance:
             return max(min(needed, degree), 2)
     return max(min(needed, allowed[-1]), 2)
@@ -316,7 +318,7 @@ def make_grid(
         for_directions, for_suns = DUSK_DIRECTIONS, DUSK_SUNS
     else:
         for_directions, for_suns = 1.0, 1.0
-    finer = tolerance * for_directions
+    finer = min(tolerance * for_directions, MOST_DEEP if below > DEEP else 1.0)
     coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, for_suns)
     quadrature, azimuths = grids.directions(nodes, columns.radius, degree, finer), grids.azimuths(degree, finer)
     return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths, finer)
