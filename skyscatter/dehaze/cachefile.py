@@ -52,7 +52,7 @@ def save(path: Path, arrays: dict[str, NDArray[np.float64]]) -> bool:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            np.savez(file, **arrays)
     except (OSError, SkyscatterError):
         return False
     return True
