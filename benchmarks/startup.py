@@ -2,16 +2,19 @@
 
 A fresh virtual environment is made with the running Python and the checkout is installed into it (downloads included;
 with --pip-cache pip may use what it downloaded before), or the wheel that --wheel names, such as one with machine code.
-Every first picture has an empty compiler cache of its own.
+Every first picture has an empty compiler cache of its own.  Pictures are made before a terminal: seconds count to the
+first byte of progress that it shows, and to the end of the command.
 """
 
 from __future__ import annotations
 
 import os
 import shlex
+import statistics
 import subprocess
 import sys
 import tempfile
+import time
 import venv
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,6 +32,44 @@ def call(command: Sequence[str | Path], folder: Path, **environment: str) -> Non
     )
     if done.returncode:
         raise SystemExit(f"{shlex.join(map(str, command))} failed:\n{done.stdout}{done.stderr}")
+
+
+def watched(command: Sequence[str | Path], folder: Path, **environment: str) -> tuple[float, float]:
+    """Run a command whose stderr is a terminal; seconds to the first byte there and to its end."""
+    reader, terminal = os.openpty()
+    began, first, said = time.perf_counter(), 0.0, b""
+    with subprocess.Popen(
+        [str(word) for word in command], cwd=folder, env=os.environ | {"TERM": "xterm"} | environment,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=terminal,
+    ) as process:  # fmt: skip
+        os.close(terminal)
+        while words := _read(reader):
+            first, said = first or time.perf_counter() - began, said + words
+    whole = time.perf_counter() - began
+    os.close(reader)
+    if process.returncode:
+        raise SystemExit(f"{shlex.join(map(str, command))} failed:\n{said.decode(errors='replace')}")
+    return first, whole
+
+
+def _read(reader: int) -> bytes:
+    """What a terminal has been told; nothing once all who could tell it something have ended."""
+    try:
+        return os.read(reader, 1 << 16)
+    except OSError:
+        return b""
+
+
+def pictures(commands: Sequence[str], program: Path, folder: Path, repeats: int) -> list[list[object]]:
+    """Rows of first pictures and of the same again."""
+    rows: list[list[object]] = []
+    for k, picture in enumerate(commands):
+        words = [program, *shlex.split(picture), "-o", f"{k}.png"]
+        cache = {"NUMBA_CACHE_DIR": str(folder / f"kernels {k}")}
+        rows.append([f"first `skyscatter {picture}`", *watched(words, folder, **cache)])
+        again = [watched(words, folder, **cache) for _ in range(max(repeats, 1))]
+        rows.append(["the same again", *(statistics.median(times) for times in zip(*again, strict=True))])
+    return rows
 
 
 def install(folder: Path, keep_cache: bool, what: Path) -> Path:
@@ -56,8 +97,8 @@ def main() -> None:
         if given.skip_install:
             programs = Path(sys.executable).parent
         else:
-            time, programs = seconds(lambda: install(folder, given.pip_cache, (given.wheel or ROOT).resolve()))
-            rows.append(["virtual environment and pip install", time])
+            taken, programs = seconds(lambda: install(folder, given.pip_cache, (given.wheel or ROOT).resolve()))
+            rows.append(["virtual environment and pip install", "", taken])
         python, command = programs / "python", programs / "skyscatter"
         call([python, "-c", "import skyscatter"], folder)  # the files are read from the disk once
         for label, words in (
@@ -65,16 +106,10 @@ def main() -> None:
             ("import skyscatter", [python, "-c", "import skyscatter"]),
             ("skyscatter --help", [command, "--help"]),
         ):
-            time, _ = median_seconds(lambda w=words: call(w, folder), given.repeats)
-            rows.append([label, time])
-        for k, picture in enumerate(given.picture or PICTURES):
-            words = [command, *shlex.split(picture), "-o", f"{k}.png"]
-            cache = {"NUMBA_CACHE_DIR": str(folder / f"kernels {k}")}
-            time, _ = seconds(lambda w=words, c=cache: call(w, folder, **c))
-            rows.append([f"first `skyscatter {picture}`", time])
-            time, _ = median_seconds(lambda w=words, c=cache: call(w, folder, **c), given.repeats)
-            rows.append(["the same again", time])
-    blocks = [table(["step", "seconds"], rows)]
+            taken, _ = median_seconds(lambda w=words: call(w, folder), given.repeats)
+            rows.append([label, "", taken])
+        rows += pictures(given.picture or PICTURES, command, folder, given.repeats)
+    blocks = [table(["step", "first progress [s]", "end [s]"], rows)]
     if given.wheel is not None:
         blocks.insert(0, f"Installed from {given.wheel.name}, {given.wheel.stat().st_size / 1e6:.1f} MB.")
     packages = versions("skyscatter", "numba", "numpy", "pip")

@@ -52,6 +52,7 @@ html_css_files = ["skyscatter.css"]
 html_sourcelink_suffix = ""
 html_show_sourcelink = False
 html_favicon = "_static/skyscatter.svg"
+html_context = {"default_mode": "auto"}  # light or dark as the system is; the theme logs an error without
 html_sidebars = {"gallery/README": []}
 smartquotes_action = "qe"  # two hyphens begin an option
 html_theme_options = {

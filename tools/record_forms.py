@@ -4,11 +4,13 @@
 
 Run are small commands for every solver, the digests of all shipped models, and the quick tests (or those that are
 named).  Calls from the tests themselves do not count.  What was listed before stays, unless its entry is no more;
---anew forgets it all.
+--anew forgets it all.  What all commands of a family call is listed apart; --commands ends with them.
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import import_module
@@ -23,7 +25,6 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 import digests  # noqa: E402
 
-from skyscatter.cli.main import main as cli  # noqa: E402
 from skyscatter.kernels import forms  # noqa: E402
 from skyscatter.kernels.byaddress import lay_out  # noqa: E402
 from skyscatter.kernels.forms import Form  # noqa: E402
@@ -75,22 +76,56 @@ def commands(folder: str) -> Iterator[list[str]]:
             yield ["render", name, "--size", "8x6", "--samples", "2", *walks, *out]
 
 
-def main() -> None:
-    """Run and list."""
-    arguments = [word for word in sys.argv[1:] if word != "--anew"]
-    before = {} if "--anew" in sys.argv or not forms.FILE.exists() else forms.listed()
-    families = {name: [form for form in known if exists(form)] for name, known in before.items()}
-    listen(families)
+#: Runs one command and prints the forms that it calls, in a process of its own: tables are kept by one.
+ALONE = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+import record_forms
+from skyscatter.cli.main import main
+families = {}
+record_forms.listen(families)
+assert main(sys.argv[2:]) == 0
+print(json.dumps(families))
+"""
+
+
+def alone(command: list[str]) -> dict[str, list[Form]]:
+    """Forms by family that a command calls where nothing has been called before."""
+    run = [sys.executable, "-c", ALONE, str(ROOT / "tools"), *command]
+    done = subprocess.run(run, check=True, capture_output=True, text=True)
+    called = json.loads(done.stdout.splitlines()[-1])
+    return {family: [Form(*pair) for pair in pairs] for family, pairs in called.items()}
+
+
+def run_commands(families: dict[str, list[Form]]) -> dict[str, list[Form]]:
+    """Run all commands and list what they call; what every command of a family does."""
+    always: dict[str, list[Form]] = {}
     with TemporaryDirectory() as folder:
         for command in commands(folder):
-            print(*command[:6], "->", cli(command), flush=True)
-    forms.write(families)
+            print(*command[:6], flush=True)
+            for family, called in alone(command).items():
+                known = families.setdefault(family, [])
+                known += [form for form in called if form not in known]
+                always[family] = [form for form in always.get(family, called) if form in called]
+    return always
+
+
+def main() -> None:
+    """Run and list."""
+    arguments = [word for word in sys.argv[1:] if word not in ("--anew", "--commands")]
+    before = {} if "--anew" in sys.argv or not forms.FILE.exists() else forms.listed()
+    families = {name: [form for form in known if exists(form)] for name, known in before.items()}
+    always = run_commands(families)
+    forms.write(families, needed=always)
+    if "--commands" in sys.argv:
+        return
+    listen(families)
     for name in digests.DIGESTS:
         digests.computed(name)
         print(name, flush=True)
-        forms.write(families)
+        forms.write(families, needed=always)
     pytest.main(["-q", "-p", "no:cacheprovider", *(arguments or [str(ROOT / "tests")])])
-    forms.write(families)
+    forms.write(families, needed=always)
 
 
 if __name__ == "__main__":

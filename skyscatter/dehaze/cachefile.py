@@ -6,6 +6,7 @@ import hashlib
 import os
 import sys
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -47,12 +48,12 @@ def load(path: Path) -> dict[str, NDArray[np.float64]] | None:
         return None
 
 
-def save(path: Path, arrays: dict[str, NDArray[np.float64]]) -> bool:
+def save(path: Path, arrays: dict[str, Any]) -> bool:
     """Keep arrays; False where the folder cannot be written, which costs time later but is no failure."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            np.savez(file, **arrays)
     except (OSError, SkyscatterError):
         return False
     return True

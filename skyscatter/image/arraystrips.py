@@ -85,7 +85,7 @@ def _write_zarr(source: Source, path: Path, dtype: str | None) -> None:
             _fill(source, define, group.attrs.update, dtype, lambda needed: check_room(path, needed))
             with warnings.catch_warnings():
                 # Other libraries may not read it, and do without; xarray warns where it is not there.
-                warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
+                warnings.simplefilter("ignore", UserWarning)
                 zarr.consolidate_metadata(str(temporary))
         except OSError as error:
             raise SkyscatterError(f"{path}: cannot be written: {error.strerror or error}") from error

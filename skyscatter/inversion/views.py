@@ -77,7 +77,7 @@ class ImageView:
         image[blind] = 0.0
         # Pixels outside a camera's field keep a ray that leads nowhere.
         d = np.where(np.isfinite(d), d, np.array([0.0, 0.0, 1.0]))
-        return cls(image, error, np.ascontiguousarray(o), np.ascontiguousarray(d))
+        return cls(image, error, np.array(o, order="C"), np.ascontiguousarray(d))
 
     @classmethod
     def from_camera(

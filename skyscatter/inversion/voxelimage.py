@@ -407,7 +407,7 @@ def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
         raise DomainError("directions", d.shape, "origins and directions are arrays of shape (ray, 3)")
     if d.size and not np.allclose(np.linalg.norm(d, axis=1), 1.0, atol=1e-6):
         raise DomainError("directions", float(np.linalg.norm(d, axis=1).min()), "must be unit vectors")
-    return np.ascontiguousarray(o), np.ascontiguousarray(d)
+    return np.array(o, order="C"), np.array(d, order="C")  # copies: kernels take arrays that may be written to
 
 
 def _like(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -23,7 +23,11 @@ TWICE = 1.5
 
 
 class Crew:
-    """Helpers that take forms from a list, the first one first, and compile them into the cache."""
+    """Helpers that take forms from a list, the first one first, and compile them into the cache.
+
+    The first `shared` of them are for this process too: `work` takes them from the other end, and so do all helpers
+    but the first.
+    """
 
     def __init__(
         self,
@@ -31,24 +35,32 @@ class Crew:
         size: int,
         done: Callable[[Form], object] = lambda form: None,
         seconds: Mapping[Form, float] | None = None,
+        shared: Iterable[Form] = (),
     ) -> None:
-        self._waiting = deque(wanted)
+        self._shared, self._waiting = deque(shared), deque(wanted)
         self._left, self._began = dict(seconds or {}), time.monotonic()
         listed, hands = list(self._left.values()), size + 1  # the process that called them works too
         self._needed = max(sum(listed) / hands * (TWICE if size else 1.0), max(listed, default=0.0))
-        self._ready = {form: threading.Event() for form in self._waiting}
+        self._ready = {form: threading.Event() for form in (*self._shared, *self._waiting)}
         self._lock, self._done, self._closed = threading.Lock(), done, False
         self._processes: list[subprocess.Popen[str]] = []
-        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(min(size, len(self._ready)))]
+        self._threads = [
+            threading.Thread(target=self._serve, args=(number,), daemon=True)
+            for number in range(min(size, len(self._ready)))
+        ]
         for thread in self._threads:
             thread.start()
         atexit.register(self.close)
 
-    def _next(self) -> Form | None:
+    def _next(self, number: int) -> Form | None:
         with self._lock:
-            return self._waiting.popleft() if self._waiting and not self._closed else None
+            if self._closed:
+                return None
+            if self._shared:
+                return self._shared.pop() if number else self._shared.popleft()
+            return self._waiting.popleft() if self._waiting else None
 
-    def _serve(self) -> None:
+    def _serve(self, number: int) -> None:
         """Hand one form after the other to a process of one's own."""
         process = subprocess.Popen(
             [sys.executable, "-m", forms.__name__], env={**os.environ, HELPER: "1"}, text=True,
@@ -58,7 +70,7 @@ class Crew:
         assert process.stdin is not None
         assert process.stdout is not None
         with process:
-            while (form := self._next()) is not None:
+            while (form := self._next(number)) is not None:
                 try:
                     process.stdin.write(f"{form.symbol}\n")
                     process.stdin.flush()
@@ -71,12 +83,23 @@ class Crew:
                 self.finished(form)
                 self._done(form)
 
+    def work(self) -> None:
+        """Compile here too, beside the helpers, until nobody has to be told to begin with one that is shared."""
+        while self._threads:
+            with self._lock:
+                form = self._shared.pop() if self._shared else None
+                if form is None:
+                    return
+                del self._ready[form]
+            forms.compile_form(form)
+
     def claim(self, form: Form) -> bool:
         """Take a form over that nobody has begun; wait where a helper is at it.  Whether a helper has had it."""
         with self._lock:
-            if form in self._waiting:
-                self._waiting.remove(form)
-                return False
+            for left in (self._shared, self._waiting):
+                if form in left:
+                    left.remove(form)
+                    return False
         if form not in self._ready:
             return False
         while not self._ready[form].wait(0.2):
@@ -128,22 +151,28 @@ _crews: dict[str, Crew] = {}
 def helped(entry: str, arguments: tuple[Any, ...]) -> bool:
     """Whether helpers have compiled an entry for arguments of these types.
 
-    The first call of a family that finds nothing calls them, and they begin with what is called last.
+    The first call of a family that finds nothing calls them, and shares with them what every command of the family
+    needs: this process begins with what takes longest, the first of them with what takes least, which is called first.
     """
     if HELPER in os.environ:
         return False
     family, form = forms.family_of(entry), _form(entry, arguments)
     if family not in _crews:
         _crews[family] = _called_for(family, form)
-        return False
+        _crews[family].work()
     return form is not None and _crews[family].claim(form)
 
 
 def _called_for(family: str, form: Form | None) -> Crew:
-    """Helpers for what the cache has not of a family, but for the form that the caller is about to compile."""
-    missing = [other for other in reversed(forms.listed().get(family, ())) if not forms.is_kept(other)]
-    taken = {other: seconds for other, seconds in forms.seconds(family).items() if other in missing}
-    return Crew([other for other in missing if other != form], processors() - 1, seconds=taken)
+    """Helpers for what the cache has not of a family; none where they could leave nothing for this process to find."""
+    listed, taken = forms.listed().get(family, ()), forms.seconds(family)
+    missing = [other for other in reversed(listed) if not forms.is_kept(other)]
+    shared = [other for other in forms.always().get(family, ()) if other in missing]
+    shared.sort(key=lambda other: taken[other])
+    size = processors() - 1 if missing and forms.can_be_kept(missing[0]) else 0
+    rest = [other for other in missing if other not in shared and other != form]
+    foretold = {other: taken[other] for other in (shared or missing)}
+    return Crew(rest, size, seconds=foretold, shared=shared)
 
 
 def finished(entry: str, arguments: tuple[Any, ...]) -> None:

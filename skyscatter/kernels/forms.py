@@ -61,6 +61,14 @@ def listed() -> dict[str, tuple[Form, ...]]:
 
 
 @cache
+def always() -> dict[str, tuple[Form, ...]]:
+    """Forms of which every command of a family has need, in the order in which they are first called."""
+    content = json.loads(FILE.read_text(encoding="utf-8"))
+    forms = [Form(*pair) for pair in content["forms"]]
+    return {family: tuple(forms[k] for k in numbers) for family, numbers in content["always"].items()}
+
+
+@cache
 def seconds(family: str) -> dict[Form, float]:
     """What the forms of a family take to compile one after the other, as `benchmarks/compiling.py` found [s]."""
     known = json.loads(FILE.read_text(encoding="utf-8")).get("seconds", {}).get(family, [])
@@ -73,15 +81,25 @@ def every() -> list[Form]:
     return sorted({form for forms in listed().values() for form in forms})
 
 
-def write(families: Mapping[str, Sequence[Form]], taken: Mapping[str, Mapping[Form, float]] | None = None) -> None:
-    """List these, and the seconds that they were seen to take; what was known of them, if none are given."""
+def write(
+    families: Mapping[str, Sequence[Form]],
+    taken: Mapping[str, Mapping[Form, float]] | None = None,
+    needed: Mapping[str, Sequence[Form]] | None = None,
+) -> None:
+    """List these, the seconds that they were seen to take, and what is always needed; what was known, if not given."""
     taken = taken or {family: seconds(family) for family in families}
+    if needed is None:
+        needed = {family: [form for form in known if form in families[family]] for family, known in always().items()}
     forms = sorted({form for each in families.values() for form in each})
     names = sorted(families)
     rows = ",\n".join(json.dumps(form) for form in forms)
     lists = _rows({family: [forms.index(form) for form in families[family]] for family in names})
     times = _rows({f: [round(taken[f].get(form, USUAL_SECONDS), 1) for form in families[f]] for f in names})
-    text = f'{{"forms": [\n{rows}\n], "families": {{\n{lists}\n}}, "seconds": {{\n{times}\n}}}}\n'
+    calls = _rows({family: [forms.index(form) for form in needed[family]] for family in sorted(needed)})
+    text = (
+        f'{{"forms": [\n{rows}\n], "families": {{\n{lists}\n}}, "always": {{\n{calls}\n}}, '
+        f'"seconds": {{\n{times}\n}}}}\n'
+    )
     FILE.write_text(text, encoding="utf-8")
 
 

@@ -194,11 +194,11 @@ def dim_by_bound(v, cell, length, work):
 
 @inlined
 def light_reaching(v, k, x, y, z, work, walker, walk):
-    """Irradiance of light k at a point into ``work.arriving``, from columns or, given a walker, tracked.
+    """Irradiance of light k at a point into ``work.arriving``, from columns or tracked, as the table says.
 
     Returns the direction to it.  ``work.density`` is overwritten by tracking.
     """
-    if walker is None:
+    if v.tracking == QUADRATURE:
         return light_arriving(v, k, x, y, z, work)
     return track_light(v, k, x, y, z, v.tracking == RESIDUAL, work, walker, walk)
 

@@ -36,17 +36,17 @@ class FlightScratch(NamedTuple):
 
     work: VolumeWork
     walker: Walker  #: for delta tracking
-    to_lights: Walker | None  #: None where transmittances come from columns
+    to_lights: Walker  #: for tracked transmittances
     walk: Walk
     start: np.ndarray  #: (component,) columns at the start of a step
     total: np.ndarray  #: (wavelength,) light of one walk
     square: np.ndarray  #: (wavelength,)
 
 
-def make_flight_scratch(components: int, wavelengths: int, tracked: bool) -> FlightScratch:
+def make_flight_scratch(components: int, wavelengths: int) -> FlightScratch:
     """Scratch arrays; a thread needs its own."""
     return FlightScratch(
-        make_volume_work(components, wavelengths), make_walker(), make_walker() if tracked else None,
+        make_volume_work(components, wavelengths), make_walker(), make_walker(),
         make_walk(wavelengths), np.zeros(components),
         np.zeros(wavelengths), np.zeros(wavelengths),
     )  # fmt: skip

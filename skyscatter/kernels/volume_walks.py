@@ -57,7 +57,7 @@ class WalkScratch(NamedTuple):
     """Scratch arrays of `volume_path_rays`."""
 
     work: VolumeWork
-    walker: Walker | None  #: None where transmittances come from columns
+    walker: Walker  #: for tracked transmittances
     camera: VolumeLeg
     leg: VolumeLeg
     lights: np.ndarray  #: (light, 4) direction to a light and its share of the direct light
@@ -67,11 +67,11 @@ class WalkScratch(NamedTuple):
     shift: np.ndarray  #: (batch, dimension) uint32
 
 
-def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: int, tracked: bool) -> WalkScratch:
+def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: int) -> WalkScratch:
     """Scratch arrays of `volume_path_rays`; a thread needs its own."""
     batches = min(samples, BATCHES)
     return WalkScratch(
-        make_volume_work(components, wavelengths), make_walker() if tracked else None,
+        make_volume_work(components, wavelengths), make_walker(),
         make_volume_leg(CAMERA_STRATA, components, wavelengths),
         make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_waiting(wavelengths),
         make_walk(wavelengths),
@@ -102,7 +102,7 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
             a, b, c = light_reaching(v, n, px, py, pz, work, walker, walk)
             # Tracking leaves other densities behind.
             space_densities(v.space, px, py, pz, work.space, work.density)
-            if walker is not None:
+            if v.tracking != QUADRATURE:
                 watch_point(v, px, py, pz, work)
             phase_at(v.phase, d[0] * a + d[1] * b + d[2] * c, work.phase)
             for i in range(walk.gain.size):
@@ -312,4 +312,4 @@ def volume_path_rays(
 def scratch_of(table: VolumeTable, samples: int) -> Any:
     """Scratch arrays for a table."""
     components, wavelengths = table.sigma_s.shape
-    return make_walk_scratch(components, wavelengths, len(table.power), samples, table.tracking != QUADRATURE)
+    return make_walk_scratch(components, wavelengths, len(table.power), samples)

@@ -374,6 +374,7 @@ def lost_peaks(
     legendre *= 1 - gone * gone * (3 - 2 * gone)
     found = np.zeros((kept.size, elevation.size, angles, wavelengths))
     height = float(np.linalg.norm(origin)) - table.columns.radius
+    peaked = [(k, c) for k, c in enumerate(kept) if peaks[c].any()]
     for node in range(below, elevation.size):
         columns = slant_columns(table.columns, height, math.sin(float(elevation[node])))
         if columns is None:
@@ -382,7 +383,7 @@ def lost_peaks(
         moment = 4 * math.pi * np.einsum("c,cdw->dw", columns, peaks) / (2 * np.arange(degrees)[:, None] + 1)
         moment = np.maximum(moment, 1e-12)
         gone = 1 - (np.exp(moment - peak) - np.exp(-peak)) / moment
-        for k, c in enumerate(kept):
+        for k, c in peaked:
             found[k, node] = legendre @ (gone * peaks[c])
     return found
 

@@ -99,7 +99,7 @@ def solve(context: Context, rays: Rays, options: Options, walks: Walks | None = 
     scattered = direct = np.zeros_like(mean)
     if options.sampling in ("free-flight", "delta"):
         direct = single_parts(without_lights(table), rays, tolerance)[1]
-        flights = make_flight_scratch(components, wavelengths, table.tracking != QUADRATURE)
+        flights = make_flight_scratch(components, wavelengths)
         volume_flight_rays(
             table, options.sampling == "delta", rays.origins, rays.directions, rays.numbers, np.int64(options.seed),
             count, max_order, flights, mean, error, by_order, used,

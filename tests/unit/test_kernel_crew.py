@@ -53,6 +53,47 @@ def test_a_form_that_is_claimed_is_left_to_who_claims_it() -> None:
     assert held.claim(small()[1])
 
 
+def test_what_every_command_needs_is_shared_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The helper begins with what takes least, this process with what takes longest; nobody does both."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    least, longest = small()
+    here: list[Form] = []
+
+    def compiling(form: Form) -> None:
+        here.append(form)
+        assert held._ready[least].wait(60)
+
+    monkeypatch.setattr(forms, "compile_form", compiling)
+    held = crew.Crew([], 1, shared=[least, longest])
+    held.work()
+    held.join()
+    assert here == [longest]
+    assert held.claim(least)
+    assert not held.claim(longest)
+
+
+def test_helpers_are_asked_for_what_is_needed_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What only some commands of a family call comes last, and where nothing can be kept nobody is called."""
+    monkeypatch.setattr(crew.threading.Thread, "start", lambda self: None)
+    monkeypatch.setattr(forms, "is_kept", lambda form: False)
+    monkeypatch.setattr(crew, "processors", lambda: 2)
+    monkeypatch.setattr(forms, "can_be_kept", lambda form: True)
+    called = crew._called_for("orders", None)
+    assert "sweep_height" in called._shared[-1].entry
+    assert {*called._shared} == {*forms.always()["orders"]}
+    assert any("fill_densities" in form.entry for form in called._waiting)
+    assert not {*called._shared} & {*called._waiting}
+    monkeypatch.setattr(forms, "can_be_kept", lambda form: False)
+    assert not crew._called_for("orders", None)._threads
+
+
+def test_what_is_always_needed_is_listed() -> None:
+    for family, needed in forms.always().items():
+        assert {*needed} <= {*forms.listed()[family]}
+    assert any("volume_path_rays" in form.entry for form in forms.always()["volume_path"])
+    assert not any("fill_densities" in form.entry for form in forms.always()["orders"])
+
+
 def test_what_cannot_be_compiled_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     unknown = Form("skyscatter.kernels.optics:absent", "f8")
