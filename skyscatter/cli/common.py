@@ -59,7 +59,7 @@ Denoise = Annotated[
 ]
 Photons = Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")]
 Radius = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Radius in which light is gathered, else one that falls (photons).")
+    str | None, typer.Option(metavar="LENGTH", help="Largest radius of gathered light, else one that falls (photons).")
 ]
 Estimator = Annotated[
     str | None, typer.Option(metavar="NAME", help="What is gathered: points, paths or both (photons).")

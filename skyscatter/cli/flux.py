@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time as clock
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -151,12 +152,26 @@ def _scene(request: Request, model: Any) -> tuple[Any, NDArray[np.float64]]:
     from skyscatter.solvers.eclipse import eclipse_of
 
     if request.place is not None and request.time is not None:
-        scene = model.scene_at(*request.place, request.time)
+        # Of the lights of the night no field is solved: the Sun alone is meant, and said below.
+        scene = model.scene_at(*request.place, request.time, lights=("sun",)).model_copy(update={"lights": None})
         if eclipse_of(scene) is not None:
             raise DomainError("time", request.time, "is in an eclipse of the Sun, whose light no field holds; see sky")
+        _warn_of_night(request.time, scene.sun.elevation_deg)
         return scene, np.array([scene.sun.elevation_deg])
     assert request.elevations is not None
     return model.scene(), request.elevations
+
+
+def _warn_of_night(time: str, elevation: float) -> None:
+    """Say that the fluxes of a night are not those of its lights."""
+    from skyscatter.models.sky import DARK
+
+    if elevation < DARK:
+        warnings.warn(
+            f"time = {time} has the Sun at {elevation:.1f} degrees: these are fluxes of sunlight alone, without the "
+            "other lights of the night; give another --time, or see the night by skyscatter sky",
+            stacklevel=2,
+        )
 
 
 def _solve(request: Request, name: str, scene: Any, elevations: NDArray[np.float64], checkpoint: Checkpoint) -> Any:

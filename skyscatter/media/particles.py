@@ -244,7 +244,6 @@ def _refined_bounds(leaf: Instruction, low: Array, high: Array) -> tuple[Array, 
 
     lowest, highest, reached = np.full(len(low), np.inf), np.zeros(len(low)), np.zeros(len(low))
     owner = np.arange(len(low))
-    corners = np.stack(np.meshgrid(*3 * [[0.0, 0.5]], indexing="ij"), axis=-1).reshape(-1, 3)
     for turn in range(17):
         least, sample, most = np.empty((3, len(owner)))
         particle_bounds(leaf.data, leaf.index[1], low, high, least, sample, most)
@@ -254,12 +253,23 @@ def _refined_bounds(leaf: Instruction, low: Array, high: Array) -> tuple[Array, 
         np.minimum.at(lowest, owner[done], least[done])
         if done.all():
             break
-        # The rest is cut into eight.
-        size = (high - low)[~done]
-        low = (low[~done][:, None] + corners * size[:, None]).reshape(-1, 3)
-        high = low + 0.5 * np.repeat(size, 8, axis=0)
-        owner = np.repeat(owner[~done], 8)
+        low, high, parents = _halved(low[~done], high[~done])
+        owner = owner[~done][parents]
     return lowest, highest
+
+
+def _halved(low: Array, high: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Boxes (n, 3) cut in half across their long sides: low and high corners of the parts, and of which box each is.
+
+    Sides of less than half the longest stay whole: of a needle cut across all of them, four parts would be as one.
+    """
+    size = high - low
+    long = size > 0.5 * size.max(axis=1, keepdims=True)
+    size = np.where(long, 0.5 * size, size)
+    steps = np.stack(np.meshgrid(*3 * [[0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
+    parents, step = np.nonzero(((steps == 0.0) | long[:, None]).all(axis=2))
+    low = low[parents] + steps[step] * size[parents]
+    return low, low + size[parents], parents
 
 
 def neighbour_distances(positions: Array, neighbours: int) -> Array:

@@ -210,7 +210,7 @@ class Model(Holding, ModelFile):
         if lights is not None and _in_totality(site, scene.altitude):
             elevation = min(elevation, TOTALITY)
         if lights is None and elevation < DARK:
-            _warn_of_night(elevation)
+            _warn_of_night(elevation, body)
         lit = _lights(lights, elevation, body)
         if lit is not None and body != "Earth" and "airglow" in lit.shine:
             raise DomainError("lights", "airglow", f"that of {body} is not known; leave it out")
@@ -247,11 +247,12 @@ def warn_of_size(model: Model) -> None:
         )
 
 
-def _warn_of_night(elevation: float) -> None:
+def _warn_of_night(elevation: float, body: str) -> None:
     """Say that the Sun alone is not the sky of the night."""
+    others = "Moon, stars and airglow" if body == "Earth" else "stars and zodiacal light"
     warnings.warn(
-        f"lights = None with the Sun at {elevation:.1f} degrees: the scene has the Sun alone, and most light of such "
-        'a sky is that of Moon, stars and airglow; give lights = "auto", or ("sun",) for the Sun alone',
+        f"lights = None with the Sun at {elevation:.1f} degrees: the scene has the Sun alone, and most light of such a "
+        f'sky is that of {others}; give lights = "auto", or ("sun",) for the Sun alone',
         stacklevel=3,
     )
 

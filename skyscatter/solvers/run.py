@@ -342,8 +342,9 @@ def radiance(
     photons : int, optional
         Photons in every pass (``photons``).
     radius : float, optional
-        Radius [m] of the spheres in which light is gathered (``photons``), the same in all passes.  When not given, it
-        follows from the scene and falls from pass to pass, so that the bias goes with the noise.
+        Radius [m] of the spheres and disks in which light is gathered (``photons``), the same in all passes; they are
+        smaller beside surfaces, and spheres no larger than half a mean free path.  When not given, it follows from the
+        scene and falls from pass to pass, so that the bias goes with the noise.
     estimator : {"both", "points", "paths"}, optional
         Which photons count in those spheres (``photons``): those that are scattered or absorbed there, those that pass
         through, or both, weighted.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import io
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,26 @@ def test_a_place_and_a_time_settle_the_sun_and_its_distance(monkeypatch: pytest.
     wanted = skyscatter.load_model("earth").scene_at(52.5, 13.4, "2026-01-04T11:00")
     assert (scene, low, high) == (wanted, wanted.sun.elevation_deg, wanted.sun.elevation_deg)
     assert scene.sun.distance_au == pytest.approx(0.9833, abs=1e-4)  # perihelion
+
+
+@pytest.mark.parametrize("planet", ["earth", "mars"])
+def test_a_night_is_told_with_a_remedy_of_this_command(
+    planet: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """The Sun at -67 degrees on both, by day at 66 and 22."""
+
+    def solve(*_: Any, **__: Any) -> Any:
+        raise skyscatter.errors.DomainError("x", 1, "is enough")
+
+    monkeypatch.setattr(skyscatter, "solve", solve)
+    for place, time, told in (("0,0", "00:00", True), ("0,90", "06:00" if planet == "earth" else "00:00", False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            assert main(["flux", planet, "--place", place, "--time", f"2026-01-01T{time}Z"]) == 2
+        error = capsys.readouterr().err
+        assert ("fluxes of sunlight alone" in error) == ("give another --time" in error) == told
+        assert "lights =" not in error
+        assert "airglow" not in error
 
 
 @pytest.mark.parametrize(

@@ -132,4 +132,7 @@ def test_a_night_with_the_sun_alone_is_told() -> None:
     with pytest.warns(UserWarning, match="the scene has the Sun alone"):
         assert model.scene_at(47.0, 11.0, "2026-08-12T23:00Z").lights is None
     assert model.scene_at(47.0, 11.0, "2026-08-12T23:00Z", lights=("sun",)).lights is not None
+    with pytest.warns(UserWarning, match="that of stars and zodiacal light;") as told:
+        load_model("mars").scene_at(0.0, 0.0, "2026-01-01T00:00Z")
+    assert "airglow" not in str(told[0].message)
     assert -10 < model.scene_at(47.0, 11.0, "2026-08-12T19:05Z").sun.elevation_deg < 0

@@ -34,7 +34,7 @@ from skyscatter.kernels.surfaces.photons import bounce, media_behind, meet
 from skyscatter.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
 from skyscatter.kernels.surfaces.polarised import add_seen, begin_look, forget_walks, full, note_matrix
 from skyscatter.kernels.surfaces.rays import fill_stack
-from skyscatter.kernels.surfaces.rims import share_in_sight, share_on_surface
+from skyscatter.kernels.surfaces.rims import disk_in_sight, share_on_surface
 from skyscatter.kernels.surfaces.shadows import copy_stack, passes
 from skyscatter.kernels.surfaces.shapes import NO_MORE, item_body
 
@@ -42,6 +42,8 @@ from skyscatter.kernels.surfaces.shapes import NO_MORE, item_body
 MOST_LEGS = 64
 #: Share of the events that are placed by the angle from a lamp.
 ANGLE_SHARE = 0.5
+#: Radius of a sphere in mean free paths at most, whatever is asked for: beyond, it blurs what it is to find.
+OF_FREE_PATH = 0.5
 #: Value below which walks between mirrors are given up by roulette.
 WEAK = 0.05
 #: Legs after which roulette begins, and the chance to go on: 64 legs are reached by one walk in a million.
@@ -105,6 +107,15 @@ def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
     return t
 
 
+@inlined
+def widest(ball, extinction):
+    """Radius [m] of a sphere where the medium has this extinction (wavelength,) [m-1], `OF_FREE_PATH` at most."""
+    total = 0.0
+    for i in range(extinction.size):
+        total += extinction[i]
+    return min(ball, OF_FREE_PATH * extinction.size / total) if total > 0.0 else ball
+
+
 @kernel
 def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, s, polar):
     """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
@@ -141,7 +152,7 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
         if mean > 0.0:
             p = note_point(points, ray, s.place, d, m, m, -1, order, accepts, s.stack)
             note_matrix(polar, p, 0)
-            points.reach[p] = empty_ball(scene.shapes, s.place, ball, s.ball, points.centre[p])
+            points.reach[p] = empty_ball(scene.shapes, s.place, widest(ball, work.total), s.ball, points.centre[p])
             for c in range(work.density.size):
                 points.density[p, c] = work.density[c]
             for i in range(through.size):
@@ -153,15 +164,16 @@ def leave_surface_point(shapes, surfaces, ray, m, beyond, body, item, order, acc
     """The last point of a walk, on a surface that spreads light."""
     p = note_point(surfaces, ray, s.walk.position, s.walk.direction, m, beyond, body, order, accepts, s.stack)
     note_matrix(polar, p, 1)
-    surfaces.item[p], surfaces.reach[p] = item, disk
+    surfaces.item[p] = item
     x, d, normal = s.walk.position, s.walk.direction, s.hit[1:]
     if opaque:
-        surfaces.area[p], surfaces.crowded[p] = share_in_sight(
+        surfaces.reach[p], surfaces.area[p], surfaces.crowded[p] = disk_in_sight(
             shapes, item, x, normal, d, disk, uniform(s.walk.state), s.ball
         )  # fmt: skip
     else:
         # Light comes from both sides, and not the same of them is in sight.
         surfaces.area[p], surfaces.crowded[p] = share_on_surface(shapes, item, x, normal, disk), False
+        surfaces.reach[p] = disk
     for n in range(3):
         surfaces.normal[p, n] = s.hit[1 + n]
     for i in range(s.walk.value.size):

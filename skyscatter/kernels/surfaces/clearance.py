@@ -4,6 +4,9 @@ Light is gathered in balls.  A ball that a surface cuts off misses the light of 
 through a thin wall takes light from the wrong side.  A ball that no surface cuts is right wherever light is even, in
 corners, slits and beside edges: so `empty_ball` makes it smaller where a surface is near, and moves it away from the
 surface before it becomes too small.  What remains is the change of the light over the way that the ball was moved.
+
+Beside a wall that shines, light without that of the wall itself rises steeply: its second derivative goes with one over
+the distance.  So a ball beside a surface fills but a part of its room, and what it blurs grows with the square of that.
 """
 
 from __future__ import annotations
@@ -21,6 +24,9 @@ from skyscatter.kernels.surfaces.shapes import item_body
 
 #: Part of its radius from which on a ball is moved rather than made smaller still.
 SMALL = 0.25
+#: Radius of a ball that has not the room it wishes, in parts of this room: the blur is two thirds of that of a ball
+#: that touches the surface, the variance half as much again on a layer as wide as the ball.
+FILLED = 0.8
 #: Moves at most: one from a wall, two out of an edge, three out of a corner; acute ones take more.
 MOVES = 6
 #: Cosine between normals of a body's surface below which one part of it stands beside the other, round a corner.
@@ -260,17 +266,17 @@ def empty_ball(shapes, x, radius, b, centre):
     """
     for n in range(3):
         centre[n] = b.place[n] = x[n]
-    best = room = clearance(shapes, x, radius, np.int64(-1), b.away, b.other, b.nearest)
-    wish = SMALL * radius
+    wish, far = SMALL * radius, radius / FILLED
+    best = room = clearance(shapes, x, far, np.int64(-1), b.away, b.other, b.nearest)
     for _ in range(MOVES):
         if room >= wish or not step_away(shapes, b.place, room, wish, b):
             break
-        room = clearance(shapes, b.place, radius, np.int64(-1), b.away, b.other, b.nearest)
+        room = clearance(shapes, b.place, far, np.int64(-1), b.away, b.other, b.nearest)
         if room > best:
             best = room
             for n in range(3):
                 centre[n] = b.place[n]
-    return best
+    return min(max(min(best, wish), FILLED * best), radius)
 
 
 @kernel

@@ -4,6 +4,9 @@ Light is gathered on the disk and divided by its area; without this share walls 
 the disk sticks out, and beside what stands on them, and light would leak beneath thin walls.  Rims are known of
 rectangles, faces of boxes and, taken as straight, of disks; elsewhere the surface is taken as endless.  What stands on
 the surface is found by rays along it.
+
+A disk that is cut by what stands there has its middle beside the point, and light changes towards a corner: the error
+would be of the first order in the radius.  So the disk is made smaller until nothing stands on it, or it is `SMALL`.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ POINTS = 24
 RAYS = 24
 #: No disk is taken as smaller than this share of itself.
 LEAST_SHARE = 0.05
+#: Part of its radius down to which a disk is made smaller where something stands on it.
+SMALL = 0.4
 #: Height above the surface at which they run, in radii of the disk: what is lower is no obstacle.
 LIFT = 1e-3
 
@@ -38,9 +43,9 @@ def share_of_disk(left, right, down, up, radius):
     return min(max(total * step / math.pi, LEAST_SHARE), 1.0)
 
 
-@kernel
-def share_on_surface(shapes, item, x, n, radius):
-    """Share of the disk of a radius [m] around the point x with normal n of an item that lies on this item."""
+@inlined
+def rims_around(shapes, item, x, n):
+    """Distances [m] of the point x with normal n of an item from up to four straight rims; infinite where not known."""
     left = right = down = up = math.inf
     if item < shapes.kind.size:
         p, kind = shapes.parameters[item], shapes.kind[item]
@@ -63,7 +68,28 @@ def share_on_surface(shapes, item, x, n, radius):
         elif kind == DISK:
             out = math.sqrt(a * a + b * b + c * c)
             left, right = p[6] - out, (out - p[7] if p[7] > 0.0 else math.inf)
-    return share_of_disk(max(left, 0.0), max(right, 0.0), max(down, 0.0), max(up, 0.0), radius)
+    return max(left, 0.0), max(right, 0.0), max(down, 0.0), max(up, 0.0)
+
+
+@kernel
+def share_on_surface(shapes, item, x, n, radius):
+    """Share of the disk of a radius [m] around the point x with normal n of an item that lies on this item."""
+    left, right, down, up = rims_around(shapes, item, x, n)
+    return share_of_disk(left, right, down, up, radius)
+
+
+@kernel
+def room_on_surface(shapes, item, x, n, d, radius, b):
+    """Distance [m] from x to what stands on the surface, at most the radius; arguments as for `disk_in_sight`.
+
+    From the inside of a box its other faces do, and its rims are where they begin.
+    """
+    room = radius
+    if item < shapes.kind.size and shapes.kind[item] == BOX and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0.0:
+        left, right, down, up = rims_around(shapes, item, x, n)
+        room = min(room, left, right, down, up)
+    lift_above(x, n, d, radius, b.place)
+    return clearance(shapes, b.place, room, item, n, b.other, b.nearest)
 
 
 @inlined
@@ -114,8 +140,8 @@ def lift_above(x, n, d, radius, out):
 
 
 @kernel
-def share_in_sight(shapes, item, x, n, d, radius, u, b):
-    """Share of the disk around x that lies on the item and in sight of x, and whether anything stands on the disk.
+def disk_in_sight(shapes, item, x, n, d, radius, u, b):
+    """Disk around x in which light is gathered.
 
     Parameters
     ----------
@@ -126,29 +152,40 @@ def share_in_sight(shapes, item, x, n, d, radius, u, b):
     d : (3,)
         Direction of a ray that comes to it, to tell the side.
     radius : float
-        [m]
+        Radius of the disk where nothing stands on it [m].
     u : float
         Random number by which the rays are turned.
     b : BallScratch
+
+    Returns
+    -------
+    reach : float
+        Its radius [m].
+    share : float
+        Part of it that lies on the item and in sight of x.
+    crowded : bool
+        Whether anything stands on it.
     """
-    lift_above(x, n, d, radius, b.place)
-    if clearance(shapes, b.place, radius, item, n, b.other, b.nearest) >= radius:
-        return share_on_surface(shapes, item, x, n, radius), False
+    room = room_on_surface(shapes, item, x, n, d, radius, b)
+    reach = max(room, SMALL * radius)
+    if room >= reach:
+        return reach, share_on_surface(shapes, item, x, n, reach), False
+    lift_above(x, n, d, reach, b.place)
     tx, ty, tz, bx, by, bz = frame_of(n[0], n[1], n[2])
     total = 0.0
     for k in range(RAYS):
         angle = 2.0 * math.pi * (k + u) / RAYS
         c, s = math.cos(angle), math.sin(angle)
         b.away[0], b.away[1], b.away[2] = c * tx + s * bx, c * ty + s * by, c * tz + s * bz
-        way = min(radius, rim_along(shapes, item, x, n, b.away))
+        way = min(reach, rim_along(shapes, item, x, n, b.away))
         way = free_way(shapes, b.place, b.away, way, item, n, b.hit)
         total += way * way
-    return max(total / (RAYS * radius * radius), LEAST_SHARE), True
+    return reach, max(total / (RAYS * reach * reach), LEAST_SHARE), True
 
 
 @kernel
 def in_sight(shapes, item, x, y, n, d, radius, b):
-    """Whether nothing stands between two points x and y of a surface; other arguments as for `share_in_sight`."""
+    """Whether nothing stands between two points x and y of a surface; other arguments as for `disk_in_sight`."""
     lift_above(x, n, d, radius, b.place)
     length = 0.0
     for k in range(3):
