@@ -35,8 +35,9 @@ Mask = NDArray[np.bool_]
 #: takes away a fifth to a half.  And the share of places [%] that are looked at: the worst are at the ends of the range
 #: of Suns.
 LEAST_LEFT, MOST_PLACES = 0.4, 95.0
-#: Cycles after which orders are summed instead; and how much each may have of the one before.
-MOST_CYCLES, SLOWEST = 12, 0.9
+#: Cycles after which orders are summed instead; how much each may have of the change before; and of which change the
+#: first one may be: a guide that is wrong by more, as in the depth of night, is none.
+MOST_CYCLES, SLOWEST, MOST_CHANGED = 12, 0.9, 1.0
 #: Orders of the coarse solution beyond which they are summed on the fine grid too: in a thick medium what the coarse
 #: grid cannot see falls by a twentieth with each sweep.
 MOST_ORDERS = 10
@@ -117,7 +118,7 @@ def _cycles(
         except ConvergenceError:
             return None
         before, changed = changed, float(np.percentile(_changes(light, found), MOST_PLACES))
-        if not changed < SLOWEST * before:
+        if not changed < min(SLOWEST * before, MOST_CHANGED):
             return None
         if cycle > 0:  # one alone does not tell how much is left
             left = max(changed / before, LEAST_LEFT) * changed
