@@ -2,8 +2,8 @@
 
 Parts, each with its section in RESULTS.md: `panorama` (pictures of the model `earth`, and the next position of the Sun
 from a solved field), `walks` (time to equal error beside `path`), `sasktran` (upward rays in a Rayleigh sphere beside
-sasktran2), `memory` (of a fresh process), `curves` (cost over wavelengths, tolerance and size of the picture, and a
-drawing of them in docs/).  sasktran2 is needed for its part alone.
+sasktran2), `memory` (of a fresh process), `curves` (cost over wavelengths, haze, tolerance and size of the picture, and
+a drawing of them in docs/).  sasktran2 is needed for its part alone.
 """
 
 from __future__ import annotations
@@ -22,11 +22,16 @@ from common import WAVELENGTHS, machine, parser, processors, report, rms, second
 from walks import size
 
 import skyscatter
+from skyscatter import Component, Medium
+from skyscatter.media.fields import Exponential
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
 
 ELEVATIONS = (60.0, 10.0, 0.0, -6.0)
 PARTS = ("panorama", "walks", "sasktran", "memory", "curves")
 EIGHT = np.linspace(380.0, 780.0, 8)  #: those of the curve over the tolerance [nm]
 FEW = np.array([380.0, 500.0, 640.0, 780.0])  #: wavelengths at which errors are looked at [nm]
+DEPTHS, PEAKS = (0.03, 0.1, 0.3, 1.0, 3.0), (0.0, 0.5, 0.7, 0.85, 0.95)  #: of a haze in the curves
 FINE = 0.001  #: tolerance of the solution that judges
 STEP = 0.5  #: to the next position of the Sun [degree]
 NEAR_SUN = np.cos(np.radians(1.0))  #: rays closer to the Sun are not compared: its disk has no error
@@ -261,7 +266,7 @@ def memory(given: Any) -> list[str]:
 
 
 def curves(given: Any) -> list[str]:
-    """Cost over wavelengths, tolerance and size of the picture."""
+    """Cost over wavelengths, haze, tolerance and size of the picture."""
 
     def picture(scene: Any, count: int, shape: tuple[int, int]) -> float:
         wl = np.linspace(380.0, 780.0, count) if count > 1 else np.array([550.0])
@@ -271,13 +276,15 @@ def curves(given: Any) -> list[str]:
     day, dusk = scene_at(30.0), scene_at(-3.0)
     skyscatter.render(day, camera((16, 8)), WAVELENGTHS, threads=given.threads)
     by_count = [[n, picture(day, n, (128, 64)), picture(dusk, n, (128, 64))] for n in (1, 4, 16, 32, 64, 128)]
-    by_size = [
+    by_size: list[list[Any]] = [
         [f"{w}x{w // 2}", picture(day, 32, (w, w // 2)), picture(dusk, 32, (w, w // 2))]
         for w in (16, 64, 128, 256, 512)
     ]
+    by_depth = [[d, *(picture(with_haze(scene, d, 0.7), 32, (128, 64)) for scene in (day, dusk))] for d in DEPTHS]
+    by_peak = [[g, *(picture(with_haze(scene, 0.3, g), 32, (128, 64)) for scene in (day, dusk))] for g in PEAKS]
     by_tolerance: list[list[Any]] = []
     judges: dict[int, Any] = {}
-    for tolerance in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05):
+    for tolerance in (0.001, 0.002, 0.005, 0.01, 0.015):
         row: list[Any] = [tolerance]
         for scene in (day, dusk):
             rays = sample_rays(scene)
@@ -294,20 +301,40 @@ def curves(given: Any) -> list[str]:
     return [
         f"Model earth from the ground, the Sun at 30 and -3 degrees, {given.threads} threads; field and picture "
         "together. Seconds of the processor in each thread. By number of wavelengths, 128x64 pixels:",
-        table(["wavelengths", "30° [s]", "-3° [s]"], by_count),
+        table(["wavelengths", "30° [s]", "-3° [s]"], [*by_count, exponents(by_count)]),
+        "By optical depth of a haze (Henyey-Greenstein, asymmetry 0.7, scale height 2 km), 32 wavelengths:",
+        table(["depth", "30° [s]", "-3° [s]"], [*by_depth, exponents(by_depth)]),
+        "By asymmetry of such a haze of depth 0.3:",
+        table(["asymmetry", "30° [s]", "-3° [s]"], by_peak),
         f"By tolerance, {EIGHT.size} wavelengths, the sky's half of a small panorama; errors are root mean "
         "squares against the finest:",
         table(["tolerance", "30° [s]", "error [%]", "stated [%]", "-3° [s]", "error [%]", "stated [%]"], by_tolerance),
         f"By size of the picture, {WAVELENGTHS.size} wavelengths:",
         table(["pixels", "30° [s]", "-3° [s]"], by_size),
-        "Drawn in `docs/orders-cost.png`.",
+        "Exponents are slopes of the logarithms, fitted over the last three rows. Drawn in `docs/orders-cost.png`.",
     ]
+
+
+def with_haze(scene: Any, depth: float, asymmetry: float) -> Any:
+    """The scene with a haze of optical depth and asymmetry, 2 km high."""
+    optics = Particles(optical_depth=depth, phase=HenyeyGreenstein(g=asymmetry))
+    haze = Component(name="more haze", density=Exponential(scale_height=2e3), optics=optics)
+    air = scene.medium
+    return scene.model_copy(
+        update={"medium": Medium(planet_radius=air.planet_radius, components=(*air.components, haze))}
+    )
+
+
+def exponents(rows: list[list[Any]]) -> list[Any]:
+    """A row with the slope of the logarithms of each column over that of the first, over the last three rows."""
+    x, *columns = np.log(np.array(rows[-3:], float)).T
+    return ["exponent", *(f"{np.polyfit(x, y, 1)[0]:.2f}" for y in columns)]
 
 
 def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
     """The three curves as a picture."""
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FormatStrFormatter, NullFormatter
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(11, 3.6), layout="constrained", dpi=110)
     panels = figure.subplots(1, 3)
@@ -323,6 +350,7 @@ def draw(by_count: Any, by_tolerance: Any, by_size: Any) -> None:
             panel.plot([row[k] for row in x], [row[k] for row in y], marker + "-", color=colour, label=name)
         panel.set(xscale="log", yscale="log", xlabel=label)
         panel.grid(alpha=0.3, which="both", linewidth=0.5)
+        panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.yaxis.set_major_formatter(FormatStrFormatter("%g"))
         panel.yaxis.set_minor_formatter(NullFormatter())
     panels[0].set_ylabel("seconds of processor, field and picture")
