@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -177,6 +177,11 @@ def greatest_change(before: tuple[Array, Array], now: tuple[Array, Array]) -> fl
     return max(change, float(np.max(np.abs(flux - before[1]) / most)))
 
 
+def finished(kept: Mapping[str, Array]) -> Sums | None:
+    """The sums that a part of a checkpoint holds, if they were finished."""
+    return Sums(kept["moments"], kept["flux"], int(kept["orders"])) if "orders" in kept else None
+
+
 def sum_orders(
     sweeper: Sweeper,
     tolerance: float,
@@ -207,8 +212,8 @@ def sum_orders(
         If the series has not settled after `MOST_ORDERS` orders.
     """
     kept = {} if checkpoint is None else checkpoint.part(name)
-    if "orders" in kept:
-        return Sums(kept["moments"], kept["flux"], int(kept["orders"]))
+    if (whole := finished(kept)) is not None:
+        return whole
     goal = ORDERS_SHARE * tolerance
     # Light that is sent through in more than `last` orders is not asked for: the view ray adds one.
     last = MOST_ORDERS if max_order is None else max_order - 1

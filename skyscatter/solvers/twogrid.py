@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.mixing import settled
-from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, sum_orders
+from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, sum_orders
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import FAINTEST, Solution, Sums, Sweeper
 from skyscatter.solvers.transfer import Light, Transfer, added, less, light_of
@@ -73,9 +73,8 @@ def corrected_sums(
     ConvergenceError
         If neither this nor the orders settle.
     """
-    kept = {} if checkpoint is None else checkpoint.part(name)
-    if "orders" in kept:
-        return Sums(kept["moments"], kept["flux"], int(kept["orders"]))
+    if checkpoint is not None and (whole := finished(checkpoint.part(name))) is not None:
+        return whole
     found = None
     if guide.sums.orders <= MOST_ORDERS:
         with Workers(max_workers=sweeper.threads) as pool:
