@@ -22,6 +22,7 @@ from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Answer, Array, Options
 from skyscatter.solvers.checks import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.cycles import all_orders
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import error_share, level_error, relative_error, turned
@@ -32,7 +33,6 @@ from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Problem, Solution, Sums, Sweeper, bundles, make_problem, view
-from skyscatter.solvers.twogrid import corrected_sums
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
@@ -78,7 +78,10 @@ def solve_once(
     goal = orders_tolerance or tolerance
     check_effort(problem, wavelengths, goal, max_order)
     check_memory(problem)
-    return Solution(problem, sum_orders(Sweeper(problem, threads), goal, max_order, progress, checkpoint, name))
+    sweeper, more = Sweeper(problem, threads), (progress, checkpoint, name)
+    if max_order is None:
+        return Solution(problem, all_orders(sweeper, goal, None, *more))
+    return Solution(problem, sum_orders(sweeper, goal, max_order, *more))
 
 
 def seen_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[Array, Array]:
@@ -298,7 +301,7 @@ class _Making:
         sweeper = Sweeper(at_some(problem, self.scene, self.wavelengths, numbers), self.threads)
         if self.max_order is None:
             guide = some_of(coarse, self.scene, self.wavelengths, numbers)
-            sums = corrected_sums(sweeper, guide, problem.tolerance, *more)
+            sums = all_orders(sweeper, problem.tolerance, guide, *more)
         else:
             sums = sum_orders(sweeper, problem.tolerance, self.max_order, *more)
         if numbers.size < self.wavelengths.size:

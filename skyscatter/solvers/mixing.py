@@ -9,7 +9,7 @@ weights.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,22 +50,45 @@ def settled(step: Callable[[Light], Light], light: Light, goal: float, rate: flo
     ConvergenceError
         After 30 steps.
     """
-    steps: list[Array] = []
-    lights: list[Light] = []
-    images: list[Light] = []
+    past = Past()
+    before: tuple[Light, Light] | None = None
     for _ in range(MOST_STEPS):
         image = _believed(step(light), light)
         change = greatest_change((light.moments[:, :, 0], light.flux), (image.moments[:, :, 0], image.flux))
         if not np.isfinite(change):
             break
-        if images:
-            rate = max(rate, _rate(lights[-1], light, images[-1], image))
+        if before is not None:
+            rate = max(rate, _rate(before[0], light, before[1], image))
             if change / (1.0 - min(rate, FASTEST)) < goal:
                 return image, rate
-        steps = [*steps[1 - MEMORY :], image.moments[:, :, 0] - light.moments[:, :, 0]]
-        lights, images = [light], [*images[1 - MEMORY :], image]
-        light = _mixed(images, steps, light.moments[:, :, 0])
+        before = light, image
+        light = past.mixed(light, image)
     raise ConvergenceError(f"orders: light has not settled after {MOST_STEPS} steps; use solver path")
+
+
+class Past:
+    """What a few steps made, and what they changed, of which the next light is mixed."""
+
+    def __init__(self, images: Sequence[Light] = (), steps: Sequence[Array] = ()) -> None:
+        self.images, self.steps = list(images), list(steps)  #: the latter of the mean radiance, (node, sun, wavelength)
+
+    @classmethod
+    def of(cls, kept: Mapping[str, Array]) -> Past:
+        """What a checkpoint holds of it."""
+        images = [Light(*pair) for pair in zip(kept["past_moments"], kept["past_flux"], strict=True)]
+        return cls(images, list(kept["past_steps"]))
+
+    def kept(self) -> dict[str, Array]:
+        """What a checkpoint needs."""
+        moments, flux = ([image[k] for image in self.images] for k in (0, 1))
+        parts = {"past_moments": moments, "past_flux": flux, "past_steps": self.steps}
+        return {name: np.stack(part) if part else np.empty((0,)) for name, part in parts.items()}
+
+    def mixed(self, light: Light, image: Light) -> Light:
+        """Where the steps lead together with one more, from a light to its image."""
+        self.steps = [*self.steps[1 - MEMORY :], image.moments[:, :, 0] - light.moments[:, :, 0]]
+        self.images = [*self.images[1 - MEMORY :], image]
+        return _mixed(self.images, self.steps, light.moments[:, :, 0])
 
 
 def _rate(light: Light, next_light: Light, image: Light, next_image: Light) -> float:
