@@ -172,8 +172,10 @@ class SolverOptions:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The fields that are not None, by their names."""
-        return {one.name: value for one in fields(self) if (value := getattr(self, one.name)) is not None}
+        """The fields that are not None, by their names; numbers of numpy as plain ones, which files can hold."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        plain = {name: value.item() if hasattr(value, "item") else value for name, value in values.items()}
+        return {name: value for name, value in plain.items() if value is not None}
 
     @property
     def recorded(self) -> dict[str, Any]:

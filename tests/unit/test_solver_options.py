@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import subprocess
 import sys
 from importlib import import_module
@@ -147,6 +148,7 @@ def test_choices_are_those_that_the_solvers_know() -> None:
 def test_numbers_of_numpy_are_numbers_and_truth_is_none() -> None:
     how = skyscatter.Path(samples=np.int64(8), tolerance=np.float64(1e-3))  # type: ignore[arg-type]
     assert how == skyscatter.Path(samples=8, tolerance=1e-3)
+    assert json.loads(json.dumps(how.recorded)) == {"seed": 0, "samples": 8, "tolerance": 1e-3}
     for wrong_one in (True, 8.0, "8", 2**63):
         with pytest.raises(DomainError, match="a whole number"):
             skyscatter.Path(samples=wrong_one)  # type: ignore[arg-type]
