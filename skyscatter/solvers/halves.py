@@ -39,7 +39,7 @@ class Halves:
             raise DomainError("halves", True, "has no noise to be halved; choose the solver path or photons")
         if asked.stokes:
             raise DomainError("stokes", True, "is not for pictures to be denoised, which is done for I alone")
-        if asked.how.sampling in _PLAIN:
+        if getattr(asked.how, "sampling", None) in _PLAIN:  # photons have no such option
             raise DomainError("sampling", asked.how.sampling, "keeps no halves; leave it out where noise is taken off")
         if asked.how.samples is not None and self._counts(asked) % 2:
             raise DomainError("samples", asked.how.samples, "an even number of walks of each ray, for two equal halves")

@@ -130,8 +130,6 @@ def test_render_interrupted_goes_on_from_its_checkpoint(tmp_path: Any) -> None:
     [
         ({"estimator": "beams"}, "estimator"),
         ({"samples": 4, "noise": 0.1}, "samples"),
-        ({"tolerance": 0.1}, "tolerance"),
-        ({"sampling": "area"}, "sampling"),
         ({"parts": True}, "parts"),
         ({"photons": 0}, "photons"),
         ({"radius": 0.0}, "radius"),
