@@ -36,10 +36,21 @@ def option(name: str, solvers: Sequence[str], usual: str | None = None) -> Any:
     usual : str, optional
         What the command takes where nothing is given, if that is not what the solvers take.
     """
-    kind = next(iter(_having(name, solvers).values())).kind
+    about = next(iter(_having(name, solvers).values()))
     words = name.replace("_", "-")
-    switch = (f"--{words}/--no-{words}",) if kind == "switch" else ()
-    return typer.Option(*switch, *NAMES.get(name, ()), metavar=METAVARS[kind], help=help_of(name, solvers, usual))
+    switch = (f"--{words}/--no-{words}",) if about.kind == "switch" else ()
+
+    def complete(incomplete: str) -> list[str]:
+        """What the shell offers."""
+        return [choice for choice in about.choices if choice.startswith(incomplete)]
+
+    return typer.Option(
+        *switch,
+        *NAMES.get(name, ()),
+        metavar=METAVARS[about.kind],
+        help=help_of(name, solvers, usual),
+        autocompletion=complete if about.choices else None,
+    )
 
 
 def help_of(name: str, solvers: Sequence[str], usual: str | None = None) -> str:

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import typer
 
 import skyscatter
-from skyscatter.cli.main import main
+from skyscatter.cli.main import app, main
 from skyscatter.errors import DomainError
 from skyscatter.solvers import path as shells
 from skyscatter.solvers import photons, surface_path, volume_path
@@ -143,6 +144,18 @@ def test_choices_are_those_that_the_solvers_know() -> None:
     assert set(skyscatter.Path.about()["sampling"].choices) == ways
     assert set(skyscatter.Path.about()["transmittance"].choices) == set(volume_path.TRANSMITTANCES)
     assert set(skyscatter.Photons.about()["estimator"].choices) == set(photons.ESTIMATORS)
+
+
+def test_the_shell_offers_choices() -> None:
+    command = typer.main.get_command(app).commands["nebula"]  # type: ignore[attr-defined]
+    context = command.make_context("nebula", ["ring-nebula"], resilient_parsing=True)
+    parameters = {parameter.name: parameter for parameter in command.params}
+    for name, typed, offered_words in (
+        ("estimator", "p", ["points", "paths"]),
+        ("transmittance", "r", ["ratio", "residual-ratio"]),
+        ("samples", "1", []),
+    ):
+        assert [item.value for item in parameters[name].shell_complete(context, typed)] == offered_words
 
 
 def test_numbers_of_numpy_are_numbers_and_truth_is_none() -> None:
