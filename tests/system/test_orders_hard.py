@@ -114,7 +114,7 @@ def test_a_sheet_of_fog_over_a_round_earth_against_free_walks(sun: float) -> Non
     there = scene(fog, AIR, sun=sun)
     rays = there.observer.position, sights([5, 5, 30, 30, 60], [0, 180, 0, 180, 120])
     answer = skyscatter.radiance(there, *rays, [550.0])
-    walks = skyscatter.radiance(there, *rays, [550.0], "path", samples=300_000, sampling="free-flight")
+    walks = skyscatter.radiance(there, *rays, [550.0], solver=skyscatter.Path(samples=300_000, sampling="free-flight"))
     # The walks are good to 0.2-0.7 %, and beyond three of their errors there is no excuse.
     slack = answer.standard_error + 3 * walks.standard_error
     assert np.all(np.abs(answer.radiance - walks.radiance) < slack)
