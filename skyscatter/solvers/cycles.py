@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.effort import check_sum, expected_orders
-from skyscatter.solvers.mixing import Past
+from skyscatter.solvers.mixing import Parts, Past
 from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, sum_orders
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import FAINTEST, Solution, Sums, Sweeper
@@ -90,22 +90,26 @@ def all_orders(
 
 
 class _Way(NamedTuple):
-    """How a light is begun, and how what a sweep misses is found."""
+    """How a light is begun, how what a sweep misses is found, and when that has settled."""
 
     begun: Callable[[Light], Light]  #: from the first order
     corrected: Callable[[Light, Light], Light]  #: from a light and what a sweep made of it
+    parts: Parts  #: which moments tell
     most_changed: float  #: by the first cycle, relatively, before orders are summed instead
     slowest: float  #: what a cycle may change at most in units of the one before, before orders are summed instead
 
 
 def _way(sweeper: Sweeper, guide: Solution | None, tolerance: float, pool: ThreadPoolExecutor, is_thick: bool) -> _Way:
     """By diffusion in a thick medium, by a coarser solution in any other."""
+    grids = None if guide is None else TwoGrids(sweeper, guide, tolerance, pool)
     if is_thick:
-        diffusion = Diffusion(sweeper.problem)
-        return _Way(diffusion.begun, diffusion.corrected, np.inf, UNEVEN)
-    assert guide is not None
-    grids = TwoGrids(sweeper, guide, tolerance, pool)
-    return _Way(grids.begun, grids.corrected, MOST_CHANGED, SLOWEST)
+        # Diffusion knows nothing of moments beyond the first, and of azimuth: they have to settle by themselves.
+        diffusion, parts = Diffusion(sweeper.problem), Parts.of(sweeper.problem)
+        begun = diffusion.begun if grids is None else grids.whole
+        return _Way(begun, diffusion.corrected, parts, np.inf, UNEVEN)
+    assert grids is not None
+    parts = Parts.of_the_mean(sweeper.problem.moments.degree.size)
+    return _Way(grids.begun, grids.corrected, parts, MOST_CHANGED, SLOWEST)
 
 
 def _cycles(
@@ -122,12 +126,12 @@ def _cycles(
     if "first_moments" in kept:
         first, light = Light(kept["first_moments"], kept["first_flux"]), Light(kept["moments"], kept["flux"])
         left, changed, cycle = kept["state"].tolist()
-        past = Past.of(kept)
+        past = Past.of(way.parts, kept)
     else:
         first = Light(*sweeper.first(pool))
         light = way.begun(first)
         left, changed, cycle = np.inf, np.inf, 0
-        past = Past()
+        past = Past(way.parts)
     while left > goal:
         if cycle == MOST_CYCLES:
             return None
@@ -141,7 +145,10 @@ def _cycles(
             found = way.corrected(light, swept)
         except ConvergenceError:
             return None
-        before, changed = changed, float(np.max(np.percentile(_changes(light, found), PLACES) / ALLOWED))
+        before, changed = (
+            changed,
+            float(np.max(np.percentile(_changes(way.parts.weight, light, found), PLACES) / ALLOWED)),
+        )
         if not changed < min(way.slowest * before, way.most_changed):
             return None
         if cycle > 0:  # one alone does not tell how much is left
@@ -160,11 +167,18 @@ def _swept(sweeper: Sweeper, pool: ThreadPoolExecutor, first: Light, light: Ligh
     return swept
 
 
-def _changes(before: Light, now: Light) -> Array:
-    """Greatest relative change of the mean radiance over wavelengths, (node, sun); 0 in the deep night."""
+def _changes(weight: Array, before: Light, now: Light) -> Array:
+    """Greatest change over moments and wavelengths, (node, sun), each by its weight and in units of the mean radiance.
+
+    0 in the deep night.
+    """
     mean = now.moments[:, :, 0]
-    change = np.abs(mean - before.moments[:, :, 0]) / np.where(_visible(mean), mean, np.inf)
-    return np.asarray(change.max(axis=2))
+    per_mean = np.where(_visible(mean), 1.0, 0.0) / np.where(mean > 0, mean, 1.0)
+    out = np.zeros(mean.shape[:2])
+    for k in np.flatnonzero(weight):
+        change = weight[k] * np.abs(now.moments[:, :, k] - before.moments[:, :, k]) * per_mean
+        out = np.maximum(out, change.max(axis=2))
+    return out
 
 
 def _visible(mean: Array) -> Mask:

@@ -51,6 +51,17 @@ class TwoGrids:
         self.up.by_sun(self.pool, at)
         return out
 
+    def whole(self, first: Light) -> Light:
+        """The guide's light; moments that it does not have are those of the first order."""
+        known = self.up.known(Light(self.guide.sums.moments, self.guide.sums.flux))
+        out = Light(first.moments.copy(), first.flux.copy())
+
+        def at(suns: slice) -> None:
+            out.moments[:, suns, self.up.there], out.flux[:, :, suns] = light_of(self.up.moved(known, suns))
+
+        self.up.by_sun(self.pool, at)
+        return out
+
     def corrected(self, light: Light, swept: Light) -> Light:
         """The light that was swept, with what the coarse grid says that is still missing of it."""
         before, now = (self._lowered(which) for which in (light, swept))
