@@ -131,7 +131,7 @@ def _cycles(
         first = Light(*sweeper.first(pool))
         light = way.begun(first)
         left, changed, cycle = np.inf, np.inf, 0
-        past = Past(way.parts)
+        past = Past(way.parts, np.float32)
     while left > goal:
         if cycle == MOST_CYCLES:
             return None

@@ -21,7 +21,6 @@ from skyscatter.solvers.sweeps import FAINTEST, Problem, moment_weights
 from skyscatter.solvers.transfer import Light
 
 Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Numbers = NDArray[np.int64]
 
@@ -87,16 +86,21 @@ class Parts(NamedTuple):
 
 
 class Past:
-    """What a few steps made, and what they changed, of which the next light is mixed; to single precision."""
+    """What a few steps made, and what they changed, of which the next light is mixed.
 
-    def __init__(self, parts: Parts, images: Sequence[Light] = (), steps: Sequence[Single] = ()) -> None:
-        self.parts, self.images, self.steps = parts, list(images), list(steps)  #: steps as moments are
+    Images and steps are kept to a precision (`kind`): fine grids are large, and what is mixed is swept again.
+    """
+
+    def __init__(
+        self, parts: Parts, kind: Any = np.float64, images: Sequence[Light] = (), steps: Sequence[Any] = ()
+    ) -> None:
+        self.parts, self.kind, self.images, self.steps = parts, kind, list(images), list(steps)
 
     @classmethod
     def of(cls, parts: Parts, kept: Mapping[str, Any]) -> Past:
         """What a checkpoint holds of it."""
         images = [Light(*pair) for pair in zip(kept["past_moments"], kept["past_flux"], strict=True)]
-        return cls(parts, images, list(kept["past_steps"]))
+        return cls(parts, kept["past_steps"].dtype, images, list(kept["past_steps"]))
 
     def kept(self) -> dict[str, Any]:
         """What a checkpoint needs."""
@@ -105,15 +109,14 @@ class Past:
             "past_flux": [image.flux for image in self.images],
             "past_steps": list(self.steps),
         }
-        return {name: np.stack(part) if part else np.empty((0,)) for name, part in parts.items()}
+        return {name: np.stack(part) if part else np.empty((0,), self.kind) for name, part in parts.items()}
 
     def mixed(self, light: Light, image: Light) -> Light:
         """Where the steps lead together with one more, from a light to its image."""
-        step = (image.moments - light.moments).astype(np.float32)
+        step = (image.moments - light.moments).astype(self.kind)
         self.steps = [*self.steps[1 - MEMORY :], step]
         out = self._mixed(image, light.moments[:, :, 0]) if self.images else image
-        single = Light(image.moments.astype(np.float32), image.flux.astype(np.float32))
-        self.images = [*self.images[2 - MEMORY :], single]
+        self.images = [*self.images[2 - MEMORY :], Light(*(values.astype(self.kind) for values in image))]
         return out
 
     def _mixed(self, last: Light, mean: Array) -> Light:
