@@ -40,6 +40,9 @@ ROW_REFINEMENT = 2
 WILDEST = 8.0
 #: Steps in the table of Sun nodes over the Sun's zenith angle.
 INDEX_STEPS = 8192
+#: Range of the Sun's zenith angles [rad] below which there is one Sun for all; steps of the table below which a range
+#: is narrow, and how many it then has at least.
+ONE_SUN, NARROW, LEAST_STEPS = 1e-4, 40, 8
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,7 @@ def sun_nodes(
     twilight : float
         Share of the tolerance that twilight is given.
     """
-    low, high = max(low, 0.0), min(high, np.pi)
+    low, high = _in_steps(max(low, 0.0), min(high, np.pi))
     f = fineness(tolerance)
     angle = np.linspace(low, high, 4001)
     dusk = fineness(twilight * tolerance) * TWILIGHT_STEP * sinking
@@ -141,7 +144,7 @@ def sun_nodes(
     step = dusk + f * DAY_GROWTH * np.maximum(away, 0.0)
     step = np.minimum(step, f * np.radians(DAY_STEP))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (1 / step[1:] + 1 / step[:-1]) * np.diff(angle))])
-    if high - low < 1e-4:  # a flat world: one Sun for all
+    if high - low < ONE_SUN:  # a flat world: one Sun for all
         middle = np.full(1, 0.5 * (low + high))
         return middle, np.repeat(middle, 4), np.zeros(INDEX_STEPS + 1)
     count = max(int(np.ceil(number[-1])), 4)
@@ -149,6 +152,20 @@ def sun_nodes(
     fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)
     index = np.interp(np.linspace(0, np.pi, INDEX_STEPS + 1), fine, np.arange(fine.size) / SUN_REFINEMENT)
     return coarse, fine, index
+
+
+def _in_steps(low: float, high: float) -> tuple[float, float]:
+    """A narrow range of zenith angles [rad], widened to whole steps of the table of Sun nodes, of which it has some.
+
+    Within less than a step the table takes one node for another, and in thick media that adds up.
+    """
+    step = np.pi / INDEX_STEPS
+    if not ONE_SUN <= high - low < NARROW * step:
+        return low, high
+    first, last = np.floor(low / step), np.ceil(high / step)
+    more = max(LEAST_STEPS - (last - first), 0.0)
+    first = max(first - np.ceil(more / 2), 0.0)
+    return float(first * step), float(max(last, first + LEAST_STEPS) * step)
 
 
 def cubic_weights(nodes: Array, points: ArrayLike) -> tuple[NDArray[np.int64], Array]:
