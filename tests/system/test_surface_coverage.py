@@ -39,7 +39,7 @@ def pairs_of_walks(fog: Fog, pairs: int) -> Any:
 
 @pytest.mark.parametrize(("name", "spread", "skew"), [("thin", 0.7, 3.5), ("fog", 1.8, 6.0)])
 def test_no_few_walks_carry_the_light(name: str, spread: float, skew: float) -> None:
-    """Spread and skewness of pairs of walks, the worst look's; bounds are a third above what was measured.
+    """Spread and skewness of pairs of walks, the worst look's; bounds are a third to a half above those measured.
 
     With walls that turn walks by their reflectance alone, and roulette by throughput alone, they were 0.94 and 13.8 in
     thin fog, 2.4 and 8.0 in fog.
