@@ -69,9 +69,14 @@ def study(scene: SpaceScene, offset: float, seeds: int, samples: int, threads: i
     def multiple(rays: int, walks: int, seed: int) -> tuple[Any, Any]:
         origins = np.broadcast_to([offset, 0.0, 10.0], (rays, 3))
         answer = skyscatter.radiance(
-            scene, origins, [0.0, 0.0, -1.0], [550.0], solver="path", samples=walks, seed=seed, threads=threads,
+            scene,
+            origins,
+            [0.0, 0.0, -1.0],
+            [550.0],
+            solver=skyscatter.Path(samples=walks, seed=seed),
+            threads=threads,
             parts=True,
-        )  # fmt: skip
+        )
         return answer.layers["multiple"][:, 0], answer.standard_error[:, 0]
 
     values, errors = multiple(seeds, samples, 1)

@@ -103,12 +103,14 @@ def compare(seed: int, tolerance: float, walks: int, finer: bool) -> tuple[np.nd
     scene, sights = random_sky(np.random.default_rng(seed))
     rays = np.broadcast_to(scene.observer.position, sights.shape), sights
     start = time.process_time()
-    answer = skyscatter.radiance(scene, *rays, [550.0], tolerance=tolerance)
+    answer = skyscatter.radiance(scene, *rays, [550.0], solver=skyscatter.Orders(tolerance=tolerance))
     seconds = time.process_time() - start
     if finer:
-        judge = skyscatter.radiance(scene, *rays, [550.0], tolerance=FINER * tolerance)
+        judge = skyscatter.radiance(scene, *rays, [550.0], solver=skyscatter.Orders(tolerance=FINER * tolerance))
     else:
-        judge = skyscatter.radiance(scene, *rays, [550.0], "path", samples=walks, tolerance=JUDGE, seed=seed)
+        judge = skyscatter.radiance(
+            scene, *rays, [550.0], solver=skyscatter.Path(samples=walks, tolerance=JUDGE, seed=seed)
+        )
     lit = judge.radiance[:, 0] > 0
     truth = judge.radiance[lit, 0]
     # Two of the judge's errors count: a finer solution states what it covers, walks a standard error.

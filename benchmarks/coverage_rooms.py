@@ -15,6 +15,7 @@ from error_bars import HEADER, coverage, pooled, table_row
 from rooms import FogRoom, surface_room
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 
 WAVELENGTHS = np.array([550.0])
 #: Extinction [m-1] and mean cosine of the fog; the room is 4 x 5 x 2.6 m.
@@ -39,10 +40,13 @@ def study(name: str, seeds: int, longer: int) -> list[str]:
     room = FogRoom(extinction=extinction, g=g, albedo=0.99, angstrom=0.0)
     scene = surface_room(room, WAVELENGTHS)
     o, d = rays(room)
-    long = skyscatter.radiance(scene, o, d, WAVELENGTHS, "path", samples=256 * longer, seed=1)
+    long = skyscatter.radiance(scene, o, d, WAVELENGTHS, solver=skyscatter.Path(samples=256 * longer, seed=1))
     rows = []
     for solver, effort in EFFORT.items():
-        runs = [skyscatter.radiance(scene, o, d, WAVELENGTHS, solver, seed=1000 + k, **effort) for k in range(seeds)]
+        runs = [
+            skyscatter.radiance(scene, o, d, WAVELENGTHS, solver=record_of(solver, seed=1000 + k, **effort))
+            for k in range(seeds)
+        ]
         found = [
             coverage(
                 [a.radiance[n, 0] for a in runs], [a.standard_error[n, 0] for a in runs], long.radiance[n, 0],

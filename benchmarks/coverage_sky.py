@@ -47,9 +47,12 @@ def study(model: str, sun: float, sampling: str, seeds: int, walks: int) -> Cove
 
     def look(copies: int, count: int, way: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
         answer = skyscatter.radiance(
-            scene, scene.observer.position, np.tile(sights, (copies, 1)), WAVELENGTHS, "path", samples=count,
-            sampling=way, seed=seed,
-        )  # fmt: skip
+            scene,
+            scene.observer.position,
+            np.tile(sights, (copies, 1)),
+            WAVELENGTHS,
+            solver=skyscatter.Path(samples=count, sampling=way, seed=seed),
+        )
         shape = (copies, len(sights) * len(WAVELENGTHS))
         return answer.radiance.reshape(shape), answer.standard_error.reshape(shape)
 

@@ -17,6 +17,7 @@ import numpy as np
 from common import machine, parser, report, table, versions, view
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 
 Array = Any
 WAVELENGTHS = [450.0, 550.0, 650.0]
@@ -47,7 +48,9 @@ def picture(name: str, side: int, samples: int, seed: int, keep: Path | None) ->
         return skyscatter.SpectralImage.load(file)
     scene, camera = view(name, side)
     solver = CASES[name].solver
-    image = skyscatter.render(scene, camera, WAVELENGTHS, solver=solver, samples=samples, seed=seed, halves=True)
+    image = skyscatter.render(
+        scene, camera, WAVELENGTHS, solver=record_of(solver, samples=samples, seed=seed), halves=True
+    )
     if file is not None:
         image.save(file)
     return image

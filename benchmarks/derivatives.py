@@ -118,15 +118,24 @@ def walks(case: str, seeds: int, samples: int) -> list[list[Any]]:
         at, count = at[:5], 5
         scenes = lambda t: sky([*t, 40.0])  # noqa: E731
         names = names[:5]
-        judge = differentiate(scenes, at, OWN["orders"] * at, *rays(), WAVELENGTHS, solver="orders", tolerance=1e-3)
+        judge = differentiate(
+            scenes, at, OWN["orders"] * at, *rays(), WAVELENGTHS, solver=skyscatter.Orders(tolerance=1e-3)
+        )
         slack, word = 1e-3 * np.abs(judge.jacobian).max(axis=(1, 2), keepdims=True), "orders"
     else:
         judge = differentiate(
-            scenes, at, OWN["path"] * at, *rays(), WAVELENGTHS, solver="path", sampling="free-flight", samples=200_000
+            scenes,
+            at,
+            OWN["path"] * at,
+            *rays(),
+            WAVELENGTHS,
+            solver=skyscatter.Path(sampling="free-flight", samples=200_000),
         )
         slack, word = judge.jacobian_error, "free flights"
     runs = [
-        differentiate(scenes, at, OWN["path"] * at, *rays(), WAVELENGTHS, solver="path", samples=samples, seed=1 + k)
+        differentiate(
+            scenes, at, OWN["path"] * at, *rays(), WAVELENGTHS, solver=skyscatter.Path(samples=samples, seed=1 + k)
+        )
         for k in range(seeds)
     ]
     slopes, errors = np.stack([r.jacobian for r in runs]), np.stack([r.jacobian_error for r in runs])

@@ -14,6 +14,7 @@ import numpy as np
 from common import machine, parser, processors, report, seconds, table, versions
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 
 
 def main() -> None:
@@ -36,11 +37,16 @@ def main() -> None:
     rows = []
     for solver, samples in (("path", given.walks), ("photons", given.passes)):
         skyscatter.render(
-            model.scene(), camera.model_copy(update={"width": 8, "height": 6}), wavelengths, solver, samples=4
+            model.scene(),
+            camera.model_copy(update={"width": 8, "height": 6}),
+            wavelengths,
+            solver=record_of(solver, samples=4),
         )
-        spent, image = seconds(lambda s=solver, n=samples: skyscatter.render(
-            model.scene(), camera, wavelengths, s, samples=n, threads=given.threads
-        ))  # fmt: skip
+        spent, image = seconds(
+            lambda s=solver, n=samples: skyscatter.render(
+                model.scene(), camera, wavelengths, solver=record_of(s, samples=n), threads=given.threads
+            )
+        )
         light, error = image.radiance, image.standard_error
         lit = light.mean(axis=-1) > 0
         noise = float(np.median(error[lit].mean(axis=-1) / light[lit].mean(axis=-1)))

@@ -182,7 +182,7 @@ def our_runs(render: Callable[..., Any], walks: int, given: Any) -> tuple[float,
     clocks, spent, runs = [], [], []
     for seed in range(given.repeats):
         before = time.process_time()
-        clock, image = seconds(lambda s=seed: render(samples=walks, seed=s))
+        clock, image = seconds(lambda s=seed: render(solver=skyscatter.Path(samples=walks, seed=s)))
         clocks.append(clock)
         spent.append((time.process_time() - before) / given.threads)
         runs.append(image.radiance.reshape(-1, WAVELENGTHS.size))
@@ -225,14 +225,18 @@ def compare(mi: Any, dr: Any, name: str, given: Any) -> list[str]:
     """The blocks of one scene."""
     case = make_case(name, given.cells)
     camera = Telescope.from_length(given.size, given.size, 2.0, DISTANCE)
-    render = partial(skyscatter.render, case.scene, camera, WAVELENGTHS, "path", threads=given.threads)
+    render = partial(skyscatter.render, case.scene, camera, WAVELENGTHS, threads=given.threads)
     small = Telescope.from_length(4, 4, 2.0, DISTANCE)
-    building, _ = seconds(lambda: skyscatter.render(
-        case.scene, small, WAVELENGTHS, "path", samples=2, threads=given.threads
-    ))  # fmt: skip
+    building, _ = seconds(
+        lambda: skyscatter.render(
+            case.scene, small, WAVELENGTHS, solver=skyscatter.Path(samples=2), threads=given.threads
+        )
+    )
     walks, paths = given.walks[name], given.paths[name]
     ours = our_runs(render, walks, given)
-    long, image = seconds(lambda: render(samples=walks * given.reference, seed=2**32, tolerance=1e-4))
+    long, image = seconds(
+        lambda: render(solver=skyscatter.Path(samples=walks * given.reference, seed=2**32, tolerance=1e-4))
+    )
     truth, own = (values.reshape(-1, WAVELENGTHS.size) for values in (image.radiance, image.standard_error))
 
     directions = camera.directions(case.scene.observer).reshape(-1, 3)

@@ -165,9 +165,13 @@ def main() -> None:
 
     def ours(which: skyscatter.Scene, samples: int, **more: Any) -> Any:
         return skyscatter.radiance(
-            which, which.observer.position, directions, WAVELENGTHS, "path", samples=samples, threads=given.threads,
-            **more,
-        )  # fmt: skip
+            which,
+            which.observer.position,
+            directions,
+            WAVELENGTHS,
+            threads=given.threads,
+            solver=skyscatter.Path(samples=samples, **more),
+        )
 
     ours(scene, 16), ours(smooth, 16)
     long, reference = seconds(lambda: ours(scene, given.reference, seed=2**32, tolerance=1e-7))

@@ -77,9 +77,13 @@ def picture(scene: Scene, threads: int, tolerance: float | None) -> dict[str, fl
     start = time.perf_counter()
     try:
         skyscatter.render(
-            scene, skyscatter.Panorama(width=SIZE[0], height=SIZE[1]), WAVELENGTHS,
-            threads=threads, tolerance=tolerance, progress=lambda _: None,
-        )  # fmt: skip
+            scene,
+            skyscatter.Panorama(width=SIZE[0], height=SIZE[1]),
+            WAVELENGTHS,
+            solver=skyscatter.Orders(tolerance=tolerance),
+            threads=threads,
+            progress=lambda _: None,
+        )
     finally:
         log.removeHandler(clock)
         log.setLevel(level)

@@ -26,6 +26,7 @@ from skyscatter import Component, Medium
 from skyscatter.media.fields import Exponential
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
+from skyscatter.solvers.options import record_of
 
 ELEVATIONS = (60.0, 10.0, 0.0, -6.0)
 PARTS = ("panorama", "walks", "sasktran", "memory", "curves")
@@ -60,7 +61,9 @@ def errors(scene: skyscatter.Scene, threads: int) -> tuple[list[float], float]:
     """Root mean square, median and largest deviation from a finer solution, and the median of the stated error [%]."""
     rays = sample_rays(scene)
     fine, mine = (
-        skyscatter.radiance(scene, scene.observer.position, rays, FEW, tolerance=t, threads=threads)
+        skyscatter.radiance(
+            scene, scene.observer.position, rays, FEW, solver=skyscatter.Orders(tolerance=t), threads=threads
+        )
         for t in (FINE, None)
     )
     off = np.abs(mine.radiance / fine.radiance - 1)
@@ -138,9 +141,18 @@ def walks(given: Any) -> list[str]:
         off = errors(scene, given.threads)[0][0]
         rays = sample_rays(scene, (64, 32))
         samples = given.samples if elevation >= 0 else 4 * given.samples
-        theirs = cost(partial(
-            skyscatter.radiance, scene, observer, rays, WAVELENGTHS, "path", samples=samples, threads=given.threads
-        ), given)  # fmt: skip
+        theirs = cost(
+            partial(
+                skyscatter.radiance,
+                scene,
+                observer,
+                rays,
+                WAVELENGTHS,
+                solver=skyscatter.Path(samples=samples),
+                threads=given.threads,
+            ),
+            given,
+        )
         noise = 100 * rms(theirs[2].standard_error / theirs[2].radiance)
         scaled = [value * len(full) / len(rays) for value in theirs[:2]]
         equal = [value * (noise / off) ** 2 for value in scaled]
@@ -175,7 +187,9 @@ def sasktran(given: Any) -> list[str]:
     observer = scene.observer.position
 
     def ours(solver: str, **more: Any) -> Any:
-        return skyscatter.radiance(scene, observer, directions, WAVELENGTHS, solver, threads=given.threads, **more)
+        return skyscatter.radiance(
+            scene, observer, directions, WAVELENGTHS, threads=given.threads, solver=record_of(solver, **more)
+        )
 
     ours("orders"), ours("path", samples=16)  # kernels are loaded
     long, judge = seconds(lambda: ours("path", samples=given.reference, seed=2**32, tolerance=1e-7))
@@ -289,9 +303,14 @@ def curves(given: Any) -> list[str]:
         for scene in (day, dusk):
             rays = sample_rays(scene)
             run = partial(
-                skyscatter.radiance, scene, scene.observer.position, rays, EIGHT, tolerance=tolerance,
+                skyscatter.radiance,
+                scene,
+                scene.observer.position,
+                rays,
+                EIGHT,
+                solver=skyscatter.Orders(tolerance=tolerance),
                 threads=given.threads,
-            )  # fmt: skip
+            )
             _, spent, answer = cost(run, given)
             judge = judges.setdefault(id(scene), answer.radiance)
             error = rms(answer.radiance / judge - 1) if judge is not answer.radiance else float("nan")

@@ -36,7 +36,9 @@ def row(name: str, sun: float, walks: int) -> list[object]:
     began = time.perf_counter()
     solved = skyscatter.radiance(scene, eye, ways, WAVELENGTHS)
     took = time.perf_counter() - began
-    judge = skyscatter.radiance(scene, eye, ways, WAVELENGTHS, solver="path", samples=walks, tolerance=1e-4, seed=11)
+    judge = skyscatter.radiance(
+        scene, eye, ways, WAVELENGTHS, solver=skyscatter.Path(samples=walks, tolerance=1e-4, seed=11)
+    )
     off, known, stated = (
         100 * x / judge.radiance for x in (solved.radiance - judge.radiance, judge.standard_error, solved.error)
     )

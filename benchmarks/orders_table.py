@@ -166,10 +166,17 @@ def reference(case: Case, folder: Path, budget: float, threads: int | None) -> W
             if np.all((kept.error < ENOUGH * kept.mean) | (kept.mean < FAINTEST)):
                 break
         seed = 1 + len(kept.walks)
-        time, answer = seconds(partial(
-            skyscatter.radiance, case.scene, case.scene.observer.position, case.directions, WAVELENGTHS, "path",
-            samples=samples, seed=seed << 32, tolerance=FIRST_ORDER, threads=threads,
-        ))  # fmt: skip
+        time, answer = seconds(
+            partial(
+                skyscatter.radiance,
+                case.scene,
+                case.scene.observer.position,
+                case.directions,
+                WAVELENGTHS,
+                solver=skyscatter.Path(samples=samples, seed=seed << 32, tolerance=FIRST_ORDER),
+                threads=threads,
+            )
+        )
         kept = Walks(
             np.concatenate([kept.means, answer.radiance[None]]),
             np.concatenate([kept.errors, answer.standard_error[None]]),
@@ -301,13 +308,22 @@ def main() -> None:
     given.cache.mkdir(parents=True, exist_ok=True)
     found, lines = [], []
     first = next(cases(["air"], [60.0], [0.0]))  # so that compilation is not taken for walking
-    skyscatter.radiance(first.scene, first.scene.observer.position, first.directions, WAVELENGTHS, "path", samples=2)
+    skyscatter.radiance(
+        first.scene, first.scene.observer.position, first.directions, WAVELENGTHS, solver=skyscatter.Path(samples=2)
+    )
     for case in cases(given.atmospheres.split(","), numbers(given.suns), numbers(given.altitudes)):
         walks = reference(case, given.cache, given.budget, given.threads)
-        time, answer = seconds(partial(
-            skyscatter.radiance, case.scene, case.scene.observer.position, case.directions, WAVELENGTHS,
-            tolerance=given.tolerance, threads=given.threads,
-        ))  # fmt: skip
+        time, answer = seconds(
+            partial(
+                skyscatter.radiance,
+                case.scene,
+                case.scene.observer.position,
+                case.directions,
+                WAVELENGTHS,
+                solver=skyscatter.Orders(tolerance=given.tolerance),
+                threads=given.threads,
+            )
+        )
         verdict = judge(case, walks, answer)
         found.append((case, walks, verdict))
         lines += details(case, walks, verdict)

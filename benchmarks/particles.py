@@ -73,9 +73,11 @@ def parts(model: Path, given: Any) -> list[list[Any]]:
     low, high = (np.asarray(edge) for edge in field.bounds)
     across = 2 * MARGIN * float(np.abs([low, high]).max())
     camera = Telescope.from_length(given.size, given.size, across, scene.view.distance)
-    took, image = seconds(lambda: skyscatter.render(
-        scene, camera, wavelengths, "path", samples=given.samples, threads=given.threads
-    ))  # fmt: skip
+    took, image = seconds(
+        lambda: skyscatter.render(
+            scene, camera, wavelengths, solver=skyscatter.Path(samples=given.samples), threads=given.threads
+        )
+    )
     rows.append(["rendering", took])
     value, error = np.asarray(image.radiance), np.asarray(image.standard_error)
     lit = (value > 1e-3 * np.median(value[value > 0])) & (error > 0)

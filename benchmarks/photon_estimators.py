@@ -37,9 +37,11 @@ def cost(depth: float, way: str, photons: int) -> float:
     """Relative variance of the radiance, averaged over the rays, times seconds."""
     # Within sight of the star, however thick the dust is.
     origins = np.array([[min(0.7 * k / depth, 0.2 * k), 0.0, -min(2.0 / depth, 2.0)] for k in (1, 2, 3)])
-    options = {"radius": RADIUS, "photons": photons, "estimator": way, "direct": False, "threads": 1, "samples": 24}
+    options = {"radius": RADIUS, "photons": photons, "estimator": way, "direct": False, "samples": 24}
     begin = time.perf_counter()
-    answer = skyscatter.radiance(star_in_dust(depth), origins, [0.0, 0.0, 1.0], WAVELENGTHS, "photons", **options)
+    answer = skyscatter.radiance(
+        star_in_dust(depth), origins, [0.0, 0.0, 1.0], WAVELENGTHS, solver=skyscatter.Photons(**options), threads=1
+    )
     seconds = time.perf_counter() - begin
     return float(np.mean((answer.standard_error / answer.radiance) ** 2)) * seconds
 

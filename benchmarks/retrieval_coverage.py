@@ -70,9 +70,12 @@ def walked(samples: int, seed: int) -> tuple[Any, Any]:
 
     scene = true_scene()
     answer = skyscatter.radiance(
-        scene, scene.observer.position, direction_from_azimuth_elevation(*looks()), WAVELENGTHS, "path",
-        samples=samples, seed=seed,
-    )  # fmt: skip
+        scene,
+        scene.observer.position,
+        direction_from_azimuth_elevation(*looks()),
+        WAVELENGTHS,
+        solver=skyscatter.Path(samples=samples, seed=seed),
+    )
     return answer.radiance.ravel(), answer.standard_error.ravel()
 
 
@@ -85,7 +88,7 @@ def problem(radiance: Any, tolerance: float) -> Forward:
     )  # fmt: skip
     model = skyscatter.load_model("earth-hazy")
     parameters, subject = free_parameters(model, dict.fromkeys(TRUTH), [data])
-    return Forward(parameters, subject, [data], Run("orders", {"tolerance": tolerance}))
+    return Forward(parameters, subject, [data], Run(skyscatter.Orders(tolerance=tolerance)))
 
 
 def distance(found: Estimate, truth: Any) -> float:

@@ -102,10 +102,8 @@ def main() -> None:
             scene.observer.position,
             directions,
             WAVELENGTHS,
-            "path",
-            samples=samples,
             threads=given.threads,
-            **more,
+            solver=skyscatter.Path(samples=samples, **more),
         )
 
     ours(16)

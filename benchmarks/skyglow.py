@@ -62,9 +62,11 @@ def main() -> None:
     zeniths = (0.0, 45.0)
     rays = [sight(1000.0 * d, z) for z in zeniths for d in distances]
     origins, directions = (np.array([ray[k] for ray in rays]) for k in range(2))
-    spent, answer = seconds(lambda: skyscatter.radiance(
-        scene, origins, directions, wavelengths, "path", samples=given.walks, threads=given.threads
-    ))  # fmt: skip
+    spent, answer = seconds(
+        lambda: skyscatter.radiance(
+            scene, origins, directions, wavelengths, solver=skyscatter.Path(samples=given.walks), threads=given.threads
+        )
+    )
     light = luminance(answer.radiance, wavelengths).reshape(2, -1)
     # Wavelengths share their walks: their errors add up in size, which bounds the error of the sum.
     error = luminance(answer.standard_error, wavelengths).reshape(2, -1)

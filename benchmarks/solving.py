@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,8 @@ def render(
 ) -> tuple[float, Any]:
     """Seconds of the processor by thread, which other work on the machine does not lengthen, and the answer."""
     start = time.process_time()
-    options = {"samples": samples, "seed": seed, "threads": threads, **way.options}
-    answer = skyscatter.radiance(scene, rays[0], rays[1], wavelengths, way.solver, **options)
+    solver = record_of(way.solver, samples=samples, seed=seed, **way.options)
+    answer = skyscatter.radiance(scene, rays[0], rays[1], wavelengths, solver=solver, threads=threads)
     return (time.process_time() - start) / threads, answer
 
 

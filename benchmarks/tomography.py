@@ -25,6 +25,7 @@ from skyscatter.inversion.views import ImageView, Stack
 from skyscatter.inversion.voxelimage import VoxelModel
 from skyscatter.inversion.voxelscene import VoxelFrame, VoxelLights, VoxelOptics, mean_inverse_square
 from skyscatter.optics.phase import Isotropic
+from skyscatter.solvers import options as solvers
 
 #: Those of the scenes of `own`; docs/validation-inversion-tomography.md tells what was looked at before.
 SETTINGS: dict[str, Any] = {"prior": "tikhonov", "multiple": 2, "samples": 128, "stop": 1e-4}
@@ -76,7 +77,11 @@ def own_views(frame: VoxelFrame, density: Any, seed: int, pixels: int, walks: in
     views = [ImageView.parallel(blank, 1.0, *axes(*np.radians(a)), 1.7, upwards=True) for a in angles]
     stack, rng = Stack(views), np.random.default_rng(seed + 100)
     found = radiance(
-        dusty_scene(frame, density), stack.origins, stack.directions, WAVELENGTH, "path", samples=walks, seed=7
+        dusty_scene(frame, density),
+        stack.origins,
+        stack.directions,
+        WAVELENGTH,
+        solver=solvers.Path(samples=walks, seed=7),
     )
     added = np.hypot(noise * found.radiance, 0.02 * found.radiance.mean())
     data = found.radiance + added * rng.normal(size=added.shape)
@@ -134,8 +139,8 @@ def cell_views(frame: VoxelFrame, density: Any, seed: int, pixels: int, packets:
     blank, images = np.zeros((pixels, pixels)), []
     rays = Stack([ImageView.parallel(blank, 1.0, *axes(*np.radians(a)), half, upwards=True) for a in angles])
     found = radiance(
-        scene, rays.origins, rays.directions, WAVELENGTH, "path", samples=256, seed=seed, parts=True
-    )  # fmt: skip
+        scene, rays.origins, rays.directions, WAVELENGTH, solver=solvers.Path(samples=256, seed=seed), parts=True
+    )
     for angle, more in zip(angles, rays.split(found.layers["multiple"]), strict=True):
         clean, noisy = (_through_cells(s, density, angle, pixels, half, cell) for s in (source, source * (1 + noise)))
         images.append(np.where(clean > 0, noisy * (1 + more[..., 0] / np.maximum(clean, 1e-300)), 0.0))

@@ -37,7 +37,11 @@ def measure(name: str, pixels: int, walks: int, seeds: int) -> None:
         for seed in range(seeds):
             begin = time.process_time()
             image = skyscatter.render(
-                scene, camera, WAVELENGTHS, solver="path", samples=walks, threads=1, transmittance=way, seed=seed
+                scene,
+                camera,
+                WAVELENGTHS,
+                solver=skyscatter.Path(samples=walks, transmittance=way, seed=seed),
+                threads=1,
             )
             # The first compiles.
             least = min(least, time.process_time() - begin) if seed else least

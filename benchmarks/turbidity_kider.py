@@ -93,7 +93,11 @@ def main() -> None:
 
     def fitted(priors: dict[str, Any]) -> Any:
         return skyscatter.fit(
-            model(), data, priors, tolerance=0.01, progress=lambda s: print(f"{s:.2f}", file=sys.stderr)
+            model(),
+            data,
+            priors,
+            solver=skyscatter.Orders(tolerance=0.01),
+            progress=lambda s: print(f"{s:.2f}", file=sys.stderr),
         )
 
     took, result = seconds(lambda: fitted(PRIORS))

@@ -40,7 +40,7 @@ def runs(scene: Any, camera: Any, walks: int, count: int) -> tuple[Array, Array]
     light, parts = [], []
     for seed in range(count):
         image = skyscatter.render(
-            scene, camera, WAVELENGTHS, solver="path", samples=walks, seed=seed + 1, orders=ORDERS
+            scene, camera, WAVELENGTHS, solver=skyscatter.Path(samples=walks, seed=seed + 1), orders=ORDERS
         )
         orders = [image.layers[f"order{k + 1}"] for k in range(ORDERS)]
         light.append(np.asarray(image.radiance))
@@ -100,10 +100,14 @@ def sourced(scene: Any, camera: Any, walks: int, count: int, light: Array) -> di
     found = {}
     for what, other in sources(scene).items():
         images = [
-            np.asarray(skyscatter.render(other, camera, WAVELENGTHS, solver="path", samples=walks, seed=k + 1).radiance)
+            np.asarray(
+                skyscatter.render(
+                    other, camera, WAVELENGTHS, solver=skyscatter.Path(samples=walks, seed=k + 1)
+                ).radiance
+            )
             for k in range(count)
         ]
-        whole = skyscatter.render(scene, camera, WAVELENGTHS, solver="path", samples=walks, seed=1).radiance
+        whole = skyscatter.render(scene, camera, WAVELENGTHS, solver=skyscatter.Path(samples=walks, seed=1)).radiance
         scale = np.asarray(whole).mean(axis=(0, 1)) / light[0].mean(axis=(0, 1))
         found[what] = (np.stack(images), 1.0 / scale)
     return found

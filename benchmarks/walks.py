@@ -14,6 +14,7 @@ import numpy as np
 from common import WAVELENGTHS, machine, median_seconds, parser, processors, report, seconds, show, table, versions
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 
 
 def size(text: str) -> tuple[int, int]:
@@ -45,8 +46,9 @@ def main() -> None:
     scene = skyscatter.load_model("earth").scene(sun_elevation_deg=given.sun_elevation)
     directions = rays_of(scene, measured)
 
-    def run(wl: Any, solver: str = "path", **more: Any) -> Any:
-        return skyscatter.radiance(scene, scene.observer.position, directions, wl, solver, **more)
+    def run(wl: Any, solver: str = "path", threads: int | None = None, **more: Any) -> Any:
+        how = record_of(solver, **more)
+        return skyscatter.radiance(scene, scene.observer.position, directions, wl, solver=how, threads=threads)
 
     one = WAVELENGTHS[[WAVELENGTHS.size // 2]]
     first, _ = seconds(lambda: skyscatter.radiance(scene, scene.observer.position, directions[:1], WAVELENGTHS, "path"))

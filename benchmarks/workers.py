@@ -58,7 +58,7 @@ def picture(samples: int, **more: Any) -> float:
     """Seconds for a picture by walks."""
     camera = skyscatter.Panorama(width=128, height=64, elevation_min_deg=0.0)
     began = time.perf_counter()
-    skyscatter.render(scene(), camera, WAVELENGTHS, solver="path", samples=samples, **more)
+    skyscatter.render(scene(), camera, WAVELENGTHS, solver=skyscatter.Path(samples=samples), **more)
     return time.perf_counter() - began
 
 
@@ -108,13 +108,13 @@ def task_seconds(samples: int) -> float:
     """Seconds of a tile of 128 rays."""
     import numpy as np
 
-    from skyscatter.solvers.base import Options
+    from skyscatter.solvers.base import Asked
     from skyscatter.solvers.run import load_solver
 
     camera = skyscatter.Panorama(width=128, height=1, elevation_min_deg=20.0, elevation_max_deg=25.0)
     directions = camera.directions().reshape(-1, 3)
     rays = Rays(np.tile(scene().observer.position, (128, 1)), directions, np.arange(128))
-    module, options = load_solver("path", scene()), Options(samples=samples)
+    module, options = load_solver("path", scene()), Asked(skyscatter.Path(samples=samples))
     context = module.prepare(scene(), rays, np.array(WAVELENGTHS, float), options, 1, None)
     module.solve(context, rays, options)
     began = time.perf_counter()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 from skyscatter.surfaces import Body, Box, Lambert
 
 WAVELENGTHS = [450.0, 550.0, 650.0]
@@ -41,9 +42,10 @@ def directions() -> Any:
     return np.stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)], axis=-1)
 
 
-def look(scene: skyscatter.Scene, solver: str = "path", **options: Any) -> Any:
+def look(scene: skyscatter.Scene, solver: str = "path", threads: int | None = None, **options: Any) -> Any:
     """Light at the observer."""
-    return skyscatter.radiance(scene, scene.observer.position, directions(), WAVELENGTHS, solver, **options)
+    how = record_of(solver, **options)
+    return skyscatter.radiance(scene, scene.observer.position, directions(), WAVELENGTHS, solver=how, threads=threads)
 
 
 def timed(scene: skyscatter.Scene) -> tuple[Any, float]:

@@ -31,7 +31,7 @@ truth = skyscatter.load_model("earth-hazy")
 scene = truth.scene(sun_elevation_deg=40, sun_azimuth_deg=200)
 wavelengths = [440, 670] if quick else [440, 550, 670, 870]
 camera = skyscatter.Fisheye(width=32, height=32)
-image = skyscatter.render(scene, camera, wavelengths, tolerance=0.01)
+image = skyscatter.render(scene, camera, wavelengths, solver=skyscatter.Orders(tolerance=0.01))
 
 noise = 0.02
 rng = np.random.default_rng(1)
@@ -71,7 +71,7 @@ free = {
     "ground.albedo": (0.0, 0.6),
 }
 guess = with_values(truth, {"haze.optical_depth": 0.1, "haze.single_scattering_albedo": 0.8, "ground.albedo": 0.3})
-result = skyscatter.fit(guess, data, free, tolerance=0.01, model_error=0.003)
+result = skyscatter.fit(guess, data, free, solver=skyscatter.Orders(tolerance=0.01), model_error=0.003)
 print(result)
 
 # %% [markdown]

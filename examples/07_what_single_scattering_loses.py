@@ -144,7 +144,7 @@ def nebula(depth: float) -> skyscatter.SpaceScene:
 once, everything, errors = [], [], []
 for depth in depths:
     line = (nebula(depth), origins, [0.0, 0.0, -1.0], labels)
-    walks = skyscatter.radiance(*line, "path", samples=128 if quick else 2048)
+    walks = skyscatter.radiance(*line, solver=skyscatter.Path(samples=128 if quick else 2048))
     once.append(4 * np.pi * rings @ skyscatter.radiance(*line, "single").radiance / flux)
     everything.append(4 * np.pi * rings @ walks.radiance / flux)
     errors.append(4 * np.pi * np.sqrt(rings**2 @ walks.standard_error**2) / flux)
@@ -235,7 +235,7 @@ cloud = skyscatter.SpaceScene(medium=skyscatter.Medium(components=(dust,)), star
 telescope = skyscatter.Telescope.from_length(size, size, "4 pc", cloud.view.distance)
 views = {
     "scattered once": skyscatter.render(cloud, telescope, [550.0], "single"),
-    "all orders": skyscatter.render(cloud, telescope, [550.0], "path", samples=16 if quick else 128),
+    "all orders": skyscatter.render(cloud, telescope, [550.0], solver=skyscatter.Path(samples=16 if quick else 128)),
 }
 through = skyscatter.optical_depth(cloud, [0, 0, -2 * PARSEC], [0, 0, 2 * PARSEC], [550.0])[0]
 peak = np.percentile(views["all orders"].radiance, 99)

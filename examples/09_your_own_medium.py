@@ -260,7 +260,9 @@ fig, axes = plt.subplots(1, 3, figsize=(10.5, 3.7), layout="constrained")
 for ax, inclination in zip(axes, (0, 55, 90), strict=True):
     turned = nebula.scene(inclination_deg=inclination)
     telescope = skyscatter.Telescope.from_length(pixels, pixels, "2.2 pc", turned.view.distance)
-    image = skyscatter.render(turned, telescope, [450.0, 550.0, 650.0], "path", samples=4 if quick else 16)
+    image = skyscatter.render(
+        turned, telescope, [450.0, 550.0, 650.0], solver=skyscatter.Path(samples=4 if quick else 16)
+    )
     ax.imshow(image.picture(exposure=-6))
     ax.set_title(f"inclination {inclination}°")
     ax.set_axis_off()

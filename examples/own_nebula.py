@@ -33,7 +33,7 @@ scene = skyscatter.SpaceScene(
     view=skyscatter.View(ra_deg=84.0, dec_deg=-2.0, distance="400 pc", inclination_deg=30),
 )
 camera = skyscatter.Telescope.from_length(width, width, 1.6 * PC, scene.view.distance)
-image = skyscatter.render(scene, camera, [450, 550, 650], solver="path", samples=8)
+image = skyscatter.render(scene, camera, [450, 550, 650], solver=skyscatter.Path(samples=8))
 image = image.placed(skyscatter.SkyFrame.seen(scene.view, camera, "own nebula"))
 image.save("own_nebula.png")
 image.save("own_nebula.fits")

@@ -14,7 +14,7 @@ wavelengths = np.array([400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0])
 model = skyscatter.load_model("reflection-nebula")
 scene = model.scene()
 camera = skyscatter.Telescope.from_field_of_view(width, width, 0.2)  # 12 arc minutes
-image = skyscatter.render(scene, camera, wavelengths, solver="path", samples=8)
+image = skyscatter.render(scene, camera, wavelengths, solver=skyscatter.Path(samples=8))
 image = image.placed(skyscatter.SkyFrame.seen(scene.view, camera, model.name))
 image = skyscatter.observe(image, psf="gaussian:8")  # arc seconds
 image.save("reflection_nebula.png", exposure=-6.5)

@@ -18,7 +18,9 @@ wavelengths = np.arange(380, 781, 5)
 scene = skyscatter.load_model("earth").scene(sun_elevation_deg=40, sun_azimuth_deg=180)
 views = {"zenith": (0, 90), "horizon, 90° from the Sun": (90, 1)}
 directions = [direction_from_azimuth_elevation(*view) for view in views.values()]
-answer = skyscatter.radiance(scene, scene.observer.position, directions, wavelengths, "path", samples=walks)
+answer = skyscatter.radiance(
+    scene, scene.observer.position, directions, wavelengths, solver=skyscatter.Path(samples=walks)
+)
 
 figure = Figure(figsize=(7, 4), layout="constrained")
 axes = figure.subplots()

@@ -9,7 +9,8 @@ The tour::
 
     nebula = skyscatter.load_model("reflection-nebula").scene()  # dust in space, its star, its place in the sky
     telescope = skyscatter.Telescope.from_field_of_view(256, 256, 0.2)  # pixels, and the width in degrees
-    skyscatter.render(nebula, telescope, range(400, 701, 50), solver="path", samples=16).save("nebula.png")
+    walks = skyscatter.Path(samples=16)                          # a solver with its options; "path" for the usual ones
+    skyscatter.render(nebula, telescope, range(400, 701, 50), solver=walks).save("nebula.png")
 
 Densities of nebulae are fields: `skyscatter.fields` has the shapes, grids and particles to build them from.
 
@@ -83,6 +84,10 @@ _HOME = {
     "CorrectionTerms": "skyscatter.solvers.terms",
     "Fluxes": "skyscatter.solvers.fluxes",
     "RadianceField": "skyscatter.solvers.field",
+    "Orders": "skyscatter.solvers.options",
+    "Path": "skyscatter.solvers.options",
+    "Photons": "skyscatter.solvers.options",
+    "Single": "skyscatter.solvers.options",
     "radiance": "skyscatter.solvers.run",
     "solve": "skyscatter.solvers.field",
     "render": "skyscatter.solvers.render",
@@ -137,6 +142,10 @@ if TYPE_CHECKING:
     from skyscatter.solvers.field import RadianceField as RadianceField
     from skyscatter.solvers.field import solve as solve
     from skyscatter.solvers.fluxes import Fluxes as Fluxes
+    from skyscatter.solvers.options import Orders as Orders
+    from skyscatter.solvers.options import Path as Path
+    from skyscatter.solvers.options import Photons as Photons
+    from skyscatter.solvers.options import Single as Single
     from skyscatter.solvers.render import render as render
     from skyscatter.solvers.run import radiance as radiance
     from skyscatter.solvers.terms import CorrectionTerms as CorrectionTerms

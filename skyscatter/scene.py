@@ -296,7 +296,7 @@ class Scene(Holding):
     >>> model = skyscatter.load_model("earth-simple")
     >>> scene = model.model_copy(update={"bodies": (wall,)}).scene(sun_elevation_deg=45, altitude="2 m")
     >>> down = scene.observer.position, [0, 0, -1], [450, 650]
-    >>> seen = skyscatter.radiance(scene, *down, solver="path", samples=64)
+    >>> seen = skyscatter.radiance(scene, *down, solver=skyscatter.Path(samples=64))
     >>> bool(seen.radiance[0] > 2 * seen.radiance[1])
     True
     """

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from asking import asked
 from nebulae import SHIPPED as NEBULAE
 from nebulae import coarse
 
@@ -35,7 +36,7 @@ def look(scene: Any, rays: tuple[Array, Array], solver: str, **options: Any) -> 
     """Radiance, its error and all layers along rays."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        answer = skyscatter.radiance(scene, *rays, WAVELENGTHS, solver, **options)
+        answer = skyscatter.radiance(scene, *rays, WAVELENGTHS, **asked(solver, **options))
     return {"radiance": answer.radiance, "error": answer.error, **answer.layers}
 
 

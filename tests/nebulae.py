@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from asking import asked
 from numpy.typing import NDArray
 
 from skyscatter.lights import PointStar
@@ -95,7 +96,7 @@ def escaping_luminosity(scene: SpaceScene, rays: int, *, seed: int = 1, **option
     """
     rng = np.random.default_rng(seed)
     b = (np.arange(rays) + rng.random(rays)) / rays
-    answer = radiance(scene, *parallel_rays(b), WAVELENGTH, solver="path", parts=True, **options)
+    answer = radiance(scene, *parallel_rays(b), WAVELENGTH, parts=True, **asked("path", **options))
     weight = 4 * np.pi * 2 * np.pi * b[:, None] / rays
     scattered = answer.radiance - answer.layers["direct"]
     return (weight * scattered).sum(axis=0), np.sqrt(((weight * answer.standard_error) ** 2).sum(axis=0)), answer

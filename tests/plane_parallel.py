@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from asking import asked
 from numpy.typing import ArrayLike, NDArray
 
 import skyscatter
@@ -77,7 +78,7 @@ class Slab:
 
     def radiance(self, tau: float, mu: ArrayLike, phi: ArrayLike, solver: str = "path", **options: Any) -> Answer:
         """Diffuse radiance by the solver; arrays of the shape of mu and phi, one wavelength."""
-        return skyscatter.radiance(self.scene(), *self.rays(tau, mu, phi), [WAVELENGTH], solver, **options)
+        return skyscatter.radiance(self.scene(), *self.rays(tau, mu, phi), [WAVELENGTH], **asked(solver, **options))
 
     def flux(
         self, tau: float, upwards: bool, nodes: int = 16, azimuths: int = 1, **options: Any

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from asking import asked
 from numpy.typing import NDArray
 
 import skyscatter
@@ -60,4 +61,4 @@ def directions(count: int, seed: int = 3) -> Array:
 
 def look(scene: Any, origin: Any, towards: Any, **options: Any) -> skyscatter.Answer:
     """Radiance at `WAVELENGTHS` by walks."""
-    return skyscatter.radiance(scene, origin, towards, WAVELENGTHS, "path", **options)
+    return skyscatter.radiance(scene, origin, towards, WAVELENGTHS, **asked("path", **options))

@@ -31,13 +31,15 @@ def main() -> None:
 
     def sky(model: skyscatter.Model) -> skyscatter.SpectralImage:
         scene = model.scene(sun_elevation_deg=40, sun_azimuth_deg=215)
-        return skyscatter.render(scene, camera, WAVELENGTHS, tolerance=TOLERANCE)
+        return skyscatter.render(scene, camera, WAVELENGTHS, solver=skyscatter.Orders(tolerance=TOLERANCE))
 
     true = sky(with_values(start, TRUTH))
     noise = 1 + NOISE * np.random.default_rng(5).standard_normal(true.radiance.shape)
     measured = skyscatter.SpectralImage(true.radiance * noise, WAVELENGTHS, recipe=true.recipe)
     data = sky_image(measured, noise=NOISE, pixels=120)
-    result = skyscatter.fit(start, data, dict.fromkeys(TRUTH), tolerance=TOLERANCE, model_error=0.003)
+    result = skyscatter.fit(
+        start, data, dict.fromkeys(TRUTH), solver=skyscatter.Orders(tolerance=TOLERANCE), model_error=0.003
+    )
     print(result)
     fitted, band = sky(result.model), 1
     panels = (

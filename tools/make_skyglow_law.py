@@ -31,7 +31,7 @@ def luminances(distance_km: float, samples: int) -> tuple[np.ndarray, np.ndarray
     towards = np.array([0.0, np.cos(angle), np.sin(angle)])
     place = np.array([0.0, 0.0, -RADIUS]) + (RADIUS + 2.0) * up
     directions = np.array([up, (up + towards) / np.sqrt(2)])
-    answer = skyscatter.radiance(city, place, directions, WAVELENGTHS, solver="path", samples=samples)
+    answer = skyscatter.radiance(city, place, directions, WAVELENGTHS, solver=skyscatter.Path(samples=samples))
     eye = read_table("cie1931.csv")
     weights = 683.0 * 20.0 * np.interp(WAVELENGTHS, eye["wavelength_nm"], eye["y_bar"])
     # Wavelengths of a walk go together: the error of their sum is at most the sum of their errors.

@@ -26,6 +26,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Nebulae": ("NebulaModel", "SpaceScene", "View", "PointStar", "ParallelLight", "StarField"),
     "Lamps, surfaces and fog": ("SurfaceModel", "SurfaceScene", "SurfaceMedium", "Body", "Viewpoint"),
     "Cameras": ("Panorama", "Fisheye", "Perspective", "PlanetView", "Telescope"),
+    "Solvers and their options": ("Orders", "Path", "Single", "Photons"),
     "Light": ("optical_depth", "transmittance", "radiance", "Answer", "render", "solve", "RadianceField", "Fluxes",
               "CorrectionTerms"),
     "Pictures and instruments": ("SpectralImage", "SkyFrame", "observe", "FilterCurve", "FilterImage"),

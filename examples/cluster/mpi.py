@@ -16,7 +16,7 @@ def main() -> None:
     camera = skyscatter.Panorama(width=512, height=256)
     with MPIPoolExecutor() as pool:
         image = skyscatter.render(
-            scene, camera, range(400, 701, 20), solver="path", samples=256, executor=pool, store="sky.zarr"
+            scene, camera, range(400, 701, 20), solver=skyscatter.Path(samples=256), executor=pool, store="sky.zarr"
         )
     image.save("sky.exr")
 

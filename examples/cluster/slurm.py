@@ -39,9 +39,10 @@ def main() -> None:
     cluster.scale(jobs=given.nodes)
     scene = skyscatter.load_model("earth-hazy").scene(sun_elevation_deg=5)
     camera = skyscatter.Panorama(width=2048, height=1024)
+    walks = skyscatter.Path(samples=given.samples)
     with Client(cluster) as client:
         image = skyscatter.render(
-            scene, camera, range(400, 701, 20), solver="path", samples=given.samples, executor=client, store=given.store
+            scene, camera, range(400, 701, 20), solver=walks, executor=client, store=given.store
         )
     image.save("sky.exr")
 

@@ -7,7 +7,7 @@ import logging
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +18,11 @@ import typer
 from numpy.typing import NDArray
 
 from skyscatter.cli import parse, stopping
+from skyscatter.cli.solver_options import LAYERS, refuse
 from skyscatter.errors import DomainError, SkyscatterError
 from skyscatter.models.kinds import SORTS
 from skyscatter.progress import MODES
-from skyscatter.units import metres
+from skyscatter.solvers.options import RECORDS, Solver, record_of
 
 if TYPE_CHECKING:
     from skyscatter.image.spectral import SpectralImage
@@ -39,16 +40,6 @@ Place = Annotated[str | None, typer.Option(metavar="LAT,LON", help="Place on Ear
 Moment = Annotated[
     str | None, typer.Option(metavar="ISO", help="Date and time, ISO 8601; no offset means UTC; needs --place.")
 ]
-Samples = Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path).")]
-Noise = Annotated[
-    str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1% (path).")
-]
-Seed = Annotated[
-    str | None,
-    typer.Option(
-        metavar="N", help="Same seed, same picture; a whole number from 0 to 9223372036854775807, else 0 (not single)."
-    ),
-]
 Denoise = Annotated[
     bool,
     typer.Option(
@@ -56,13 +47,6 @@ Denoise = Annotated[
         help="Take noise off and estimate what is left (path, photons); files keep the raw picture, too. By Open Image "
         "Denoise where pyoidn is installed.",
     ),
-]
-Photons = Annotated[str | None, typer.Option(metavar="N", help="Photons in every pass (photons).")]
-Radius = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Largest radius of gathered light, else one that falls (photons).")
-]
-Estimator = Annotated[
-    str | None, typer.Option(metavar="NAME", help="What is gathered: points, paths or both (photons).")
 ]
 Threads = Annotated[str | None, typer.Option(metavar="N", help="Threads; by default one per processor.")]
 WorkerCount = Annotated[
@@ -165,11 +149,8 @@ class RunRequest:
     size: tuple[int, int]
     wavelengths: NDArray[np.float64]
     solver: str
-    samples: int | None
-    noise: float | None
-    tolerance: float | None
-    max_order: int | None
-    seed: int | None
+    #: Options of the solver by their names, as far as they were typed.
+    given: dict[str, Any]
     denoise: bool | None
     threads: int | None
     workers: int | None
@@ -188,21 +169,21 @@ class RunRequest:
     preview: bool | None
 
     @property
+    def how(self) -> Solver:
+        """The solver with its options."""
+        return record_of(self.solver, **self.given)
+
+    @property
     def halved(self) -> bool:
         """Whether two halves of the walks are told apart, by which noise is taken off."""
         return bool(self.denoise)
 
 
 def run_options(**texts: Any) -> dict[str, Any]:
-    """Values of the fields of `RunRequest` that every command parses alike, from what was typed; tolerance as it is."""
+    """Values of the fields of `RunRequest` that every command parses alike, from what was typed."""
     integer = parse.parse_integer
     return {
         "wavelengths": parse.parse_wavelengths(texts["wavelengths"]),
-        "samples": integer(texts["samples"], "samples", 1, "give a number of walks, 1 or more"),
-        "noise": parse.parse_noise(texts["noise"]),
-        "tolerance": texts["tolerance"],
-        "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
-        "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
         "denoise": texts["denoise"] or None,
         **worker_options(texts["workers"], texts["scheduler"], texts["worker_memory"]),
@@ -269,35 +250,12 @@ def talk(quiet: bool, verbose: bool, progress: str) -> str:
     return "none" if quiet else progress
 
 
-def photon_options(photons: str | None, radius: str | None, estimator: str | None) -> dict[str, Any]:
-    """Options of the solver photons from what was typed."""
-    return {
-        "photons": parse.parse_integer(photons, "photons", 1, "give a number of photons, 1 or more"),
-        "radius": None if radius is None else metres(radius, "radius"),
-        "estimator": estimator,
-    }
-
-
-def check_solver(request: RunRequest, meaningless: Mapping[str, tuple[str, ...]], remedy: Mapping[str, str]) -> None:
-    """Refuse unknown solvers, options that the chosen one has no use for, and runs of which nothing would be kept.
-
-    Parameters
-    ----------
-    request : RunRequest
-    meaningless : mapping
-        Solver -> options that mean nothing to it.
-    remedy : mapping
-        Option -> the solver that has a use for it.
-    """
-    if request.solver not in meaningless:
-        raise DomainError("solver", request.solver, f"choose one of {', '.join(meaningless)}")
-    if request.samples is not None and request.noise is not None:
-        raise DomainError("samples", request.samples, "give --samples or --noise, not both")
-    for option in meaningless[request.solver]:
-        value = getattr(request, option)
-        if value is not None:
-            rule = f"means nothing to the solver {request.solver}; leave it out, or add --solver {remedy[option]}"
-            raise DomainError(option, value, rule)
+def check_solver(request: RunRequest, solvers: Sequence[str]) -> None:
+    """Refuse layers that the chosen solver of a command cannot give, and runs of which nothing would be kept."""
+    for name, able in LAYERS.items():
+        value = getattr(request, name, None)
+        if value is not None and request.solver in RECORDS and request.solver not in able:
+            refuse(name, value, request.solver, [one for one in solvers if one in able])
     if not request.outputs and not request.json:
         raise DomainError("output", "", "nothing would be kept; name a file with -o, or ask for --json")
 
@@ -521,12 +479,7 @@ def render_request(
                 scene,
                 camera,
                 request.wavelengths,
-                solver=request.solver,
-                samples=request.samples,
-                noise=request.noise,
-                tolerance=request.tolerance,
-                max_order=request.max_order,
-                seed=request.seed or 0,
+                solver=request.how,
                 threads=request.threads,
                 executor=executor,
                 progress=progress.to,
@@ -614,8 +567,8 @@ def summary_of_run(request: RunRequest, model: Any, seconds: float, rendered: An
         "size": list(request.size),
         "wavelengths_nm": request.wavelengths.tolist(),
         "solver": request.solver,
-        "seed": (request.seed or 0) if request.solver in ("path", "photons") else None,
-        "tolerance": request.tolerance,
+        "seed": request.how.recorded["seed"] if request.solver in ("path", "photons") else None,
+        "tolerance": request.given.get("tolerance"),
         "seconds": round(seconds, 3),
         "complete": rendered.finished >= 1.0,
         "finished": rendered.finished,

@@ -14,11 +14,13 @@ import typer
 from numpy.typing import NDArray
 
 from skyscatter.cli import common, parse
+from skyscatter.cli.solver_options import given, option
 from skyscatter.errors import DomainError
 
 #: What textures can hold is coarser than this.
 DEFAULT_TOLERANCE = 0.01
 ENGINES = ("three",)
+SOLVERS = ("orders",)
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,7 @@ def export(
         Path | None, typer.Option("-o", "--output", metavar="FOLDER", help="Folder to write; MODEL-ENGINE if none.")
     ] = None,
     wavelengths: common.Wavelengths = "400:700:25",
-    tolerance: Annotated[
-        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at, 1% if nothing is said.")
-    ] = None,
+    tolerance: Annotated[str | None, option("tolerance", SOLVERS, str(DEFAULT_TOLERANCE))] = None,
     threads: common.Threads = None,
     as_json: common.AsJson = False,
     quiet: common.Quiet = False,
@@ -67,7 +67,7 @@ def export(
         engine=to,
         folder=output or Path(f"{Path(model).stem}-{to}"),
         wavelengths=parse.parse_wavelengths(wavelengths),
-        tolerance=parse.parse_tolerance(tolerance) or DEFAULT_TOLERANCE,
+        tolerance=given("orders", SOLVERS, tolerance=tolerance).get("tolerance", DEFAULT_TOLERANCE),
         threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         json=as_json,
         quiet=quiet,

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from skyscatter.atomic import atomic_path
 from skyscatter.cli import common, parse, stopping
+from skyscatter.cli.solver_options import given, option
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
 if TYPE_CHECKING:
     from skyscatter.solvers.state import Checkpoint
 
+SOLVERS = ("orders",)
 SUFFIXES = (".nc", ".csv")
 DEFAULT_SUN_ELEVATION = "30"
 
@@ -35,8 +37,7 @@ class Request:
     place: tuple[float, float] | None
     time: str | None
     wavelengths: NDArray[np.float64]
-    tolerance: float | None
-    max_order: int | None
+    given: dict[str, Any]  #: options of the solver
     threads: int | None
     outputs: list[Path]
     json: bool
@@ -65,10 +66,8 @@ def flux(
         ),
     ] = None,
     wavelengths: common.Wavelengths = "300:1000:50",
-    tolerance: Annotated[
-        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at, 0.5% if nothing is said.")
-    ] = None,
-    max_order: Annotated[str | None, typer.Option(metavar="N", help="Highest order of scattering.")] = None,
+    tolerance: Annotated[str | None, option("tolerance", SOLVERS)] = None,
+    max_order: Annotated[str | None, option("max_order", SOLVERS)] = None,
     threads: common.Threads = None,
     output: Annotated[
         list[Path] | None,
@@ -97,8 +96,7 @@ def flux(
         place=None if place is None else parse.parse_place(place),
         time=time,
         wavelengths=parse.parse_wavelengths(wavelengths),
-        tolerance=parse.parse_tolerance(tolerance),
-        max_order=parse.parse_integer(max_order, "max_order", 1, "give an order of scattering, 1 or more"),
+        given=given("orders", SOLVERS, tolerance=tolerance, max_order=max_order),
         threads=parse.parse_integer(threads, "threads", 1, "give a number of threads, 1 or more"),
         outputs=[parse.check_output(path, SUFFIXES) for path in output or []],
         json=as_json,
@@ -178,19 +176,17 @@ def _solve(request: Request, name: str, scene: Any, elevations: NDArray[np.float
     """The field and its fluxes, as labelled data."""
     import skyscatter
     from skyscatter.progress import Progress, say
-    from skyscatter.solvers.field import DEFAULT_TOLERANCE
 
     with Progress(1.0, f"{name} fluxes", request.progress) as progress:
         field = skyscatter.solve(
             scene,
             request.wavelengths,
             sun_elevations_deg=(float(elevations.min()), float(elevations.max())),
-            tolerance=DEFAULT_TOLERANCE if request.tolerance is None else request.tolerance,
-            max_order=request.max_order,
             threads=request.threads,
             progress=progress.to,
             resume=request.resume,
             checkpoint=checkpoint,
+            **request.given,
         )
         say("integrals over directions")
         return field.flux_dataset(request.altitudes, elevations, progress=progress.to, checkpoint=checkpoint)
@@ -234,7 +230,7 @@ def _report(request: Request, model: Any, dataset: Any, seconds: float) -> int:
         from skyscatter.progress import format_seconds
 
         accuracy = "" if error is None else f", median estimated error of the net flux {common.percent(error)} of down"
-        accuracy += common.missed(error, request.tolerance)
+        accuracy += common.missed(error, request.given.get("tolerance"))
         written = f"; wrote {', '.join(summary['outputs'])}" if request.outputs else ""
         done = f"{dataset['net'].size} places, Suns and wavelengths{accuracy}; {format_seconds(seconds)}{written}"
         typer.echo(f"{model.name}: {done}", err=True)

@@ -98,7 +98,7 @@ class FrameFolder:
             "scenes": [scene.model_dump(mode="json", exclude_none=True) for scene in frames.scenes],
             "camera": frames.camera.model_dump(mode="json"),
             "wavelengths_nm": frames.wavelengths.tolist(),
-            "options": dict(frames.options),
+            "options": frames.recorded,
             "look": {**look, "step": step, "files": request.file_options.get(suffix, {})},
         }
         return cls(output, suffix, paths, place / f".{stem}.frames.json", recipe, request.store)

@@ -13,13 +13,13 @@ from typing import Annotated, Any
 import typer
 
 from skyscatter.cli import common, parse, stopping
+from skyscatter.cli.solver_options import given, option
 from skyscatter.errors import DomainError
+from skyscatter.solvers.options import record_of
 from skyscatter.units import metres, nanometres
 
 METHODS = {"optimal-estimation": "optimal_estimation", "posterior": "posterior"}
 SOLVERS = ("orders", "path", "single")
-#: Options of solvers that not all have a use for.
-MEANINGLESS = {"orders": ("samples",), "path": ("tolerance",), "single": ("samples", "tolerance", "max_order")}
 #: Exit status of fits that are no answer.
 NOT_CONVERGED = 3
 
@@ -88,13 +88,9 @@ def invert(
         str | None,
         typer.Option(metavar="REL", help="Error of the model, such as 0.3%, else as the solver states it."),
     ] = None,
-    tolerance: Annotated[
-        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at (orders), 0.5% if nothing is said.")
-    ] = None,
-    samples: common.Samples = None,
-    max_order: Annotated[
-        str | None, typer.Option(metavar="N", help="Highest order of scattering (orders, path).")
-    ] = None,
+    tolerance: Annotated[str | None, option("tolerance", SOLVERS)] = None,
+    samples: Annotated[str | None, option("samples", SOLVERS, "256")] = None,
+    max_order: Annotated[str | None, option("max_order", SOLVERS)] = None,
     max_iterations: Annotated[str | None, typer.Option(metavar="N", help="Iterations at most, else 20.")] = None,
     steps: Annotated[
         str | None, typer.Option(metavar="N", help="Steps of each walker (posterior), else 1000 or more.")
@@ -244,13 +240,11 @@ def _place(elevation: str | None, azimuth: str | None, altitude: str | None, **t
 def _options(no_emulator: bool, **texts: str | None) -> dict[str, Any]:
     """Options of `skyscatter.fit` from what was typed."""
     solver, method = str(texts["solver"]), str(texts["method"])
-    if solver not in SOLVERS:
-        raise DomainError("solver", solver, f"choose one of {', '.join(SOLVERS)}")
+    of_solver = {name: texts[name] for name in ("tolerance", "samples", "max_order")}
+    of_solver |= {"seed": texts["seed"]} if solver == "path" else {}
+    how = record_of(solver, **given(solver, SOLVERS, **of_solver))
     if method not in METHODS:
         raise DomainError("method", method, f"choose one of {', '.join(METHODS)}")
-    for name in MEANINGLESS[solver]:
-        if texts[name] is not None:
-            raise DomainError(name, texts[name], f"means nothing to the solver {solver}; leave it out")
     if method != "posterior" and (no_emulator or texts["steps"] is not None):
         name = "no_emulator" if no_emulator else "steps"
         raise DomainError(name, texts.get(name, True), "belongs to the posterior; add --method posterior")
@@ -258,17 +252,14 @@ def _options(no_emulator: bool, **texts: str | None) -> dict[str, Any]:
     options: dict[str, Any] = {
         "noise": parse.parse_noise(texts["noise"]),
         "model_error": _share(texts["model_error"]),
-        "tolerance": parse.parse_tolerance(texts["tolerance"]),
-        "samples": integer(texts["samples"], "samples", 2, "give a number of walks, 2 or more"),
-        "max_order": integer(texts["max_order"], "max_order", 1, "give an order of scattering, 1 or more"),
         "max_iterations": integer(texts["max_iterations"], "max_iterations", 1, "give a number, 1 or more"),
         "steps": integer(texts["steps"], "steps", 10, "give a number of steps, 10 or more"),
         "emulator": False if no_emulator else None,
         "seed": integer(texts["seed"], "seed", 0, "give a whole number from 0 to 9223372036854775807 (2^63 - 1)"),
         "threads": integer(texts["threads"], "threads", 1, "give a number of threads, 1 or more"),
     }
-    given = {name: value for name, value in options.items() if value is not None}
-    return {"solver": solver, "method": METHODS[method], **given}
+    said = {name: value for name, value in options.items() if value is not None}
+    return {"solver": how, "method": METHODS[method], **said}
 
 
 def _share(text: str | None) -> float | None:

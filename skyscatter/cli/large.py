@@ -105,8 +105,6 @@ def run(
 
     first = request.outputs[0] if request.outputs else Path("skyscatter")
     store = request.store or first.with_name(f"{first.name}.partial.zarr")
-    names = ("samples", "noise", "tolerance", "max_order")
-    given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
     try:
         with (
             stopping.keeping(lambda: common.keep(None, arguments, store)),
@@ -116,8 +114,8 @@ def run(
             if request.progress != "none":
                 remark(f"larger than memory: made in parts, by way of {store}")
             render_stored(
-                scene, camera, request.wavelengths, store, request.solver, seed=request.seed or 0,
-                threads=request.threads, executor=executor, progress=progress.to, **given, **more,
+                scene, camera, request.wavelengths, store, request.how,
+                threads=request.threads, executor=executor, progress=progress.to, **more,
             )  # fmt: skip
             say("files")
             picture = StoredPicture(store, sky)

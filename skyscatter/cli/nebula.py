@@ -12,6 +12,7 @@ import typer
 from skyscatter.cli import common, large, parse, pictures, sequence
 from skyscatter.cli import nebula_options as options
 from skyscatter.cli.nebula_options import Request
+from skyscatter.cli.solver_options import given, option
 from skyscatter.errors import DomainError
 from skyscatter.units import PARSEC
 
@@ -64,23 +65,20 @@ def nebula(
     solver: Annotated[
         str, typer.Option(metavar="NAME", help="path (all orders of scattering), single (the first alone) or photons.")
     ] = "path",
-    samples: common.Samples = None,
-    noise: common.Noise = None,
-    tolerance: Annotated[
-        str | None, typer.Option(metavar="REL", help="Relative accuracy of the light scattered once, such as 0.01%.")
-    ] = None,
-    max_order: Annotated[
-        str | None,
-        typer.Option("--max-order", "--order-limit", metavar="N", help="Highest order of scattering (path)."),
-    ] = None,
+    samples: Annotated[str | None, option("samples", options.SOLVERS)] = None,
+    noise: Annotated[str | None, option("noise", options.SOLVERS)] = None,
+    tolerance: Annotated[str | None, option("tolerance", options.SOLVERS)] = None,
+    max_order: Annotated[str | None, option("max_order", options.SOLVERS)] = None,
     orders: Annotated[
         str | None, typer.Option(metavar="N", help="Layers with the light scattered once, ..., N times (path).")
     ] = None,
-    sampling: Annotated[str | None, typer.Option(metavar="NAME", help="How flights are drawn (path).")] = None,
-    photons: common.Photons = None,
-    radius: common.Radius = None,
-    estimator: common.Estimator = None,
-    seed: common.Seed = None,
+    sampling: Annotated[str | None, option("sampling", options.SOLVERS)] = None,
+    transmittance: Annotated[str | None, option("transmittance", options.SOLVERS)] = None,
+    photons: Annotated[str | None, option("photons", options.SOLVERS)] = None,
+    radius: Annotated[str | None, option("radius", options.SOLVERS)] = None,
+    estimator: Annotated[str | None, option("estimator", options.SOLVERS)] = None,
+    direct: Annotated[bool | None, option("direct", options.SOLVERS)] = None,
+    seed: Annotated[str | None, option("seed", options.SOLVERS)] = None,
     denoise: common.Denoise = False,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
@@ -183,9 +181,22 @@ def nebula(
         field=None if field_of_view is None else parse.parse_field(field_of_view),
         pixel_scale_deg=None if pixel_scale is None else parse.parse_angle(pixel_scale, "pixel_scale"),
         solver=solver,
+        given=given(
+            solver,
+            options.SOLVERS,
+            samples=samples,
+            noise=noise,
+            tolerance=tolerance,
+            max_order=max_order,
+            sampling=sampling,
+            transmittance=transmittance,
+            photons=photons,
+            radius=radius,
+            estimator=estimator,
+            direct=direct,
+            seed=None if solver == "single" and aperture is not None else seed,
+        ),
         orders=parse.parse_integer(orders, "orders", 1, "give a number of layers, 1 or more"),
-        sampling=sampling,
-        **common.photon_options(photons, radius, estimator),
         filters=filters,
         png=developed,
         observation=observation,
@@ -204,11 +215,6 @@ def nebula(
         ),
         **common.run_options(
             wavelengths=pictures.wavelengths(wavelengths, outputs, few, DEFAULT_WAVELENGTHS),
-            samples=samples,
-            noise=noise,
-            tolerance=parse.parse_tolerance(tolerance, options.LEAST_TOLERANCE),
-            max_order=max_order,
-            seed=None if solver == "single" and aperture is not None else seed,
             denoise=denoise,
             threads=threads,
             workers=workers,
@@ -225,7 +231,7 @@ def nebula(
             preview=preview,
         ),
     )
-    common.check_solver(request, options.MEANINGLESS, options.REMEDY)
+    common.check_solver(request, options.SOLVERS)
     if wavelengths is None:
         request = options.with_bands(request)
     options.check(request)
@@ -253,13 +259,15 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
     common.check_command(model, request.model, "nebula")
     scenes = tuple(model.scene(**{**request.turned, **side}) for side in turn.sides)
     camera = max((build_camera(request, scene) for scene in scenes), key=lambda camera: camera.pixel_scale_deg)
-    names = ("samples", "noise", "tolerance", "max_order", "orders", "sampling", "photons", "radius", "estimator")
-    given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
-    chosen = {"solver": request.solver, "seed": request.seed or 0, **given}
-    frames = Frames(scenes, camera, request.wavelengths, None, chosen)
+    frames = Frames(scenes, camera, request.wavelengths, None, {"solver": request.how, **_layers(request)})
     look = {**request.png, "bits": request.bits}
     exposure = None if options.of_planes(look) else look.pop("exposure", "auto")
     return sequence.produce(request, turn, model.name, frames, look, exposure)
+
+
+def _layers(request: Request) -> dict[str, Any]:
+    """The layers that were asked for, as `skyscatter.render` takes them."""
+    return {} if request.orders is None else {"orders": request.orders}
 
 
 def build_camera(request: Request, scene: Any, suited: float | None = None) -> Any:
@@ -292,13 +300,11 @@ def run(request: Request, arguments: list[str]) -> int:
     # What suits a nebula may cut off what sticks out when it is turned.
     camera = build_camera(request, scene, None if request.turned else model.picture_width)
     sky = SkyFrame.seen(scene.view, camera, model.name)
-    names = ("orders", "sampling", "photons", "radius", "estimator")
-    given = {name: getattr(request, name) for name in names if getattr(request, name) is not None}
     if not fits:
-        written = large.run(request, scene, camera, model.name, arguments, sky, **given)
+        written = large.run(request, scene, camera, model.name, arguments, sky, **_layers(request))
         summary = summarise(request, model, scene, camera, None, None, clock.monotonic() - started, written)
         return common.report(request, summary, describe)
-    rendered = common.render_request(request, scene, camera, model.name, arguments, **given)
+    rendered = common.render_request(request, scene, camera, model.name, arguments, **_layers(request))
     noise = common.median_error(rendered.raw) if request.solver != "single" else None
     with rendered.writing() as outputs:
         image = rendered.image.placed(sky)

@@ -14,22 +14,10 @@ from skyscatter.cli import common, parse
 from skyscatter.errors import DomainError
 from skyscatter.units import metres
 
-#: Options that some solvers have no use for.
-OF_PHOTONS = ("photons", "radius", "estimator")
-MEANINGLESS: dict[str, tuple[str, ...]] = {
-    "path": OF_PHOTONS,
-    "single": ("samples", "noise", "seed", "denoise", "max_order", "orders", "sampling", *OF_PHOTONS),
-    "photons": ("tolerance", "sampling"),
-}
-#: Finest relative accuracy of the quadrature along a ray that may be asked for.
-LEAST_TOLERANCE = 1e-9
+SOLVERS = ("path", "single", "photons")
 #: What a picture of unstated size gets: walks a pixel, and the seeing [pixel] without which stars would be squares.
 FIRST_SAMPLES = "4"
 SEEING = 2.0
-REMEDY = {
-    **dict.fromkeys([*MEANINGLESS["single"], *MEANINGLESS["photons"]], "path"),
-    **dict.fromkeys(MEANINGLESS["path"], "photons"),
-}
 
 
 @dataclass(frozen=True)
@@ -40,10 +28,6 @@ class Request(common.RunRequest):
     field: tuple[str, float] | None
     pixel_scale_deg: float | None
     orders: int | None
-    sampling: str | None
-    photons: int | None
-    radius: float | None
-    estimator: str | None
     filters: str | None
     png: dict[str, Any]
     observation: dict[str, Any]
@@ -62,7 +46,7 @@ class Request(common.RunRequest):
 
     @property
     def _can_be_halved(self) -> bool:
-        return self.sampling is None and (self.samples or 0) % 2 == 0
+        return "sampling" not in self.given and self.given.get("samples", 0) % 2 == 0
 
     @property
     def halved(self) -> bool:

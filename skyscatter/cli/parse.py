@@ -178,7 +178,7 @@ def parse_positive(text: str | None, name: str) -> float | None:
     """A number above 0; None stays None."""
     if text is None:
         return None
-    value = _share(text)
+    value = share(text)
     if not 0.0 < value < math.inf:
         raise DomainError(name, text, "give a number above 0")
     return value
@@ -188,24 +188,13 @@ def parse_noise(text: str | None) -> float | None:
     """``1%`` or ``0.01`` as a relative standard error."""
     if text is None:
         return None
-    value = _share(text)
+    value = share(text)
     if not 0 < value < 1:
         raise DomainError("noise", text, "give a relative standard error between 0 and 100 %, for instance 1% or 0.01")
     return value
 
 
-def parse_tolerance(text: str | None, lowest: float = 1e-4) -> float | None:
-    """``0.5%`` or ``0.005`` as a relative accuracy, not below `lowest`."""
-    if text is None:
-        return None
-    value = _share(text)
-    if not lowest <= value <= 0.1:
-        remedy = f"give a relative accuracy between {100 * lowest:g} and 10 %, for instance 0.5% or 0.005"
-        raise DomainError("tolerance", text, remedy)
-    return value
-
-
-def _share(text: str) -> float:
+def share(text: str) -> float:
     """A number, or one in per cent; not a number for anything else."""
     word = text.strip()
     try:

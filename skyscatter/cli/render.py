@@ -9,13 +9,14 @@ from typing import Annotated, Any
 import typer
 
 from skyscatter.cli import common, large, parse, pictures
+from skyscatter.cli.solver_options import given, option, suited
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.units import metres
 
 DEFAULT_WAVELENGTHS = "380:780:10"
-#: Options that some solvers have no use for.
-MEANINGLESS: dict[str, tuple[str, ...]] = {"path": ("photons", "radius", "estimator"), "photons": (), "auto": ()}
-REMEDY = dict.fromkeys(MEANINGLESS["path"], "photons")
+SOLVERS = ("path", "photons", "auto")
+#: Those that have options.
+NAMED = SOLVERS[:2]
 
 
 @dataclass(frozen=True)
@@ -26,15 +27,12 @@ class Request(common.RunRequest):
     field_of_view: float | None
     orders: int | None
     subpixels: int | None
-    photons: int | None
-    radius: float | None
-    estimator: str | None
     png: dict[str, Any]
 
     @property
     def more(self) -> dict[str, Any]:
         """Arguments of `skyscatter.render` that only this command has, as far as they were given."""
-        names = ("orders", "subpixels", "photons", "radius", "estimator")
+        names = ("orders", "subpixels")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
@@ -67,16 +65,9 @@ def render(
             help="path (walks from the camera), photons (from the lamps, gathered), or auto, the better one.",
         ),
     ] = "auto",
-    samples: Annotated[str | None, typer.Option(metavar="N", help="Walks per pixel (path), passes (photons).")] = None,
-    noise: Annotated[
-        str | None, typer.Option(metavar="REL", help="Stop at this relative standard error, such as 1%.")
-    ] = None,
-    max_order: Annotated[
-        str | None,
-        typer.Option(
-            "--max-order", "--order-limit", metavar="N", help="Most scatterings, reflections and refractions of light."
-        ),
-    ] = None,
+    samples: Annotated[str | None, option("samples", NAMED)] = None,
+    noise: Annotated[str | None, option("noise", NAMED)] = None,
+    max_order: Annotated[str | None, option("max_order", NAMED)] = None,
     orders: Annotated[
         str | None, typer.Option(metavar="N", help="Layers with the light after 1, ..., N of them.")
     ] = None,
@@ -84,10 +75,12 @@ def render(
         str | None,
         typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges."),
     ] = None,
-    photons: common.Photons = None,
-    radius: common.Radius = None,
-    estimator: common.Estimator = None,
-    seed: common.Seed = None,
+    sampling: Annotated[str | None, option("sampling", NAMED)] = None,
+    photons: Annotated[str | None, option("photons", NAMED)] = None,
+    radius: Annotated[str | None, option("radius", NAMED)] = None,
+    estimator: Annotated[str | None, option("estimator", NAMED)] = None,
+    direct: Annotated[bool | None, option("direct", NAMED)] = None,
+    seed: Annotated[str | None, option("seed", NAMED)] = None,
     denoise: common.Denoise = False,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
@@ -133,9 +126,12 @@ def render(
         seen={name: parse_triple(text, name, name != "up") for name, text in seen.items() if text is not None},
         field_of_view=None if field_of_view is None else parse.parse_angle(field_of_view, "field_of_view"),
         solver=solver,
+        given=given(
+            solver, SOLVERS, samples=samples, noise=noise, max_order=max_order, sampling=sampling, photons=photons,
+            radius=radius, estimator=estimator, direct=direct, seed=seed,
+        ),
         orders=whole(orders, "orders", 1, "give a number of layers, 1 or more"),
         subpixels=whole(subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"),
-        **common.photon_options(photons, radius, estimator),
         png=pictures.natural_options(look, development),
         outputs=outputs,
         file_options=common.file_options(
@@ -143,13 +139,12 @@ def render(
         ),
         **common.run_options(
             wavelengths=pictures.wavelengths(wavelengths, outputs, pictures.ROOM_WAVELENGTHS, DEFAULT_WAVELENGTHS),
-            samples=samples, noise=noise, tolerance=None, max_order=max_order, seed=seed, denoise=denoise,
-            threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler, store=store, bits=bits,
-            as_json=as_json, quiet=quiet,
-            verbose=verbose, progress=progress, every=every, resume=resume, preview=preview,
+            denoise=denoise, threads=threads, workers=workers, worker_memory=worker_memory, scheduler=scheduler,
+            store=store, bits=bits, as_json=as_json, quiet=quiet, verbose=verbose, progress=progress, every=every,
+            resume=resume, preview=preview,
         ),
     )  # fmt: skip
-    common.check_solver(request, MEANINGLESS, REMEDY)
+    common.check_solver(request, SOLVERS)
     common.check_development(request.png["space"], request.png["tone"], request.bits)
     return common.stoppable(lambda: run(request, list(context.obj or [])))
 
@@ -189,8 +184,9 @@ def choose(request: Request, scene: Any) -> str:
     """The solver: that which was asked for, the one that knows the options given, or the better one."""
     if request.solver != "auto":
         return request.solver
-    if any(getattr(request, name) is not None for name in MEANINGLESS["path"]):
-        return "photons"
+    able = suited(request.given, NAMED)
+    if len(able) == 1:
+        return able[0]
     from skyscatter.solvers.choice import preferred_solver
 
     return preferred_solver(scene, request.wavelengths)

@@ -189,7 +189,7 @@ def _scene(request: Any, model: Any) -> Any:
 def run(request: Any, sequence: FrameList, look: dict[str, Any], exposure: float | str | None) -> int:
     """Frames of skies: solve, render, write; returns the exit status.  Arguments are those of `produce`."""
     from skyscatter.cli.composed import composed
-    from skyscatter.solvers.sequence import Frames
+    from skyscatter.solvers.sequence import Frames, check_seed
 
     name, scenes = scenes_of(request, sequence)
     highest = max(scenes, key=lambda scene: scene.sun.elevation_deg)
@@ -197,7 +197,9 @@ def run(request: Any, sequence: FrameList, look: dict[str, Any], exposure: float
     request, camera = composed(request, highest.observer, highest.sun.azimuth_deg, bool(sequence.times))
     camera.directions(scenes[0].observer)
     frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
-    one_air = not sequence.models and request.solver == "orders" and request.max_order is None
+    one_air = not sequence.models and request.solver == "orders" and "max_order" not in request.given
+    if one_air:
+        check_seed(request.given.get("seed", 0), scenes)
     return produce(request, sequence, name, frames, look, exposure, one_air)
 
 
@@ -263,10 +265,8 @@ def produce(
 
 
 def _options(request: Any) -> dict[str, Any]:
-    given = {name: getattr(request, name) for name in ("samples", "tolerance", "max_order", "noise")}
-    chosen = {name: value for name, value in given.items() if value is not None}
-    chosen |= ({"stokes": True} if request.stokes else {}) | ({} if request.sun_disk else {"sun_disk": False})
-    return {"solver": request.solver, "seed": request.seed or 0, **chosen}
+    chosen: dict[str, Any] = {"stokes": True} if request.stokes else {}
+    return {"solver": request.how, **chosen} | ({} if request.sun_disk else {"sun_disk": False})
 
 
 def _solved(request: Any, frames: Any, progress: Any, store: Any) -> Any:
@@ -277,7 +277,7 @@ def _solved(request: Any, frames: Any, progress: Any, store: Any) -> Any:
 
     say("one field for all frames")
     solve = partial(
-        field_for, frames.scenes, frames.camera, frames.wavelengths, tolerance=request.tolerance,
+        field_for, frames.scenes, frames.camera, frames.wavelengths, tolerance=request.given.get("tolerance"),
         stokes=request.stokes, threads=request.threads, progress=progress.to,
     )  # fmt: skip
     return replace(frames, solved=solve() if store is None else stored_context(store, solve, True, progress.to))

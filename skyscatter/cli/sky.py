@@ -14,6 +14,7 @@ import typer
 from skyscatter.cli import common, parse, pictures, sequence
 from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
 from skyscatter.cli.lights import LightChoice, Lights, SolarFlux, Stars, Without, centre_of, light_choice
+from skyscatter.cli.solver_options import given, option
 from skyscatter.cli.towns import TownMaps, Towns, asked_towns, with_towns
 from skyscatter.errors import DomainError, ModelFileError
 from skyscatter.units import metres
@@ -21,17 +22,7 @@ from skyscatter.units import metres
 DEFAULT_WAVELENGTHS = "380:780:10"
 DEFAULT_SUN_ELEVATION = 30.0
 DEFAULT_SUN_AZIMUTH = 180.0
-#: Options that some solvers have no use for.
-MEANINGLESS = {
-    "orders": ("samples", "noise", "seed", "denoise"),
-    "path": ("tolerance",),
-    "single": ("samples", "noise", "seed", "denoise", "max_order", "tolerance"),
-}
-#: The solver to name with an option that the chosen one has no use for.
-REMEDY = {
-    **dict.fromkeys(("samples", "noise", "seed", "denoise"), "path"),
-    **dict.fromkeys(("max_order", "tolerance"), "orders"),
-}
+SOLVERS = ("orders", "path", "single")
 
 
 @dataclass(frozen=True)
@@ -141,15 +132,10 @@ def sky(
             "with bodies, fields, lamps or a ground of some material) or single.",
         ),
     ] = None,
-    samples: common.Samples = None,
-    noise: common.Noise = None,
-    tolerance: Annotated[
-        str | None, typer.Option(metavar="REL", help="Relative accuracy to aim at (orders), 0.5% if nothing is said.")
-    ] = None,
-    max_order: Annotated[
-        str | None,
-        typer.Option("--max-order", "--order-limit", metavar="N", help="Highest order of scattering (orders, path)."),
-    ] = None,
+    samples: Annotated[str | None, option("samples", SOLVERS)] = None,
+    noise: Annotated[str | None, option("noise", SOLVERS)] = None,
+    tolerance: Annotated[str | None, option("tolerance", SOLVERS)] = None,
+    max_order: Annotated[str | None, option("max_order", SOLVERS)] = None,
     stokes: Annotated[
         bool,
         typer.Option(
@@ -160,7 +146,7 @@ def sky(
         str | None,
         typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges of bodies and clouds (path)."),
     ] = None,
-    seed: common.Seed = None,
+    seed: Annotated[str | None, option("seed", SOLVERS)] = None,
     denoise: common.Denoise = False,
     threads: common.Threads = None,
     workers: common.WorkerCount = None,
@@ -230,6 +216,7 @@ def sky(
     _check_marks(marks, place, shown)
     _check_development(shown, {"look": look, **development})
     view = _view(view, north, no_sun)
+    chosen = solver or default_solver(model)
     request = Request(
         model=model,
         place=None if place is None else parse.parse_place(place),
@@ -241,7 +228,8 @@ def sky(
         sun_disk=not no_sun,
         scene_for=_scene_for(scene_for, outputs, no_sun and frames is None, no_clobber),
         size=(0, 0) if size is None and view is None else parse.parse_size(size, view or ""),
-        solver=solver or default_solver(model),
+        solver=chosen,
+        given=given(chosen, SOLVERS, samples=samples, noise=noise, tolerance=tolerance, max_order=max_order, seed=seed),
         png=pictures.natural_options(look, development),
         stokes=stokes or shown in ("degree", "angle"),
         subpixels=parse.parse_integer(
@@ -266,11 +254,6 @@ def sky(
         ),
         **common.run_options(
             wavelengths=wavelengths,
-            samples=samples,
-            noise=noise,
-            tolerance=parse.parse_tolerance(tolerance),
-            max_order=max_order,
-            seed=seed,
             denoise=denoise,
             threads=threads,
             workers=workers,
@@ -287,7 +270,7 @@ def sky(
             preview=preview,
         ),
     )
-    common.check_solver(request, MEANINGLESS, REMEDY)
+    common.check_solver(request, SOLVERS)
     _check_picture(request)
     if frames is not None:
         asked = frames

@@ -12,7 +12,7 @@ derivative, and the rounding of the solver over the step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 from skyscatter.inversion.brief import Brief
 from skyscatter.inversion.stack import AnyScene, differences_forbid, stack
+from skyscatter.solvers.options import Path, Solver, record_of
 from skyscatter.solvers.run import radiance
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 
 #: Channels that are solved together at most; their tables take some 100 kB each.
 MOST_CHANNELS = 512
+#: Walks per ray in all, where nothing is said.
+DEFAULT_SAMPLES = 256
 #: Independent runs of a Monte Carlo solver, from whose spread the standard errors come.
 RUNS = 16
 
@@ -133,11 +136,10 @@ def differentiate(
     directions: ArrayLike,
     wavelengths: ArrayLike,
     *,
-    solver: str = "orders",
-    samples: int = 256,
-    seed: int = 0,
+    solver: str | Solver = "orders",
+    threads: int | None = None,
+    executor: Any = None,
     progress: Callable[[float], None] | None = None,
-    **options: Any,
 ) -> Derivatives:
     """Radiances along rays, and their derivatives with respect to parameters.
 
@@ -152,14 +154,13 @@ def differentiate(
         over which the radiance changes is good with every solver.
     origins, directions, wavelengths
         As for `skyscatter.radiance`.
-    solver : {"orders", "path", "single"}
-    samples : int
-        Walks per ray with ``path``, shared out among `RUNS` runs.
-    seed : int
+    solver : str or Orders or Path or Single
+        As for `skyscatter.radiance`.  With ``path`` the walks of a ray, 256 when not given, are shared out among `RUNS`
+        runs.
+    threads, executor
+        As for `skyscatter.radiance`.
     progress : callable, optional
         Called with the finished share, 0 to 1.
-    **options
-        Others of `skyscatter.radiance`.
 
     Returns
     -------
@@ -168,7 +169,8 @@ def differentiate(
     Raises
     ------
     DomainError
-        For steps that are not positive, and for parameters at which a scene cannot be made.
+        For steps that are not positive, for walks whose number is up to their noise, and for parameters at which a
+        scene cannot be made.
 
     Notes
     -----
@@ -203,24 +205,21 @@ def differentiate(
     base = scenes(at)
     pairs = [tuple(scenes(at + sign * row) for sign in (1, -1)) for row in np.diag(step)]
     rays: tuple[ArrayLike, ArrayLike] = (origins, directions)
-    seeds = _seeds(seed) if solver == "path" else [None]
-    if solver == "path":
-        options["samples"] = -(-int(samples) // len(seeds))
+    solvers = _runs(record_of(solver))
     groups = _groups(base, pairs, np.size(np.asarray(wavelengths)))
     done = 0
 
-    def solve(copies: Sequence[AnyScene], run_seed: int | None) -> tuple[Array, Array]:
+    def solve(copies: Sequence[AnyScene], how: Solver) -> tuple[Array, Array]:
         nonlocal done
-        given = options if run_seed is None else options | {"seed": run_seed}
-        found = _solve_together(copies, rays, wavelengths, solver, given)
+        found = _solve_together(copies, rays, wavelengths, solver=how, threads=threads, executor=executor)
         done += 1
         if progress is not None:
-            progress(done / (len(seeds) * len(groups)))
+            progress(done / (len(solvers) * len(groups)))
         return found
 
     runs = []
-    for run_seed in seeds:
-        parts = [solve(copies, run_seed) for copies, _ in groups]
+    for how in solvers:
+        parts = [solve(copies, how) for copies, _ in groups]
         slopes: list[Any] = [None] * at.size
         for (values, _), (_, members) in zip(parts, groups, strict=True):
             first = 1 if len(values) % 2 else 0
@@ -232,9 +231,15 @@ def differentiate(
     return _joined(runs)
 
 
-def _seeds(seed: int) -> list[int | None]:
-    """Seeds of the independent runs."""
-    return [int(s) >> 1 for s in np.random.SeedSequence(seed).generate_state(RUNS, np.uint64)]
+def _runs(solver: Solver) -> list[Solver]:
+    """The solver of each independent run: of walks several that share the samples, with seeds of their own."""
+    if not isinstance(solver, Path):
+        return [solver]
+    if solver.noise is not None:
+        raise DomainError("noise", solver.noise, "derivatives take a number of walks; give samples in its place")
+    seeds = np.random.SeedSequence(solver.seed).generate_state(RUNS, np.uint64)
+    samples = -(-(DEFAULT_SAMPLES if solver.samples is None else int(solver.samples)) // RUNS)
+    return [replace(solver, samples=samples, seed=int(seed) >> 1) for seed in seeds]
 
 
 def _groups(
@@ -259,15 +264,14 @@ def _solve_together(
     copies: Sequence[AnyScene],
     rays: tuple[ArrayLike, ArrayLike],
     wavelengths: ArrayLike,
-    solver: str,
-    options: dict[str, Any],
+    **how: Any,
 ) -> tuple[Array, Array]:
     """Radiances and standard errors (copy, ..., wavelength), of copies with one geometry or of a pair without."""
     if any(differences_forbid(copies[0], other) for other in copies[1:]):
-        answers = [radiance(copy, rays[0], rays[1], wavelengths, solver, **options) for copy in copies]
+        answers = [radiance(copy, rays[0], rays[1], wavelengths, **how) for copy in copies]
         return np.stack([a.radiance for a in answers]), np.stack([a.standard_error for a in answers])
     stacked = stack(copies, wavelengths)
-    answer = radiance(stacked.scene, rays[0], rays[1], stacked.channels.numbers, solver, **options)
+    answer = radiance(stacked.scene, rays[0], rays[1], stacked.channels.numbers, **how)
     return stacked.channels.split(answer.radiance), stacked.channels.split(answer.standard_error)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError, DomainError
+from skyscatter.inversion.derivatives import DEFAULT_SAMPLES
 from skyscatter.inversion.estimation import Estimate, optimal_estimation
 from skyscatter.inversion.fitresult import FitResult
 from skyscatter.inversion.fitstate import FitState
@@ -22,12 +23,11 @@ from skyscatter.inversion.parameters import Parameter, Subject, parse_free, reso
 from skyscatter.inversion.readers import read_observation
 from skyscatter.memory import check_fits
 from skyscatter.models.files import load_model
+from skyscatter.solvers.options import Path, Solver, record_of
 from skyscatter.tasks.door import opened
 
 Array = NDArray[np.float64]
 
-#: Walks per ray with ``path``.
-DEFAULT_SAMPLES = 256
 METHODS = ("optimal_estimation", "posterior")
 #: Arrays of the size of the data, and of their derivatives by a parameter, in memory at once; measured, with caution.
 DATA_COPIES, DERIVATIVE_COPIES = 30, 8
@@ -38,13 +38,10 @@ def fit(
     data: Observation | str | os.PathLike[str] | Sequence[Any],
     free: Mapping[str, Any] | Sequence[str],
     *,
-    solver: str = "orders",
+    solver: str | Solver = "orders",
     method: str = "optimal_estimation",
     noise: float | None = None,
     model_error: float | None = None,
-    tolerance: float | None = None,
-    samples: int | None = None,
-    max_order: int | None = None,
     max_iterations: int = 20,
     steps: int = 1000,
     emulator: bool | None = None,
@@ -66,15 +63,14 @@ def fit(
         Name -> prior: two numbers are bounds, else a prior such as `skyscatter.inversion.Normal`, or None for the usual
         one of that name.  Or texts such as ``"haze.optical_depth=0:2"``, as on the command line.  For names see
         `skyscatter.inversion.parameters`.
-    solver : {"orders", "path", "single"}
+    solver : str or Orders or Path or Single
+        As for `skyscatter.radiance`; ``path`` has 256 walks per ray where nothing is said.
     method : {"optimal_estimation", "posterior"}
         The estimate of least cost with its linear covariance (Rodgers 2000), or a sample of the whole posterior.
     noise : float, optional
         Relative standard deviation of data that come without.
     model_error : float, optional
         Relative standard deviation of the forward model, in the place of the error that the solver states for itself.
-    tolerance, samples, max_order
-        Of the solver; see `skyscatter.radiance`.
     max_iterations : int
         Of the optimal estimation.
     steps : int
@@ -84,7 +80,7 @@ def fit(
         the model in the posterior's walks (see
         `skyscatter.inversion.emulator`); False walks on the model itself.  True when not given.
     seed : int
-        Of ``path`` and of the sampling.
+        Of the sampling; walks have one of their own, ``Path(seed=...)``.
     threads : int, optional
         All processors when not given; with an `executor` one for each of its workers.
     executor : int, concurrent.futures.Executor or distributed.Client, optional
@@ -137,12 +133,12 @@ def fit(
     _check_posterior(method, steps, emulator)
     chosen = load_model(os.fspath(model)) if isinstance(model, (str, os.PathLike)) else model
     observations = _observations(data, noise)
-    run = Run(solver, _options(solver, tolerance, samples, max_order, seed), threads)
+    run = Run(_solver(solver), threads)
     parameters, subject = free_parameters(chosen, free, observations)
     _check_memory(Forward(parameters, subject, observations, run, model_error))
     settings: dict[str, Any] = {
-        "free": {p.name: str(p.prior) for p in parameters}, "solver": solver, "method": method, "seed": seed,
-        "options": {k: v for k, v in run.options.items() if v is not None}, "model_error": model_error,
+        "free": {p.name: str(p.prior) for p in parameters}, "solver": run.solver.name, "method": method, "seed": seed,
+        "options": _recorded(run.solver), "model_error": model_error,
     }  # fmt: skip
     walking = method == "posterior"
     if walking:
@@ -211,14 +207,16 @@ def _part(progress: Callable[[float], None], low: float, high: float) -> Callabl
     return lambda share: progress(low + (high - low) * share)
 
 
-def _options(
-    solver: str, tolerance: float | None, samples: int | None, max_order: int | None, seed: int
-) -> dict[str, Any]:
-    given: dict[str, Any] = {"tolerance": tolerance, "samples": samples, "max_order": max_order}
-    given = {name: value for name, value in given.items() if value is not None}
-    if solver != "path":
-        return given
-    return {"samples": DEFAULT_SAMPLES, **given, "seed": seed}
+def _solver(solver: str | Solver) -> Solver:
+    """The record of a solver, with as many walks as derivatives need where nothing is said."""
+    how = record_of(solver)
+    plain = isinstance(how, Path) and how.samples is None and how.noise is None
+    return replace(how, samples=DEFAULT_SAMPLES) if isinstance(how, Path) and plain else how
+
+
+def _recorded(how: Solver) -> dict[str, Any]:
+    """Options of a solver as results hold them: the seed where there are walks."""
+    return {name: value for name, value in how.given.items() if name != "seed" or isinstance(how, Path)}
 
 
 def _observations(data: Any, noise: float | None) -> list[Observation]:
@@ -322,7 +320,7 @@ def _result(forward: Forward, estimate: Estimate, method: str, settings: Mapping
         smoothing_covariance_z=estimate.smoothing_covariance, measured=forward.y,
         noise=np.sqrt(forward.noise_variance(estimate.value)),
         fitted=estimate.value, model_error=estimate.model_error, chi2=estimate.chi2, iterations=estimate.iterations,
-        converged=estimate.converged, method=method, solver=forward.run.solver,
+        converged=estimate.converged, method=method, solver=forward.run.solver.name,
         model=forward.subject_at(estimate.z).model,
         coordinates=[
             {"kind": o.kind, "unit": o.unit, "size": int(o.values.size), **o.coordinates()}

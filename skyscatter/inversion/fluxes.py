@@ -31,6 +31,7 @@ from skyscatter.record import nearest
 from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.field import LOOSEST, solve_once, zenith_range
 from skyscatter.solvers.fluxes import fluxes as fluxes_of
+from skyscatter.solvers.options import Orders
 from skyscatter.solvers.sweeps import Solution
 
 Array = NDArray[np.float64]
@@ -135,12 +136,10 @@ class Fluxes(Observation):
         return Linearisation(value, self._tolerance(run) * np.abs(value), jacobian)
 
     def _tolerance(self, run: Run) -> float:
-        return float(run.options.get("tolerance", DEFAULT_TOLERANCE)) / 2
+        return _accuracy(run)[0] / 2
 
     def _solved(self, scenes: Sequence[Any], run: Run) -> list[Callable[[Array], dict[str, Array]]]:
         """For each scene a function from the Sun's elevations to fluxes by name, each (datum, wavelength)."""
-        if run.solver != "orders":
-            raise DomainError("solver", run.solver, "fluxes come from orders alone; leave the solver out")
         wl = self.wavelengths
         size = max(MOST_CHANNELS // wl.size, 1)
         found: list[Callable[[Array], dict[str, Array]]] = []
@@ -157,10 +156,8 @@ class Fluxes(Observation):
         low = max(float((self.elevation[:, 0] - reach).min()) - 1.0, -90.0)
         high = min(float((self.elevation[:, 0] + reach).max()) + 1.0, 90.0)
         stacked = stack(scenes, wl)
-        tolerance = float(run.options.get("tolerance", DEFAULT_TOLERANCE))
-        solution = _solution(
-            tuple(scenes), tuple(wl.tolist()), low, high, tolerance, run.options.get("max_order"), run.threads
-        )
+        tolerance, most = _accuracy(run)
+        solution = _solution(tuple(scenes), tuple(wl.tolist()), low, high, tolerance, most, run.threads)
 
         @lru_cache(maxsize=4)
         def answers(elevation: bytes) -> Any:
@@ -208,6 +205,14 @@ class Fluxes(Observation):
                 value[broad] = self.broadband.total(ratio, elevation[broad], water, star)
         slant = 2.0 * (1.0 - np.sin(np.radians(elevation)))
         return nuisance.get("calibration", 1.0) * (1.0 + nuisance.get("cosine_error", 0.0) * slant) * value
+
+
+def _accuracy(run: Run) -> tuple[float, int | None]:
+    """Tolerance, and highest order of scattering, of the one solver that fluxes come from."""
+    how = run.solver
+    if not isinstance(how, Orders):
+        raise DomainError("solver", how.name, "fluxes come from orders alone; leave the solver out")
+    return DEFAULT_TOLERANCE if how.tolerance is None else how.tolerance, how.max_order
 
 
 @lru_cache(maxsize=2)

@@ -88,15 +88,15 @@ def multiple_light(
     -------
     mean, standard_error : ndarray, shape (pixel, wavelength)
     """
+    from skyscatter.solvers.options import Path
     from skyscatter.solvers.run import radiance
 
     runs: list[Array] = []
     for k in range(RUNS):
         ray = np.arange(len(stack.data)) * stack.rays + (k * stack.rays) // RUNS
         answer = radiance(
-            scene, stack.origins[ray], stack.directions[ray], wavelengths, solver="path", parts=True,
-            samples=max(samples // RUNS, 2), seed=seed + k, threads=threads,
-            executor=executor,
+            scene, stack.origins[ray], stack.directions[ray], wavelengths,
+            solver=Path(samples=max(samples // RUNS, 2), seed=seed + k), parts=True, threads=threads, executor=executor,
         )  # fmt: skip
         runs.append(answer.layers["multiple"])
         if progress is not None:

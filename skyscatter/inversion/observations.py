@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skyscatter.errors import DomainError
 from skyscatter.inversion.distributions import Distribution
 from skyscatter.inversion.parameters import Subject
+from skyscatter.solvers.options import Orders, Solver
 
 Array = NDArray[np.float64]
 
@@ -20,8 +21,7 @@ Array = NDArray[np.float64]
 class Run:
     """How the forward model is run."""
 
-    solver: str = "orders"
-    options: Mapping[str, Any] = field(default_factory=dict)  #: of `skyscatter.radiance`: tolerance, samples, seed, ...
+    solver: Solver = field(default_factory=Orders)
     threads: int | None = None
 
 

@@ -103,9 +103,8 @@ class Radiances(Observation):
                 return look.scene(subjects(there))
 
             found = differentiate(
-                scene_at, z[chosen], steps[chosen], *rays, look.wavelengths, solver=run.solver, threads=run.threads,
-                **run.options,
-            )  # fmt: skip
+                scene_at, z[chosen], steps[chosen], *rays, look.wavelengths, solver=run.solver, threads=run.threads
+            )
             value[look.rows] = look.pick(look.sunlit(here, found.value))
             error[look.rows] = look.pick_error(look.sunlit(here, found.standard_error))
             jacobian[np.ix_(look.rows, np.array(chosen, int))] = look.pick(look.sunlit(here, found.jacobian)).T
@@ -135,9 +134,7 @@ def _still(
 
 
 def _answer(look: Look, subject: Subject, run: Run) -> Any:
-    return radiance(
-        look.scene(subject), *look.rays(subject), look.wavelengths, run.solver, threads=run.threads, **run.options
-    )
+    return radiance(look.scene(subject), *look.rays(subject), look.wavelengths, run.solver, threads=run.threads)
 
 
 def radiance_table(

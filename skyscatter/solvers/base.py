@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errorkind import ErrorKind
 from skyscatter.errors import DomainError
+from skyscatter.solvers.options import SolverOptions
 
 if TYPE_CHECKING:
     from skyscatter.kernels.optics import GroundTable, SceneTable
@@ -53,7 +54,7 @@ def prepare_tables(
     scene: Scene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Any],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> Tables:
@@ -61,7 +62,7 @@ def prepare_tables(
     from skyscatter.solvers.compile import compile_ground, compile_scene, matrix_tables
     from skyscatter.solvers.eclipse import eclipse_table
 
-    matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if options.stokes else None
+    matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if asked.stokes else None
     table = compile_scene(scene, wavelengths)._replace(eclipse=eclipse_table(scene, wavelengths))
     return Tables(table, compile_ground(scene.ground, wavelengths), matrix)
 
@@ -158,57 +159,40 @@ class Answer:
         return self.layers[name]
 
 
-@dataclass(frozen=True)
-class Options:
-    """What may be asked of a solver; see `skyscatter.radiance` for the meaning of each.
+H = TypeVar("H", bound=SolverOptions, covariant=True)
 
-    A solver refuses options that mean nothing to it.
+
+@dataclass(frozen=True)
+class Asked(Generic[H]):
+    """What a solver is asked: how it goes about it, and which layers are wanted beside the radiance.
+
+    Attributes
+    ----------
+    how : SolverOptions
+        The record of the solver, see `skyscatter.solvers.options`.
+    parts, orders, stokes
+        As for `skyscatter.radiance`.
     """
 
-    samples: int | None = None
-    noise: float | None = None
-    seed: int = 0
-    max_order: int | None = None
-    tolerance: float | None = None
-    sampling: str | None = None
+    how: H
     parts: bool = False
     orders: int = 0
     stokes: bool = False
-    transmittance: str | None = None
-    photons: int | None = None
-    radius: float | None = None
-    estimator: str | None = None
-    direct: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.orders, (int, np.integer)) or self.orders < 0:
+            raise DomainError("orders", self.orders, "a whole number, at least 0")
 
     @property
     def layers(self) -> int:
         """Layers beside the radiance and its error, at most."""
         return self.orders + 4 * bool(self.parts) + 6 * bool(self.stokes)
 
-    def check(self) -> None:
-        """Refuse values that no solver can use."""
-        _at_least("samples", self.samples, 2)  # one walk has no standard error
-        _at_least("max_order", self.max_order, 1)
-        _at_least("orders", self.orders, 0)
-        _at_least("photons", self.photons, 1)
-        if self.radius is not None and not 0 < self.radius < np.inf:
-            raise DomainError("radius", self.radius, "a positive length [m]")
-        if self.noise is not None and not 0 < self.noise < 1:
-            raise DomainError("noise", self.noise, "a relative standard error between 0 and 1, such as 0.01")
-        if self.tolerance is not None and not 1e-9 <= self.tolerance <= 0.1:
-            raise DomainError("tolerance", self.tolerance, "a relative tolerance between 1e-9 and 0.1")
-        if not 0 <= self.seed < 2**63:
-            raise DomainError("seed", self.seed, "a whole number from 0 to 2^63 - 1")
-
     def refuse(self, solver: str, *names: str) -> None:
-        """Raise for options that were given but mean nothing to `solver`."""
-        plain = Options()
+        """Raise for what was given but means nothing to `solver`, in words such as "path in shells"."""
+        usual = {one.name: one.default for one in (*fields(self), *fields(self.how))}
+        given = {**vars(self), **vars(self.how)}
         for name in names:
-            if getattr(self, name) != getattr(plain, name):
+            if given[name] != usual[name]:
                 rule = f"means nothing to the solver {solver}; leave it out, or choose another solver"
-                raise DomainError(name, getattr(self, name), rule)
-
-
-def _at_least(name: str, value: Any, lowest: int) -> None:
-    if value is not None and (not isinstance(value, (int, np.integer)) or value < lowest):
-        raise DomainError(name, value, f"a whole number, at least {lowest}")
+                raise DomainError(name, given[name], rule)

@@ -18,14 +18,15 @@ from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.scene import Scene
 from skyscatter.solvers import path
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.base import Answer, Array, Asked, Rays, Tables, prepare_tables
 from skyscatter.solvers.eclipsesky import EclipsedSky, sky_of
+from skyscatter.solvers.options import ECLIPSE_TOLERANCE, Orders, Path
 from skyscatter.solvers.single import single_parts
 from skyscatter.solvers.skyfit import NODES, RINGS_ABOVE
 
 #: Relative accuracy that is aimed at if nothing is said, and the noise of a node and of a ray by itself in units of it.
 #: A fit over the sky leaves a third of the noise of its nodes.
-DEFAULT_TOLERANCE, NODE_NOISE = 0.02, 2.5
+DEFAULT_TOLERANCE, NODE_NOISE = ECLIPSE_TOLERANCE, 2.5
 #: Walks of a ray by itself, at least.
 FIRST_WALKS = 128
 #: Rays from which on nodes are worth it.
@@ -43,31 +44,32 @@ class Context(NamedTuple):
     sky: EclipsedSky | None  #: None where every ray has its own walks
 
 
-def check(options: Options) -> None:
+def check(asked: Asked[Orders]) -> None:
     """Refuse what means nothing here."""
-    options.refuse("orders", "samples", "noise", "sampling", "transmittance", "orders")
-    if options.stokes:
+    asked.refuse("orders", "orders")
+    if asked.stokes:
         raise DomainError("stokes", True, "in an eclipse of the Sun polarised light takes the solver path")
-    if options.tolerance is not None and options.tolerance < 1e-3:
-        raise DomainError("tolerance", options.tolerance, "at least 1e-3 in an eclipse of the Sun, where walks decide")
+    tolerance = asked.how.tolerance
+    if tolerance is not None and tolerance < 1e-3:
+        raise DomainError("tolerance", tolerance, "at least 1e-3 in an eclipse of the Sun, where walks decide")
 
 
-def walking(options: Options) -> Options:
-    """The options of the walks."""
-    noise = NODE_NOISE * (options.tolerance or DEFAULT_TOLERANCE)
-    return Options(noise=noise, seed=options.seed, max_order=options.max_order, parts=options.parts)
+def walking(asked: Asked[Orders]) -> Asked[Path]:
+    """What is asked of the walks."""
+    noise = NODE_NOISE * (asked.how.tolerance or DEFAULT_TOLERANCE)
+    return Asked(Path(noise=noise, seed=asked.how.seed, max_order=asked.how.max_order), asked.parts)
 
 
 def prepare(
     scene: Scene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Orders],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> Context:
     """The tables of a scene, and where they will do the nodes of its sky."""
-    tables = prepare_tables(scene, rays, wavelengths, options, threads, progress)
+    tables = prepare_tables(scene, rays, wavelengths, asked, threads, progress)
     optics, position = tables.scene.optics, scene.observer.position
     one_place = len(rays.origins) >= FEWEST and np.array_equal(np.ptp(rays.origins, axis=0), np.zeros(3))
     if not one_place or scene.altitude > ALOFT or optics.emits or optics.background.any():
@@ -81,21 +83,22 @@ def prepare(
         if progress is not None:
             progress(share)
 
-    return Context(tables, sky_of(tables, position, rays.directions, walking(options), threads, tick))
+    return Context(tables, sky_of(tables, position, rays.directions, walking(asked), threads, tick))
 
 
-def _walked(tables: Tables, rays: Rays, options: Options) -> Answer:
+def _walked(tables: Tables, rays: Rays, asked: Asked[Path]) -> Answer:
     """Every ray by walks of its own; some at first in any case, for the error of very few says little."""
-    kept = path.no_walks(tables, len(rays.origins), options)
-    path.solve(tables, rays, replace(options, noise=None, samples=FIRST_WALKS), kept)
-    return path.solve(tables, rays, options, kept)
+    kept = path.no_walks(tables, len(rays.origins), asked)
+    few = replace(asked, how=replace(asked.how, noise=None, samples=FIRST_WALKS))
+    path.solve(tables, rays, few, kept)
+    return path.solve(tables, rays, asked, kept)
 
 
-def solve(context: Context, rays: Rays, options: Options) -> Answer:
+def solve(context: Context, rays: Rays, asked: Asked[Orders]) -> Answer:
     """Radiance of all orders; see `skyscatter.radiance`."""
     tables, sky = context
     if sky is None:
-        return _walked(tables, rays, walking(options))
+        return _walked(tables, rays, walking(asked))
     first, direct = None, np.zeros((len(rays.origins), tables.scene.optics.albedo.size))
     if sky.once is None:
         scattered, ground, direct = single_parts(tables.scene, tables.ground, rays, path.DEFAULT_TOLERANCE)
@@ -110,7 +113,7 @@ def solve(context: Context, rays: Rays, options: Options) -> Answer:
             direct[some] = single_parts(tables.scene, tables.ground, near, path.DEFAULT_TOLERANCE)[2]
     look = sky.look(rays.directions, first)
     layers = {}
-    if options.parts:
+    if asked.parts:
         names = ("direct", "scattered", "ground", "multiple")
         layers = dict(zip(names, (direct, look.scattered, look.ground, look.multiple), strict=True))
     radiance = look.scattered + look.ground + look.multiple + direct

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.solvers import path
-from skyscatter.solvers.base import Array, Options, Rays, Tables
+from skyscatter.solvers.base import Array, Asked, Rays, Tables
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.response import TURNS, Glow, ViewNodes
 from skyscatter.solvers.single import single_parts
 from skyscatter.solvers.skyfit import NODES, Side, fit
@@ -105,7 +106,7 @@ def sky_of(
     tables: Tables,
     position: Array,
     directions: Array,
-    options: Options,
+    asked: Asked[Path],
     threads: int,
     tick: Callable[[float], None],
 ) -> EclipsedSky:
@@ -119,7 +120,7 @@ def sky_of(
         Of the observer, on the z axis [m].
     directions : ndarray, shape (ray, 3)
         That are asked for: some of them are compared, and whether any looks below the horizon counts.
-    options : Options
+    asked : Asked
         Of the walks.
     threads : int
     tick : callable
@@ -132,7 +133,7 @@ def sky_of(
         low = float(directions[:, 2].min(initial=1.0)) < np.sin(horizon)
         sides = [Side(horizon, 1), *([Side(horizon, -1)] if low else [])]
         rays = np.concatenate([side.rays for side in sides])
-        mean, error = _walked(tables, position, rays, options, pool, tick)
+        mean, error = _walked(tables, position, rays, asked, pool, tick)
     shape = (len(nodes.fine), TURNS, mean.shape[1])
     values, errors = np.zeros(shape), np.zeros(shape)
     fine = _fine_rays(nodes)
@@ -151,7 +152,7 @@ def _walked(
     tables: Tables,
     position: Array,
     directions: Array,
-    options: Options,
+    asked: Asked[Path],
     pool: Workers,
     tick: Callable[[float], None],
 ) -> tuple[Array, Array]:
@@ -160,14 +161,14 @@ def _walked(
     Each ring has as many walks as it needs for the noise that is asked for, twice as many from time to time; so the
     noise of all its nodes decides, and what one node happened to find says little.
     """
-    noise = options.noise or 1.0
+    noise = asked.how.noise or 1.0
     rays = _rays(position, directions)
     rings = [rays.part(slice(k, k + NODES)) for k in range(0, len(directions), NODES)]
 
     def ring(some: Rays) -> tuple[Array, Array]:
         samples, kept = FIRST_WALKS, None
         while True:
-            now = Options(samples=samples, seed=options.seed, max_order=options.max_order, parts=True)
+            now = Asked(Path(samples=samples, seed=asked.how.seed, max_order=asked.how.max_order), parts=True)
             kept = kept or path.no_walks(tables, NODES, now)
             answer = path.solve(tables, some, now, kept)
             lit = answer.radiance - answer.layers["direct"]

@@ -19,27 +19,28 @@ from skyscatter.kernels.forms import expect
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
-from skyscatter.solvers.base import Answer, Array, Options
+from skyscatter.solvers.base import Answer, Array
 from skyscatter.solvers.checks import check_rays, check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.cycles import all_orders
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort, check_memory
 from skyscatter.solvers.estimate import error_share, level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
+from skyscatter.solvers.options import ORDERS_TOLERANCE, Orders
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.sweeps import Problem, Solution, Sums, Sweeper, bundles, make_problem, view
-from skyscatter.solvers.twogrid import corrected_sums
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
     import xarray
 
 #: Relative accuracy when nothing else is said.
-DEFAULT_TOLERANCE = 0.005
+DEFAULT_TOLERANCE = ORDERS_TOLERANCE
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
 #: No grid is coarser than this asks for, but that for its error: less would save nothing.
@@ -78,7 +79,10 @@ def solve_once(
     goal = orders_tolerance or tolerance
     check_effort(problem, wavelengths, goal, max_order)
     check_memory(problem)
-    return Solution(problem, sum_orders(Sweeper(problem, threads), goal, max_order, progress, checkpoint, name))
+    sweeper, more = Sweeper(problem, threads), (progress, checkpoint, name)
+    if max_order is None:
+        return Solution(problem, all_orders(sweeper, goal, None, *more))
+    return Solution(problem, sum_orders(sweeper, goal, max_order, *more))
 
 
 def seen_zenith(origins: Array, directions: Array, sun: Array, radius: float, top: float) -> tuple[Array, Array]:
@@ -203,7 +207,7 @@ def solve(
 
     wl = check_wavelengths(wavelengths)
     zenith = zenith_range(scene, sun_elevations_deg, tolerance)
-    Options(max_order=max_order).check()
+    Orders(max_order=max_order)
     workers = worker_count(threads)
     recipe = {
         "skyscatter": __version__,
@@ -226,18 +230,12 @@ def solve(
     return field
 
 
-def check_tolerance(tolerance: float) -> None:
-    """Refuse one for which there is no grid."""
-    if not 1e-4 <= tolerance <= 0.1:
-        raise DomainError("tolerance", tolerance, "a relative tolerance between 1e-4 and 0.1 for solver orders")
-
-
 def zenith_range(scene: Scene, sun_elevations_deg: tuple[float, float], tolerance: float) -> tuple[float, float]:
     """Zenith angles of the Sun [rad] that a solution has to cover for those elevations, after checks of both."""
     low, high = (float(e) for e in sun_elevations_deg)
     if not -90 <= low <= high <= 90:
         raise DomainError("sun_elevations_deg", (low, high), "lowest and highest, between -90 and 90 degrees")
-    check_tolerance(tolerance)
+    Orders(tolerance=tolerance)
     margin = 2 * reach(scene.medium.radius, scene.medium.top)
     return max(np.radians(90 - high) - margin, 0.0), min(np.radians(90 - low) + margin, np.pi)
 
@@ -298,7 +296,7 @@ class _Making:
         sweeper = Sweeper(at_some(problem, self.scene, self.wavelengths, numbers), self.threads)
         if self.max_order is None:
             guide = some_of(coarse, self.scene, self.wavelengths, numbers)
-            sums = corrected_sums(sweeper, guide, problem.tolerance, *more)
+            sums = all_orders(sweeper, problem.tolerance, guide, *more)
         else:
             sums = sum_orders(sweeper, problem.tolerance, self.max_order, *more)
         if numbers.size < self.wavelengths.size:
@@ -404,7 +402,7 @@ class RadianceField:
         True
         """
         tolerance = self.tolerance / COARSER
-        check_tolerance(tolerance)
+        Orders(tolerance=tolerance)
         how = self.scene, self.wavelengths, self.zenith, self.stokes, self.max_order
         return _Making(*how, worker_count(threads), progress).field(tolerance, self.fine)
 

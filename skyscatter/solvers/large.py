@@ -18,9 +18,10 @@ from skyscatter.errors import DomainError
 from skyscatter.geometry.pinhole import CameraBase
 from skyscatter.image import strips
 from skyscatter.progress import say
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
 from skyscatter.solvers.checks import check_wavelengths, is_space, worker_count
 from skyscatter.solvers.corrections import Corrections, seen_rows
+from skyscatter.solvers.options import Solver, record_of
 from skyscatter.solvers.run import Solving, load_solver
 from skyscatter.solvers.state import RenderState
 from skyscatter.solvers.stored import StoredTiles, fill, open_store, opened_again, solve_tiles_stored, tiles_in
@@ -99,7 +100,7 @@ class _Finished:
         self._finished.add(tile.start)
 
 
-def check_large(scene: Any, camera: Any, solver: str, options: Options, subpixels: int = 1) -> None:
+def check_large(scene: Any, camera: Any, solver: str, subpixels: int = 1) -> None:
     """Refuse pictures that cannot be made in parts.
 
     Raises
@@ -125,12 +126,13 @@ def render_stored(
     camera: Any,
     wavelengths: ArrayLike,
     store: Any,
-    solver: str = "path",
+    solver: str | Solver = "path",
     *,
+    parts: bool = False,
+    orders: int = 0,
     threads: int | None = None,
     executor: Any = None,
     progress: Callable[[float], None] | None = None,
-    **options: Any,
 ) -> StoredPicture:
     """Render a picture that memory does not hold into a store.
 
@@ -142,11 +144,9 @@ def render_stored(
         Vacuum wavelengths [nm], rising.
     store : path
         Folder, as for `skyscatter.render`; a render that was interrupted goes on.
-    solver : {"path", "single"}
-    threads, executor, progress
+    solver : str or Path or Single
+    parts, orders, threads, executor, progress
         As for `skyscatter.render`.
-    **options
-        What else the solver takes there, such as ``samples``.
 
     Returns
     -------
@@ -174,20 +174,16 @@ def render_stored(
     """
     from skyscatter.solvers.render import recipe_of
 
-    wl, given = check_wavelengths(wavelengths), Options(**options)
-    check_large(scene, camera, solver, given)
-    module = load_solver(solver, scene)
-    given.check()
-    given.refuse(solver, "photons", "radius", "estimator", "direct")
-    module.check(given)
+    wl, asked = check_wavelengths(wavelengths), Asked(record_of(solver), parts, orders)
+    check_large(scene, camera, asked.how.name)
+    module = load_solver(asked.how.name, scene)
+    module.check(asked)
     rays, count = PixelRays(scene, camera), worker_count(threads)
-    folder = open_store(
-        store, recipe_of(scene, camera, wl, solver, given, 1), "space" if is_space(scene) else "surfaces"
-    )
+    folder = open_store(store, recipe_of(scene, camera, wl, asked, 1), "space" if is_space(scene) else "surfaces")
     try:
         if progress is not None:
             say("tables")
-        solving = Solving(module, module.prepare(scene, rays.some(), wl, given, count, progress), given)
+        solving = Solving(module, module.prepare(scene, rays.some(), wl, asked, count, progress), asked)
         if progress is not None:
             say("rays")
         tiles = tiles_of(module, len(rays))
@@ -246,8 +242,7 @@ class StoredPicture:
         if found is not None and "samples" in self.recipe["options"]:  # it may hold more than it was begun with
             made = int(found[1]["samples"].max())
             self.recipe["options"]["samples"] = max(made, self.recipe["options"]["samples"])
-        options = {n: v for n, v in self.recipe["options"].items() if n in Options.__dataclass_fields__}
-        check_large(self.scene, self.camera, self.recipe["solver"], Options(**options), self.recipe.get("subpixels", 1))
+        check_large(self.scene, self.camera, self.recipe["solver"], self.recipe.get("subpixels", 1))
         self._corrections = Corrections(self.scene, self.camera, self.wavelengths)
         self._sky = sky
 

@@ -4,23 +4,25 @@ Light L that a step leaves as it is, L = S + K L, is the sum of all orders of sc
 order each time.  But several lights and what the step made of them tell of the
 way all together: they are weighed so that lights with the same weights change least.
 Anderson (1965), J. ACM 12, 547; Walker & Ni (2011), SIAM J. Numer. Anal. 49, 1715.  Every wavelength has its own
-weights.
+weights, and so may parts of the moments.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.series import greatest_change
-from skyscatter.solvers.sweeps import FAINTEST
+from skyscatter.solvers.sweeps import FAINTEST, Problem, moment_weights
 from skyscatter.solvers.transfer import Light
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Numbers = NDArray[np.int64]
 
 #: Steps that are remembered, and their number at most.
 MEMORY, MOST_STEPS = 6, 30
@@ -50,28 +52,104 @@ def settled(step: Callable[[Light], Light], light: Light, goal: float, rate: flo
     ConvergenceError
         After 30 steps.
     """
-    steps: list[Array] = []
-    lights: list[Light] = []
-    images: list[Light] = []
+    past = Past(Parts.of_the_mean(light.moments.shape[2]))
+    before: tuple[Light, Light] | None = None
     for _ in range(MOST_STEPS):
         image = _believed(step(light), light)
         change = greatest_change((light.moments[:, :, 0], light.flux), (image.moments[:, :, 0], image.flux))
         if not np.isfinite(change):
             break
-        if images:
-            rate = max(rate, _rate(lights[-1], light, images[-1], image))
+        if before is not None:
+            rate = max(rate, _rate(before[0], light, before[1], image))
             if change / (1.0 - min(rate, FASTEST)) < goal:
                 return image, rate
-        steps = [*steps[1 - MEMORY :], image.moments[:, :, 0] - light.moments[:, :, 0]]
-        lights, images = [light], [*images[1 - MEMORY :], image]
-        light = _mixed(images, steps, light.moments[:, :, 0])
+        before = light, image
+        light = past.mixed(light, image)
     raise ConvergenceError(f"orders: light has not settled after {MOST_STEPS} steps; use solver path")
+
+
+class Parts(NamedTuple):
+    """Moments that are mixed together: each part has weights of its own."""
+
+    part: Numbers  #: (moment,) number of the part that each belongs to; fluxes belong to the first, 0
+    weight: Array  #: (moment,) of its changes, in units of the mean radiance
+
+    @classmethod
+    def of_the_mean(cls, moments: int) -> Parts:
+        """All of so many moments as the mean radiance tells."""
+        return cls(np.zeros(moments, np.int64), np.eye(1, moments)[0])
+
+    @classmethod
+    def of(cls, problem: Problem) -> Parts:
+        """One for each order of azimuth: as good as apart, for air scatters alike about the vertical."""
+        return cls(problem.moments.order, moment_weights(problem))
+
+
+class Past:
+    """What a few steps made, and what they changed, of which the next light is mixed.
+
+    Images and steps are kept to a precision (`kind`): fine grids are large, and what is mixed is swept again.
+    """
+
+    def __init__(
+        self, parts: Parts, kind: Any = np.float64, images: Sequence[Light] = (), steps: Sequence[Any] = ()
+    ) -> None:
+        self.parts, self.kind, self.images, self.steps = parts, kind, list(images), list(steps)
+
+    @classmethod
+    def of(cls, parts: Parts, kept: Mapping[str, Any]) -> Past:
+        """What a checkpoint holds of it."""
+        images = [Light(*pair) for pair in zip(kept["past_moments"], kept["past_flux"], strict=True)]
+        return cls(parts, kept["past_steps"].dtype, images, list(kept["past_steps"]))
+
+    def kept(self) -> dict[str, Any]:
+        """What a checkpoint needs."""
+        parts: dict[str, list[Any]] = {
+            "past_moments": [image.moments for image in self.images],
+            "past_flux": [image.flux for image in self.images],
+            "past_steps": list(self.steps),
+        }
+        return {name: np.stack(part) if part else np.empty((0,), self.kind) for name, part in parts.items()}
+
+    def mixed(self, light: Light, image: Light) -> Light:
+        """Where the steps lead together with one more, from a light to its image."""
+        step = (image.moments - light.moments).astype(self.kind)
+        self.steps = [*self.steps[1 - MEMORY :], step]
+        out = self._mixed(image, light.moments[:, :, 0]) if self.images else image
+        self.images = [*self.images[2 - MEMORY :], Light(*(values.astype(self.kind) for values in image))]
+        return out
+
+    def _mixed(self, last: Light, mean: Array) -> Light:
+        """The last image with what several steps make of it, by parts and wavelengths."""
+        scale = np.where(_visible(mean), 1.0, 0.0) / np.maximum(mean, 1e-300)
+        moments, flux = last.moments.copy(), last.flux.copy()
+        for part in np.unique(self.parts.part):
+            mine = np.flatnonzero(self.parts.part == part)
+            telling = mine[self.parts.weight[mine] > 0]
+            weight = self.parts.weight[telling, None]
+            changes = [step[:, :, telling] * scale[:, :, None] * weight for step in self.steps]
+            for w in range(mean.shape[-1]):
+                shares = _shares(np.stack([change[..., w].ravel() for change in changes]))
+                for share, image in zip(shares, self.images, strict=True):
+                    moments[:, :, mine, w] -= share * (last.moments[:, :, mine, w] - image.moments[:, :, mine, w])
+                    if part == 0:
+                        flux[..., w] -= share * (last.flux[..., w] - image.flux[..., w])
+        tame, tame_flux = _tame(moments[:, :, 0], last.moments[:, :, 0]), _tame(flux, last.flux)
+        return Light(np.where(tame[:, :, None], moments, last.moments), np.where(tame_flux, flux, last.flux))
+
+
+def _shares(rows: Array) -> Array:
+    """Shares of the earlier ones of several steps (step, ...) that leave least of them all."""
+    length = np.linalg.norm(rows[-1])
+    if length == 0:
+        return np.zeros(len(rows) - 1)
+    return np.asarray(np.linalg.lstsq((rows[-1] - rows[:-1]).T / length, rows[-1] / length, rcond=1e-8)[0])
 
 
 def _rate(light: Light, next_light: Light, image: Light, next_image: Light) -> float:
     """What a step makes of the difference of two lights, in units of it, at the wavelength where it makes most."""
     mean = image.moments[:, :, 0]
-    scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
+    scale = np.where(_visible(mean), 1.0, 0.0) / np.maximum(mean, 1e-300)
     before, now = (
         np.linalg.norm(((b.moments[:, :, 0] - a.moments[:, :, 0]) * scale).reshape(-1, mean.shape[-1]), axis=0)
         for a, b in ((light, next_light), (image, next_image))
@@ -86,25 +164,8 @@ def _believed(image: Light, light: Light) -> Light:
     return Light(moments, np.maximum(image.flux, DARKEST * light.flux))
 
 
-def _mixed(images: list[Light], steps: list[Array], mean: Array) -> Light:
-    """Where several steps lead: what they made, and what they changed of the mean radiance (node, sun, wavelength)."""
-    last = images[-1]
-    if len(images) == 1:
-        return last
-    scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
-    every = np.stack(steps) * scale
-    moments, flux = last.moments.copy(), last.flux.copy()
-    for w in range(mean.shape[-1]):
-        rows = every[..., w].reshape(len(steps), -1)
-        length = np.linalg.norm(rows[-1])
-        if length == 0:
-            continue
-        shares = np.linalg.lstsq((rows[-1] - rows[:-1]).T / length, rows[-1] / length, rcond=1e-8)[0]
-        for share, image in zip(shares, images[:-1], strict=True):
-            moments[..., w] -= share * (last.moments[..., w] - image.moments[..., w])
-            flux[..., w] -= share * (last.flux[..., w] - image.flux[..., w])
-    tame = _tame(moments[:, :, 0], last.moments[:, :, 0])
-    return Light(np.where(tame[:, :, None], moments, last.moments), np.where(_tame(flux, last.flux), flux, last.flux))
+def _visible(mean: Array) -> Mask:
+    return np.asarray(mean > FAINTEST * mean.max())
 
 
 def _tame(found: Array, last: Array) -> Mask:

@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyscatter.errors import DomainError
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.progress import say
 from skyscatter.scene import Scene
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
 from skyscatter.solvers.field import (
     DEFAULT_TOLERANCE,
     RadianceField,
@@ -26,6 +25,7 @@ from skyscatter.solvers.field import (
     scattering_top,
     solve_range,
 )
+from skyscatter.solvers.options import Orders
 from skyscatter.solvers.skytable import SkyTable
 from skyscatter.solvers.state import Checkpoint
 
@@ -53,11 +53,14 @@ class Context(NamedTuple):
     sky: SkyTable | None = None  #: where rays are joined from nodes
 
 
-def check(options: Options) -> None:
+#: The solver, in words, where it makes no walks.
+WITHOUT_CHANCE = "orders without an eclipse of the Sun"
+
+
+def check(asked: Asked[Orders]) -> None:
     """Refuse what means nothing here."""
-    options.refuse("orders", "samples", "noise", "sampling", "transmittance", "orders")
-    if options.tolerance is not None and options.tolerance < 1e-4:
-        raise DomainError("tolerance", options.tolerance, "at least 1e-4 for solver orders")
+    asked.refuse("orders", "orders")
+    asked.refuse(WITHOUT_CHANCE, "seed")
 
 
 def window(low: float, high: float, reach: float, aloft: float = 0.0) -> tuple[float, float]:
@@ -97,7 +100,7 @@ def prepare(
     scene: Scene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Orders],
     threads: int,
     progress: Callable[[float], None] | None,
     checkpoint: Checkpoint | None = None,
@@ -108,15 +111,15 @@ def prepare(
     table = compile_scene(scene, wavelengths)
     some = slice(None, None, max(len(rays.origins) // WINDOW_RAYS, 1))
     zenith = window_of(scene, table, rays.origins[some], rays.directions[some])
-    tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
+    tolerance = DEFAULT_TOLERANCE if asked.how.tolerance is None else asked.how.tolerance
     field = solve_range(
-        scene, wavelengths, zenith, tolerance, options.stokes, options.max_order, threads, progress, checkpoint
+        scene, wavelengths, zenith, tolerance, asked.stokes, asked.how.max_order, threads, progress, checkpoint
     )
     if progress is not None:
         say("nodes over the sky")
     return Context(field, table, field.sky_table(table, rays.origins, rays.directions, threads))
 
 
-def solve(context: Context, rays: Rays, options: Options) -> Answer:
+def solve(context: Context, rays: Rays, asked: Asked[Orders]) -> Answer:
     """Radiance of all orders; see `skyscatter.radiance`."""
-    return context.field.look(context.table, rays.origins, rays.directions, options.parts, context.sky)
+    return context.field.look(context.table, rays.origins, rays.directions, asked.parts, context.sky)

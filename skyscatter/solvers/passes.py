@@ -3,8 +3,8 @@
 Light that is traced from the lamps arrives at all pixels together, so rays cannot be solved one by one.  A module that
 works in this way sets ``PASSES = True`` and offers
 
-- ``passes(options)``: how many passes to make at most;
-- ``solve_pass(context, rays, number, options)``: an `Answer` from pass `number` alone; its standard error is not read.
+- ``passes(asked)``: how many passes to make at most;
+- ``solve_pass(context, rays, number, asked)``: an `Answer` from pass `number` alone; its standard error is not read.
 
 Passes have their own random streams and their own sums, and workers take one after the other.  What is kept are sums
 over passes, added in the order of their numbers: the same digits come whatever the threads, and a checkpoint goes on
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from skyscatter.memory import tile_bytes
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.tasks.engine import Engine
 from skyscatter.tasks.task import Shared, Task
@@ -84,14 +84,14 @@ def solve_passes(
     module: Any,
     context: Any,
     rays: Rays,
-    options: Options,
+    asked: Asked[Any],
     state: RenderState,
     engine: Engine,
     progress: Callable[[float], None] | None,
     checkpoint: Checkpoint | StoredPasses | None = None,
 ) -> bool:
     """Make the passes that `state` lacks; False if interrupted, with all passes before the first unfinished one."""
-    series = _Series(module, context, rays, options, state, checkpoint.lock if checkpoint else threading.RLock())
+    series = _Series(module, context, rays, asked, state, checkpoint.lock if checkpoint else threading.RLock())
     tell = progress or (lambda share: None)
     if state.passes:
         tell(series.share)
@@ -133,12 +133,12 @@ class Passing(NamedTuple):
     module: Any
     context: Any
     rays: Rays
-    options: Options
+    asked: Asked[Any]
 
 
 def make_pass(passing: Passing, number: int) -> Answer:
     """A pass in a process that knows nothing else."""
-    answer: Answer = passing.module.solve_pass(passing.context, passing.rays, number, passing.options)
+    answer: Answer = passing.module.solve_pass(passing.context, passing.rays, number, passing.asked)
     return answer
 
 
@@ -149,14 +149,14 @@ class _Series:
     """
 
     def __init__(
-        self, module: Any, context: Any, rays: Rays, options: Options, state: RenderState, lock: threading.RLock
+        self, module: Any, context: Any, rays: Rays, asked: Asked[Any], state: RenderState, lock: threading.RLock
     ) -> None:
-        self.module, self.context, self.rays, self.options, self.state = module, context, rays, options, state
-        self.total = state.total = module.passes(options)
+        self.module, self.context, self.rays, self.asked, self.state = module, context, rays, asked, state
+        self.total = state.total = module.passes(asked)
         self.following = state.passes
         self.held: dict[int, Answer] = {}
         self.stop, self.closed, self.lock = threading.Event(), False, lock
-        self.share = _share(state, options, self.total) if state.passes else 0.0
+        self.share = _share(state, asked, self.total) if state.passes else 0.0
 
     def room(self, workers: int) -> int:
         """Passes that may be at work: those that are ahead of the sums wait in memory."""
@@ -164,17 +164,17 @@ class _Series:
 
     def tasks(self, local: bool) -> Iterator[Task]:
         """The passes that come next, as far as there are any."""
-        shared = None if local else Shared(Passing(self.module, self.context, self.rays, self.options))
+        shared = None if local else Shared(Passing(self.module, self.context, self.rays, self.asked))
         while self.following < self.total and self.share < 1.0:
             number = self.following
             self.following += 1
-            memory = tile_bytes(len(self.rays.origins), self.state.radiance.shape[1], self.options.layers)
+            memory = tile_bytes(len(self.rays.origins), self.state.radiance.shape[1], self.asked.layers)
             yield Task(self.work if shared is None else make_pass, (number,), shared, number, memory)
 
     def work(self, number: int) -> None:
         """Make a pass, and keep it."""
         if not self.stop.is_set():
-            self.keep(number, self.module.solve_pass(self.context, self.rays, number, self.options))
+            self.keep(number, self.module.solve_pass(self.context, self.rays, number, self.asked))
 
     def keep(self, number: int, answer: Answer) -> None:
         """Add up the passes that come next, of which this may be one."""
@@ -182,16 +182,16 @@ class _Series:
             self.held[number] = answer
             while self.state.passes in self.held and self.share < 1.0 and not self.closed:
                 add_pass(self.state, self.held.pop(self.state.passes))
-                self.share = max(self.share, _share(self.state, self.options, self.total))
+                self.share = max(self.share, _share(self.state, self.asked, self.total))
 
 
-def _share(state: RenderState, options: Options, total: int) -> float:
+def _share(state: RenderState, asked: Asked[Any], total: int) -> float:
     """Share of the work that is done, 1 if the passes so far will do; the noise counts after fixed numbers of them."""
     share, n = state.passes / total, state.passes
-    if options.noise is not None:
+    if asked.how.noise is not None:
         if n < FIRST_LOOK or n & (n - 1):
             return 0.0
         sum_up(state)
         noise = worst_noise(state)
-        share = 1.0 if noise < options.noise or n >= total else min((options.noise / noise) ** 2, 0.99)
+        share = 1.0 if noise < asked.how.noise or n >= total else min((asked.how.noise / noise) ** 2, 0.99)
     return share

@@ -19,16 +19,17 @@ from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.kernels.flight import flight_rays, make_flight_scratch
 from skyscatter.kernels.path import BATCHES, make_scratch, path_rays
 from skyscatter.kernels.polar import make_polar
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, Walks, prepare_tables
+from skyscatter.solvers.base import Answer, Array, Asked, Rays, Tables, Walks, prepare_tables
 from skyscatter.solvers.direct import outward_profile, slant_columns
+from skyscatter.solvers.options import AIR_TOLERANCE, USUAL_WALKS, Path
 from skyscatter.solvers.single import single_parts, single_polarisation
 
 if TYPE_CHECKING:
     from skyscatter.scene import Scene
 
-DEFAULT_SAMPLES = 16
+DEFAULT_SAMPLES = USUAL_WALKS
 #: Tolerance of the first order: its error, a tenth of this or less, is far below any noise that is worth waiting for.
-DEFAULT_TOLERANCE = 5e-4
+DEFAULT_TOLERANCE = AIR_TOLERANCE
 #: Where ``noise`` decides, no ray gets more walks than this.
 MOST_SAMPLES = 1 << 20
 #: Orders of scattering that are followed when nothing else is said: roulette ends all walks long before.
@@ -60,19 +61,19 @@ def prepare(
     scene: Scene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Path],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> Tables:
     """The tables of a scene, and a word where walks that matter are too rare for their error bars."""
-    tables = prepare_tables(scene, rays, wavelengths, options, threads, progress)
-    warn_of_rare_walks(scene, tables, options)
+    tables = prepare_tables(scene, rays, wavelengths, asked, threads, progress)
+    warn_of_rare_walks(scene, tables, asked)
     return tables
 
 
-def warn_of_rare_walks(scene: Scene, tables: Tables, options: Options) -> None:
+def warn_of_rare_walks(scene: Scene, tables: Tables, asked: Asked[Path]) -> None:
     """Warn of scenes in which a sample cannot know its own error, from the scene alone."""
-    if options.sampling == "free-flight":
+    if asked.how.sampling == "free-flight":
         if hidden_sun(scene, tables):
             warnings.warn(
                 f"sampling = 'free-flight' with sun_elevation_deg = {scene.sun.elevation_deg:g}: plain walks from dark "
@@ -103,7 +104,7 @@ def warn_of_rare_walks(scene: Scene, tables: Tables, options: Options) -> None:
             stacklevel=2,
         )
     depth, name = transport_depth(scene, tables)
-    walks = FEW_WALKS if options.noise is not None else walks_for(options)
+    walks = FEW_WALKS if asked.how.noise is not None else walks_for(asked)
     if depth > MOST_DEPTH and walks < FEW_WALKS:
         warnings.warn(
             f"samples = {walks}: light comes through {depth:.3g} transport free paths of {name!r}, and the standard "
@@ -159,47 +160,48 @@ def transport_depth(scene: Scene, tables: Tables) -> tuple[float, str]:
     return float(depths[:, worst].sum()), scene.medium.components[int(np.argmax(depths[:, worst]))].name
 
 
-def check(options: Options) -> None:
+def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself."""
-    options.refuse("path in shells", "transmittance")
-    if options.samples is not None and options.noise is not None:
-        raise DomainError("samples", options.samples, "give samples or noise, not both")
-    if options.sampling is not None and options.sampling not in SAMPLINGS:
-        raise DomainError("sampling", options.sampling, f"choose from {', '.join(SAMPLINGS)}")
-    if options.sampling == "free-flight":
-        options.refuse("path with free-flight sampling", "noise", "tolerance")
+    asked.refuse("path in shells", "transmittance")
+    if asked.how.sampling is not None and asked.how.sampling not in SAMPLINGS:
+        raise DomainError("sampling", asked.how.sampling, f"choose from {', '.join(SAMPLINGS)}")
+    if asked.how.sampling == "free-flight":
+        asked.refuse("path with free-flight sampling", "noise", "tolerance")
 
 
-def walks_for(options: Options) -> int:
+def walks_for(asked: Asked[Path]) -> int:
     """Walks per ray: what was asked for, rounded up to whole batches."""
-    samples = DEFAULT_SAMPLES if options.samples is None else int(options.samples)
-    if options.noise is not None:
-        samples = MOST_SAMPLES
+    samples = DEFAULT_SAMPLES if asked.how.samples is None else int(asked.how.samples)
+    return whole_batches(MOST_SAMPLES if asked.how.noise is not None else samples)
+
+
+def whole_batches(samples: int) -> int:
+    """So many walks, rounded up to whole batches where there are several of them."""
     return samples if samples < BATCHES else -(-samples // BATCHES) * BATCHES
 
 
-def no_walks(tables: Tables, rays: int, options: Options) -> Walks:
+def no_walks(tables: Tables, rays: int, asked: Asked[Path]) -> Walks:
     """The sums with which walks begin."""
     layers = 1 if tables.matrix is None else 4
     wavelengths = tables.scene.optics.sigma_s.shape[1]
-    return Walks.none(rays, layers, min(walks_for(options), BATCHES), options.orders, wavelengths)
+    return Walks.none(rays, layers, min(walks_for(asked), BATCHES), asked.orders, wavelengths)
 
 
-def solve(tables: Tables, rays: Rays, options: Options, walks: Walks | None = None) -> Answer:
+def solve(tables: Tables, rays: Rays, asked: Asked[Path], walks: Walks | None = None) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with."""
     scene, land, matrix = tables
     n, (components, wavelengths) = len(rays.origins), scene.optics.sigma_s.shape
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
-    by_order = np.empty((n, options.orders, wavelengths))
+    by_order = np.empty((n, asked.orders, wavelengths))
     used = np.empty(n, np.int64)
-    max_order = MOST_ORDERS if options.max_order is None else int(options.max_order)
-    seed, count = np.int64(options.seed), walks_for(options)
-    tolerance = options.tolerance or DEFAULT_TOLERANCE
+    max_order = MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order)
+    seed, count = np.int64(asked.how.seed), walks_for(asked)
+    tolerance = asked.how.tolerance or DEFAULT_TOLERANCE
     polar = None
     if matrix is not None:
-        sums = 3 if options.sampling == "free-flight" else min(count, BATCHES)
+        sums = 3 if asked.how.sampling == "free-flight" else min(count, BATCHES)
         polar = make_polar(matrix, meridian_frame(rays.origins, rays.directions)[0], sums)
-    if options.sampling == "free-flight":
+    if asked.how.sampling == "free-flight":
         flight_rays(
             scene, land, rays.origins, rays.directions, rays.numbers, seed, count, max_order,
             make_flight_scratch(components, wavelengths), polar, mean, error, by_order, used,
@@ -208,23 +210,23 @@ def solve(tables: Tables, rays: Rays, options: Options, walks: Walks | None = No
         direct = single_parts(scene, land, rays, DEFAULT_TOLERANCE)[2]
     else:
         scattered, ground, direct = single_parts(scene, land, rays, tolerance)
-        walks = walks or no_walks(tables, n, options)
+        walks = walks or no_walks(tables, n, asked)
         path_rays(
             scene, land, rays.origins, rays.directions, rays.numbers, scattered + ground, seed, count, walks.done,
-            walks.sums, options.noise or 0.0, max_order, make_scratch(components, wavelengths, count), polar, mean,
+            walks.sums, asked.how.noise or 0.0, max_order, make_scratch(components, wavelengths, count), polar, mean,
             error, walks.marked, used,
         )  # fmt: skip
         walks.done, by_order = count // walks.sums.shape[2], walks.mean(slice(None), used)
     layers = {}
     if matrix is not None and polar is not None:
         layers = {name: polar.mean[:, k] for k, name in enumerate("QUV")}
-        if options.sampling != "free-flight":
+        if asked.how.sampling != "free-flight":
             q, u = single_polarisation(scene, land, matrix, rays, tolerance)
             layers |= {"Q": layers["Q"] + q, "U": layers["U"] + u}
         layers |= {f"{name}_error": polar.error[:, k] for k, name in enumerate("QUV")}
-    if options.parts:
+    if asked.parts:
         layers |= {"direct": direct, "scattered": scattered, "ground": ground, "multiple": mean}
-    if options.orders:
+    if asked.orders:
         by_order[:, 0] += scattered + ground
-        layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}
+        layers |= {f"order{k + 1}": by_order[:, k] for k in range(asked.orders)}
     return Answer(scattered + ground + direct + mean, error, layers, used)

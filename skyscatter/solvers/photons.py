@@ -30,9 +30,10 @@ from skyscatter.kernels.surfaces.points import Points, make_points
 from skyscatter.kernels.surfaces.polarised import PhotonPolar, make_photon_polar
 from skyscatter.kernels.surfaces.tables import MaterialTable, MediaTable, PeakTable, SurfaceTable
 from skyscatter.memory import check_fits, photon_bytes
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.far_lamps import warn_of_far_lamps
+from skyscatter.solvers.options import USUAL_PASSES, USUAL_PHOTONS, Photons
 from skyscatter.solvers.surface_path import guided
 
 if TYPE_CHECKING:
@@ -40,10 +41,10 @@ if TYPE_CHECKING:
 
 #: This solver works in passes, see `skyscatter.solvers.passes`.
 PASSES = True
-DEFAULT_SAMPLES = 16
+DEFAULT_SAMPLES = USUAL_PASSES
 #: Where ``noise`` decides, no more passes than this.
 MOST_SAMPLES = 1 << 14
-DEFAULT_PHOTONS = 1 << 16
+DEFAULT_PHOTONS = USUAL_PHOTONS
 #: Tolerance of what pictures add beside the solver: single scattering averaged over the pixels around stars.
 DEFAULT_TOLERANCE = 5e-3
 #: Ways to gather.
@@ -77,59 +78,55 @@ class Context(NamedTuple):
     matrix: Array | None  #: scattering matrices, with ``stokes``
 
 
-def check(options: Options) -> None:
-    """Refuse what contradicts itself."""
-    options.refuse("photons", "tolerance", "sampling", "parts", "transmittance")
-    if options.samples is not None and options.noise is not None:
-        raise DomainError("samples", options.samples, "give samples or noise, not both")
-    if options.estimator is not None and options.estimator not in ESTIMATORS:
-        raise DomainError("estimator", options.estimator, f"choose from {', '.join(ESTIMATORS)}")
+def check(asked: Asked[Photons]) -> None:
+    """Refuse what means nothing here."""
+    asked.refuse("photons", "parts")
 
 
-def passes(options: Options) -> int:
+def passes(asked: Asked[Photons]) -> int:
     """Passes to make at most."""
-    if options.noise is not None:
+    if asked.how.noise is not None:
         return MOST_SAMPLES
-    return DEFAULT_SAMPLES if options.samples is None else int(options.samples)
+    return DEFAULT_SAMPLES if asked.how.samples is None else int(asked.how.samples)
 
 
-def photons_for(options: Options) -> int:
+def photons_for(asked: Asked[Photons]) -> int:
     """Photons of a pass."""
-    return DEFAULT_PHOTONS if options.photons is None else int(options.photons)
+    return DEFAULT_PHOTONS if asked.how.photons is None else int(asked.how.photons)
 
 
 def prepare(
     scene: Any,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Photons],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> Context:
     """The tables of a scene, and the first radius."""
     from skyscatter.solvers.surfaces import compile_matrices, compile_surfaces
 
-    n, layers = len(rays.origins), options.orders + 3 * bool(options.stokes)
+    n, layers = len(rays.origins), asked.orders + 3 * bool(asked.stokes)
     points = media_room(n) + min(MOST_POINTS, n)
     check_fits(
         photon_bytes(n, points, wavelengths.size, layers, threads), "wavelengths", wavelengths.size,
         f"{threads} threads with their photons take", "give fewer wavelengths, a smaller picture, or fewer threads",
     )  # fmt: skip
-    matrix = compile_matrices(scene, wavelengths) if options.stokes else None
-    return prepare_table(compile_surfaces(scene, wavelengths), rays, options, matrix)
+    matrix = compile_matrices(scene, wavelengths) if asked.stokes else None
+    return prepare_table(compile_surfaces(scene, wavelengths), rays, asked, matrix)
 
 
-def prepare_table(table: SurfaceTable, rays: Rays, options: Options, matrix: Array | None = None) -> Context:
+def prepare_table(table: SurfaceTable, rays: Rays, asked: Asked[Photons], matrix: Array | None = None) -> Context:
     """The same from tables; `matrix` (component, 6, angle, wavelength) where light is polarised."""
     check_table(table)
     if matrix is not None:
         refuse_rough(table.materials)
     walks = guided(table)
-    warn_of_far_lamps(walks, rays.origins, photons_for(options) * passes(options), "give more photons or samples")
+    warn_of_far_lamps(walks, rays.origins, photons_for(asked) * passes(asked), "give more photons or samples")
     # A walk would have to take the matrix of a peak along; polarised light is gathered with the whole phase function.
     peaks = split_peaks(table.media, CUT if matrix is None else np.inf)
-    context = Context(walks, peaks, options.radius or 0.0, matrix)
-    return context if options.radius else context._replace(first_radius=scout_radius(context, rays, options))
+    context = Context(walks, peaks, asked.how.radius or 0.0, matrix)
+    return context if asked.how.radius else context._replace(first_radius=scout_radius(context, rays, asked))
 
 
 def check_table(table: SurfaceTable) -> None:
@@ -170,19 +167,19 @@ def split_peaks(media: MediaTable, cut: float = CUT) -> PeakTable:
     return PeakTable(broad, peak, cdf, share, np.array(most))
 
 
-def radius_of(context: Context, number: int, options: Options, dimensions: int) -> float:
+def radius_of(context: Context, number: int, asked: Asked[Photons], dimensions: int) -> float:
     """Radius of a pass [m]: R_(k+1)^n = R_k^n (k + alpha) / (k + 1), with n the `dimensions` of the sphere or disk.
 
     Knaus & Zwicker (2011), eq. 15 and section 4.2: the variance of the mean over N passes falls as N^-alpha, its bias
     as N^(2 (alpha - 1) / n).
     """
-    if options.radius is not None:
-        return options.radius
+    if asked.how.radius is not None:
+        return asked.how.radius
     k = np.arange(1, number + 1)
     return float(context.first_radius * np.prod((k + ALPHA) / (k + 1)) ** (1 / dimensions))
 
 
-def scout_radius(context: Context, rays: Rays, options: Options) -> float:
+def scout_radius(context: Context, rays: Rays, asked: Asked[Photons]) -> float:
     """First radius from where the rays see something.
 
     A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
@@ -195,7 +192,7 @@ def scout_radius(context: Context, rays: Rays, options: Options) -> float:
     table = context.table
     # Of the kind that the passes have: another would be compiled apart.
     room = _Room.for_rays(table, len(part.origins), context.matrix, part.directions)
-    room.look(context, part, 0, 0, options, 0.0, 0.0, np.zeros((0, 1, 1)))
+    room.look(context, part, 0, 0, asked, 0.0, 0.0, np.zeros((0, 1, 1)))
     media, floor = room.in_use
     place = np.concatenate([media.place, floor.place])
     if len(place) < 2:
@@ -245,16 +242,16 @@ class _Room(NamedTuple):
         return media, floor
 
     def look(
-        self, context: Context, rays: Rays, first: int, number: int, options: Options, ball: float, disk: float,
+        self, context: Context, rays: Rays, first: int, number: int, asked: Asked[Photons], ball: float, disk: float,
         by_order: Array,
     ) -> int:  # fmt: skip
         """Leave points from ray `first` on; the first ray for which there was no room."""
-        most = MOST_ORDERS if options.max_order is None else int(options.max_order)
+        most = MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order)
         self.points.count[0] = self.surfaces.count[0] = 0
         events = events_for(len(rays.origins))
         following = leave_points(
-            context.table, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(options.seed),
-            number, events, most, ball, disk, by_rays(options), self.points,
+            context.table, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(asked.how.seed),
+            number, events, most, ball, disk, by_rays(asked), self.points,
             self.surfaces, self.scratch, self.sums, by_order, self.polar,
         )  # fmt: skip
         if following < 0:
@@ -273,43 +270,43 @@ def events_for(rays: int) -> int:
     return int(np.clip(EVENTS // max(rays, 1), LEAST_EVENTS, MOST_EVENTS))
 
 
-def by_rays(options: Options) -> bool:
+def by_rays(asked: Asked[Photons]) -> bool:
     """Whether light straight from lamps is found by rays to them."""
-    return True if options.direct is None else options.direct
+    return True if asked.how.direct is None else asked.how.direct
 
 
-def solve_pass(context: Context, rays: Rays, number: int, options: Options) -> Answer:
+def solve_pass(context: Context, rays: Rays, number: int, asked: Asked[Photons]) -> Answer:
     """Radiance along the rays from one pass alone."""
     table = context.table
     n, wavelengths = len(rays.origins), table.media.sigma_t.shape[1]
     room = _Room.for_rays(table, n, context.matrix, rays.directions)
-    by_order, fates = np.zeros((options.orders, n, wavelengths)), np.zeros((4, wavelengths))
-    most = MOST_ORDERS if options.max_order is None else int(options.max_order)
-    how = ESTIMATORS[options.estimator or "both"]
-    photons = photons_for(options)
-    ball = radius_of(context, number, options, 3 if how == POINTS else 2)
-    disk = radius_of(context, number, options, 2)
+    by_order, fates = np.zeros((asked.orders, n, wavelengths)), np.zeros((4, wavelengths))
+    most = MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order)
+    how = ESTIMATORS[asked.how.estimator or "both"]
+    photons = photons_for(asked)
+    ball = radius_of(context, number, asked, 3 if how == POINTS else 2)
+    disk = radius_of(context, number, asked, 2)
     plain = rays.part(slice(None))
     near = make_near_scratch(len(table.media.density), wavelengths, len(table.lamps.kind))
     first = bunch = 0
     while first < n:
-        first = room.look(context, plain, first, number, options, ball, disk, by_order)
+        first = room.look(context, plain, first, number, asked, ball, disk, by_order)
         media, floor = room.in_use
         trace_photons(
             table, context.peaks, room.points, room.surfaces, make_cells(media.centre, ball),
-            make_cells(floor.centre, disk), how, np.int64(options.seed), np.int64(PHOTON_STREAMS + number),
+            make_cells(floor.centre, disk), how, np.int64(asked.how.seed), np.int64(PHOTON_STREAMS + number),
             bunch * photons, (bunch + 1) * photons, photons, most, room.scratch, room.sums, by_order,
             fates, room.polar,
         )  # fmt: skip
-        if by_rays(options):
-            seed, stream = np.int64(options.seed), np.int64(NEAR_STREAMS + number)
+        if by_rays(asked):
+            seed, stream = np.int64(asked.how.seed), np.int64(NEAR_STREAMS + number)
             for on_surface, points in enumerate((room.points, room.surfaces)):
                 light_points(
                     table, points, bool(on_surface), seed, stream, 2 * bunch + on_surface, most,
                     near, room.sums, by_order, room.polar,
                 )  # fmt: skip
         bunch += 1
-    layers = {f"order{k + 1}": by_order[k] for k in range(options.orders)}
+    layers = {f"order{k + 1}": by_order[k] for k in range(asked.orders)}
     if room.polar is not None:
         layers |= dict(zip("QUV", room.polar.sums, strict=True))
     return Answer(room.sums, np.zeros_like(room.sums), layers, np.full(n, 1))

@@ -14,9 +14,10 @@ from skyscatter.errors import DomainError
 from skyscatter.memory import check_picture, format_bytes
 from skyscatter.progress import remark
 from skyscatter.scene import Scene
-from skyscatter.solvers.base import Array, Options, Rays
+from skyscatter.solvers.base import Array, Asked, Rays
 from skyscatter.solvers.checks import check_wavelengths, is_space
 from skyscatter.solvers.corrections import Corrections, seen
+from skyscatter.solvers.options import Path, Solver, record_of
 from skyscatter.solvers.run import Interrupted, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
 from skyscatter.solvers.townlamps import check_towns, towns_shine
@@ -36,19 +37,8 @@ def render(
     scene: AnyScene,
     camera: Any,
     wavelengths: ArrayLike,
-    solver: str = "orders",
+    solver: str | Solver = "orders",
     *,
-    samples: int | None = None,
-    noise: float | None = None,
-    seed: int = 0,
-    max_order: int | None = None,
-    tolerance: float | None = None,
-    sampling: str | None = None,
-    transmittance: str | None = None,
-    photons: int | None = None,
-    radius: float | None = None,
-    estimator: str | None = None,
-    direct: bool | None = None,
     parts: bool = False,
     orders: int = 0,
     stokes: bool = False,
@@ -78,8 +68,7 @@ def render(
         What is seen where; see `skyscatter.geometry.camera`.
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.
-    solver, samples, noise, seed, max_order, tolerance, sampling, transmittance, parts, orders, stokes, threads
-    executor, photons, radius, estimator, direct
+    solver, parts, orders, stokes, threads, executor
         As for `skyscatter.radiance`; samples are those of a pixel.  Q, U and V of a nebula are not averaged over the
         pixels around a star as the radiance is.
     subpixels : int
@@ -104,7 +93,7 @@ def render(
     store : path, optional
         Folder in zarr's format in which every finished part is kept at once, in place of a checkpoint.  What it holds
         is not done again, by whatever program and however the last one ended; several may work on one at a time.
-        With more `samples` than before, walks are added to those that it has.
+        With more samples than before, walks are added to those that it has.
 
     Returns
     -------
@@ -135,18 +124,15 @@ def render(
     (True, True)
     """
     wl = check_wavelengths(wavelengths)
-    options = Options(
-        samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
-        radius, estimator, direct,
-    )  # fmt: skip
+    asked: Asked[Any] = Asked(record_of(solver), parts, orders, stokes)
     if isinstance(scene, Scene) and scene.towns:
         check_towns(scene, stokes)
-    needed = check_picture(camera.width, camera.height, wl.size, options.layers + 2 * halves, subpixels**2)
+    needed = check_picture(camera.width, camera.height, wl.size, asked.layers + 2 * halves, subpixels**2)
     if progress is not None:
         remark(f"some {format_bytes(needed)} of memory")
     grid = seen(scene, camera)
     wrap = _wrapper(scene, camera, grid, subpixels, halves)
-    recipe = recipe_of(scene, camera, wl, solver, options, subpixels)
+    recipe = recipe_of(scene, camera, wl, asked, subpixels)
     if not sun_disk:
         if not isinstance(scene, Scene):
             raise DomainError("sun_disk", sun_disk, "is for skies of planets; leave it out")
@@ -166,7 +152,7 @@ def render(
     if kept is not None:
         kept.begin(state, resume)
     with _opened(store, state, resume or checkpoint) as folder:
-        complete = solve_rays(scene, rays, wl, solver, options, state, threads, progress, wrap, kept, executor, folder)
+        complete = solve_rays(scene, rays, wl, asked, state, threads, progress, wrap, kept, executor, folder)
     if folder is not None and "samples" in recipe["options"] and state.samples.size:
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])  # it may hold more
     if kept is not None and (kept.written or not complete):
@@ -208,24 +194,23 @@ def _wrapper(scene: AnyScene, camera: Any, grid: Array, subpixels: int, halves: 
     return lambda module: Subpixels(Halves(module) if halves else module, fine, subpixels**2)
 
 
-def recipe_of(scene: AnyScene, camera: Any, wl: Array, solver: str, options: Options, subpixels: int) -> dict[str, Any]:
+def recipe_of(scene: AnyScene, camera: Any, wl: Array, asked: Asked[Any], subpixels: int) -> dict[str, Any]:
     """All that is needed to make the picture again."""
     from skyscatter import __version__
 
-    given = {name: value for name, value in vars(options).items() if value not in (None, False)} | {
-        "seed": options.seed
-    }
-    if solver == "path" and options.noise is None:
-        from skyscatter.solvers.path import walks_for
+    wanted = {"parts": asked.parts, "orders": asked.orders, "stokes": asked.stokes}
+    given = asked.how.recorded | {name: value for name, value in wanted.items() if value}
+    if isinstance(asked.how, Path) and asked.how.noise is None:
+        from skyscatter.solvers.path import whole_batches
         from skyscatter.solvers.subpixels import share_of
 
-        given["samples"] = subpixels**2 * walks_for(share_of(options, subpixels**2))
+        given["samples"] = subpixels**2 * whole_batches(share_of(asked.how.samples, subpixels**2))
     return ({"subpixels": int(subpixels)} if subpixels > 1 else {}) | {
         "skyscatter": __version__,
         "scene": scene.model_dump(mode="json", exclude_none=True),
         "camera": camera.model_dump(mode="json"),
         "wavelengths_nm": [float(w) for w in wl],
-        "solver": solver,
+        "solver": asked.how.name,
         "options": given,
     }
 

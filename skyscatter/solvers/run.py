@@ -19,8 +19,9 @@ from skyscatter.kernels.forms import expect
 from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
 from skyscatter.scene import Scene
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
 from skyscatter.solvers.checks import check_rays, check_wavelengths, is_space, worker_count
+from skyscatter.solvers.options import Solver, record_of
 from skyscatter.solvers.passes import solve_passes
 from skyscatter.solvers.state import Checkpoint, RenderState
 from skyscatter.solvers.stored import StoredPasses, StoredTiles, solve_tiles_stored, stored_context
@@ -96,8 +97,7 @@ def solve_rays(
     scene: AnyScene,
     rays: Rays,
     wavelengths: Array,
-    solver: str,
-    options: Options,
+    asked: Asked[Any],
     state: RenderState,
     threads: int | None,
     progress: Callable[[float], None] | None,
@@ -112,20 +112,17 @@ def solve_rays(
     of threads, and wherever `executor` has the tiles solved; with a `store` each finished part is kept there.  `wrap`
     makes another solver of the one that was named, see `skyscatter.solvers.subpixels`.
     """
-    module = load_solver(solver, scene)
+    module = load_solver(asked.how.name, scene)
     if wrap is not None:
         module = wrap(module)
-    options.check()
     by_passes = getattr(module, "PASSES", False)
-    if not by_passes:
-        options.refuse(solver, "photons", "radius", "estimator", "direct")
-    module.check(options)
+    module.check(asked)
     workers = worker_count(threads)
     if state.done.all() and not by_passes:
         return True
     if progress is not None:
         say("tables")
-    prepare = partial(module.prepare, scene, rays, wavelengths, options, workers, progress)
+    prepare = partial(module.prepare, scene, rays, wavelengths, asked, workers, progress)
     keeps = getattr(module, "KEEPS", False)
     try:
         if store is not None:
@@ -138,10 +135,10 @@ def solve_rays(
         say("passes" if by_passes else "rays")
     with opened(executor, workers) as engine:
         if store is not None:
-            return _solve_stored(Solving(module, context, options), rays, state, engine, progress, store)
+            return _solve_stored(Solving(module, context, asked), rays, state, engine, progress, store)
         if by_passes:
-            return solve_passes(module, context, rays, options, state, engine, progress, checkpoint)
-        return _solve_tiles(_Tiles(module, context, rays, options, state, checkpoint), engine, progress, checkpoint)
+            return solve_passes(module, context, rays, asked, state, engine, progress, checkpoint)
+        return _solve_tiles(_Tiles(module, context, rays, asked, state, checkpoint), engine, progress, checkpoint)
 
 
 def _solve_tiles(
@@ -181,7 +178,7 @@ class Solving(NamedTuple):
 
     module: Any
     context: Any
-    options: Options
+    asked: Asked[Any]
 
 
 def _solve_stored(
@@ -199,7 +196,7 @@ def _solve_stored(
     passes = StoredPasses(state, store)
     try:
         passes.begin()
-        complete = solve_passes(*solving[:2], rays, solving.options, state, engine, progress, passes)
+        complete = solve_passes(*solving[:2], rays, solving.asked, state, engine, progress, passes)
         passes.save()
     except KeyboardInterrupt:
         complete = False
@@ -210,7 +207,7 @@ def _solve_stored(
 
 def solve_tile(solving: Solving, rays: Rays, tile: slice) -> Answer:
     """The rays of a tile in a process that knows nothing else; where they stand among all is for whoever keeps them."""
-    answer: Answer = solving.module.solve(solving.context, rays, solving.options)
+    answer: Answer = solving.module.solve(solving.context, rays, solving.asked)
     return answer
 
 
@@ -221,13 +218,13 @@ class _Tiles:
     """
 
     def __init__(
-        self, module: Any, context: Any, rays: Rays, options: Options, state: RenderState, checkpoint: Checkpoint | None
+        self, module: Any, context: Any, rays: Rays, asked: Asked[Any], state: RenderState, kept: Checkpoint | None
     ) -> None:
-        self.module, self.context, self.rays, self.options, self.state = module, context, rays, options, state
+        self.module, self.context, self.rays, self.asked, self.state = module, context, rays, asked, state
         #: Rays of a tile may share work, and their last digits depend on all of it; where not, it may be cut.
         self.whole = hasattr(module, "TILES")
         self.stop, self.closed = threading.Event(), False
-        self.lock = threading.RLock() if checkpoint is None else checkpoint.lock
+        self.lock = threading.RLock() if kept is None else kept.lock
         self.pace = 0.0  #: rays that a thread solves in a second
 
     def waiting(self) -> list[slice]:
@@ -240,8 +237,8 @@ class _Tiles:
         if local:
             yield from (Task(self.work, (tile,)) for tile in self.waiting())
             return
-        shared = Shared(Solving(self.module, self.context, self.options))
-        wavelengths, layers = self.state.radiance.shape[1], self.options.layers
+        shared = Shared(Solving(self.module, self.context, self.asked))
+        wavelengths, layers = self.state.radiance.shape[1], self.asked.layers
         for tile in self.waiting():
             memory = tile_bytes(tile.stop - tile.start, wavelengths, layers)
             yield Task(solve_tile, (self.rays.part(tile), tile), shared, memory=memory)
@@ -253,7 +250,7 @@ class _Tiles:
             rays = tile.stop - first if self.whole else max(int(self.pace * SLICE), FIRST_RAYS)
             part = slice(first, min(first + rays, tile.stop))
             began = time.monotonic()
-            answer = self.module.solve(self.context, self.rays.part(part), self.options)
+            answer = self.module.solve(self.context, self.rays.part(part), self.asked)
             self.pace = (part.stop - part.start) / max(time.monotonic() - began, 1e-9)
             self.keep(part, answer)
             first = part.stop
@@ -271,22 +268,11 @@ def radiance(
     origins: ArrayLike,
     directions: ArrayLike,
     wavelengths: ArrayLike,
-    solver: str = "orders",
+    solver: str | Solver = "orders",
     *,
-    samples: int | None = None,
-    noise: float | None = None,
-    seed: int = 0,
-    max_order: int | None = None,
-    tolerance: float | None = None,
-    sampling: str | None = None,
     parts: bool = False,
     orders: int = 0,
     stokes: bool = False,
-    transmittance: str | None = None,
-    photons: int | None = None,
-    radius: float | None = None,
-    estimator: str | None = None,
-    direct: bool | None = None,
     threads: int | None = None,
     executor: Any = None,
     progress: Callable[[float], None] | None = None,
@@ -304,29 +290,11 @@ def radiance(
     wavelengths : array_like, shape (wavelength,)
         Vacuum wavelengths [nm], rising.  Light of stars and lamps is averaged over the cell of each, half-way to its
         neighbours; a single one stands for itself.
-    solver : {"orders", "path", "single", "photons"}
-        All orders of scattering by a deterministic solution (planets only), all of them by Monte Carlo, the first by
-        quadrature (planets and nebulae), or all by photons from the lamps that are gathered along the rays (nebulae and
-        surfaces).
-    samples : int, optional
-        Walks per ray (``path``), rounded up to a multiple of 16 if more than 16; 16 if this and `noise` are not given.
-    noise : float, optional
-        Go on until the standard error, relative to the radiance without the direct Sun and averaged over the
-        wavelengths, is below this for every ray (``path``).  The number of walks doubles until then.
-    seed : int
-        Same seed, same numbers, whatever the threads (``path``).
-    max_order : int, optional
-        Leave out light that was scattered or reflected more often than this (``orders`` and ``path``).
-    tolerance : float, optional
-        For ``orders`` the relative accuracy that is aimed at, 5e-3 when not given.  For the others the largest
-        disagreement of the quadrature rules on a piece of a ray, relative to its radiance: 5e-5 for ``single`` and
-        5e-4 for the first order in ``path`` when not given; the error is as a rule a tenth of it.
-    sampling : {"march", "free-flight", "delta"}, optional
-        How walks find their vertices (``path``): forced to where the light is, or, slow and plain and kept for tests,
-        by free flights through inverted columns, or by delta tracking (in three dimensions only).
-    transmittance : {"auto", "quadrature", "ratio", "residual-ratio"}, optional
-        How walks find the transmittance towards lights (``path`` in three dimensions): from columns, by ratio
-        tracking, by residual ratio tracking, or by that of them which should cost least at equal error.
+    solver : str or Orders or Path or Single or Photons
+        ``"orders"``: all orders of scattering by a deterministic solution (planets only); ``"path"``: all of them by
+        Monte Carlo; ``"single"``: the first by quadrature (planets and nebulae); ``"photons"``: all by photons from the
+        lamps that are gathered along the rays (nebulae and surfaces).  With options it is `skyscatter.Orders`,
+        `skyscatter.Path`, `skyscatter.Single` or `skyscatter.Photons`, such as ``Path(samples=64, seed=1)``.
     parts : bool
         Return the parts of the radiance as layers: direct, scattered (once), ground (reflected once), multiple.
     orders : int
@@ -339,18 +307,6 @@ def radiance(
         misses the radiance of a clear sky by up to a few per cent.  In scenes of surfaces and nebulae (``photons``) the
         meridian plane holds the z axis of the scene, Lambertian surfaces depolarise, mirrors, smooth glass and smooth
         metals follow Fresnel's amplitudes, and rough glass and metal are refused.
-    photons : int, optional
-        Photons in every pass (``photons``).
-    radius : float, optional
-        Radius [m] of the spheres and disks in which light is gathered (``photons``), the same in all passes; they are
-        smaller beside surfaces, and spheres no larger than half a mean free path.  When not given, it follows from the
-        scene and falls from pass to pass, so that the bias goes with the noise.
-    estimator : {"both", "points", "paths"}, optional
-        Which photons count in those spheres (``photons``): those that are scattered or absorbed there, those that pass
-        through, or both, weighted.
-    direct : bool, optional
-        Find light that comes straight from lamps by rays to them, and leave it out of what is gathered (``photons``);
-        on when not given.
     threads : int, optional
         All processors when not given.
     executor : int, concurrent.futures.Executor or distributed.Client, optional
@@ -391,26 +347,22 @@ def radiance(
     o, d = check_rays(scene, origins, directions)
     shape = o.shape[:-1]
     rays = Rays(o.reshape(-1, 3), d.reshape(-1, 3), np.arange(int(np.prod(shape)), dtype=np.int64))
-    options = Options(
-        samples, noise, seed, max_order, tolerance, sampling, parts, orders, stokes, transmittance, photons,
-        radius, estimator, direct,
-    )  # fmt: skip
+    asked: Asked[Any] = Asked(record_of(solver), parts, orders, stokes)
     state = RenderState.empty({}, len(rays.origins), wl.size)
     lights: Any = None
     towns = isinstance(scene, Scene) and towns_shine(scene)
     if isinstance(scene, Scene) and (scene.lights is not None or towns):
         from skyscatter.solvers import skylights
 
-        options.check()
         check_towns(scene, stokes)
         skylights.check_place(scene, rays.origins)
         lights = skylights
     if lights is not None and not lights.sun_shines(scene):
         lights.dark(state, stokes, parts, orders)
-    elif not solve_rays(scene, rays, wl, solver, options, state, threads, progress, executor=executor):
+    elif not solve_rays(scene, rays, wl, asked, state, threads, progress, executor=executor):
         raise KeyboardInterrupt
     if lights is not None:
-        lights.add_along(scene, rays.directions, wl, state, options, threads, progress)
+        lights.add_along(scene, rays.directions, wl, state, asked, threads, progress)
     if towns and isinstance(scene, Scene):
         from skyscatter.solvers.towns import add_towns
 
@@ -421,5 +373,5 @@ def radiance(
         state.standard_error.reshape(*shape, wl.size),
         {name: values.reshape(*shape, wl.size) for name, values in state.layers.items()},
         state.samples.reshape(shape),
-        kind_of(solver),
+        kind_of(asked.how.name),
     )

@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike
 from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers import orders, skylights
-from skyscatter.solvers.base import Answer, Array
+from skyscatter.solvers.base import Answer, Array, Asked
 from skyscatter.solvers.checks import check_wavelengths, worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.eclipse import eclipse_of
 from skyscatter.solvers.field import DEFAULT_TOLERANCE, RadianceField, solve_range
+from skyscatter.solvers.options import Orders, record_of
 from skyscatter.solvers.render import render, sun_corrections
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.townlamps import towns_shine
@@ -102,6 +103,12 @@ def field_for(
         scenes[0], wl, zenith, DEFAULT_TOLERANCE if tolerance is None else tolerance, stokes, None,
         worker_count(threads), progress, checkpoint,
     )  # fmt: skip
+
+
+def check_seed(seed: int, scenes: Sequence[Scene]) -> None:
+    """Refuse a seed where one field serves all frames, and no walks in an eclipse have a use for it."""
+    if not any(eclipse_of(scene) is not None for scene in scenes):
+        Asked(Orders(seed=seed)).refuse(orders.WITHOUT_CHANCE, "seed")
 
 
 def same_air(one: Scene, other: Scene) -> bool:
@@ -240,6 +247,12 @@ class Frames:
             air = self._airs.setdefault(scene.altitude, skylights.LitAir(self.solved, scene.altitude))
             return frame(self.solved, scene, camera or self.camera, air, self.options.get("sun_disk", True))
         return render(scene, camera or self.camera, self.wavelengths, threads=1, **self.options)
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """The options as files hold them."""
+        how = record_of(self.options.get("solver", "orders"))
+        return {**self.options, "solver": how.name, **how.recorded}
 
 
 def own_exposure(frames: Frames, number: int) -> float:

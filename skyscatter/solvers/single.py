@@ -13,18 +13,19 @@ from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.kernels.optics import GroundTable, SceneTable, ground_rows
 from skyscatter.kernels.polar import B1
 from skyscatter.kernels.single import make_scratch, single_rays
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.base import Answer, Array, Asked, Rays, Tables, prepare_tables
+from skyscatter.solvers.options import SINGLE_TOLERANCE, Single
 
 #: Largest disagreement of the two quadrature rules on a piece of a ray.  The result is as a rule ten times better, and
 #: within 1e-4 in the worst case of the tests, where several pieces err the same way.
-DEFAULT_TOLERANCE = 5e-5
+DEFAULT_TOLERANCE = SINGLE_TOLERANCE
 
 prepare = prepare_tables
 
 
-def check(options: Options) -> None:
+def check(asked: Asked[Single]) -> None:
     """Refuse what means nothing here."""
-    options.refuse("single", "samples", "noise", "max_order", "sampling", "transmittance", "orders")
+    asked.refuse("single", "orders")
 
 
 def single_parts(scene: SceneTable, land: GroundTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
@@ -67,12 +68,12 @@ def single_polarisation(
     return q * np.cos(twice)[:, None], q * np.sin(twice)[:, None]
 
 
-def solve(tables: Tables, rays: Rays, options: Options) -> Answer:
+def solve(tables: Tables, rays: Rays, asked: Asked[Single]) -> Answer:
     """Radiance of single scattering, see `skyscatter.radiance`."""
     scene, land, matrix = tables
-    tolerance = options.tolerance or DEFAULT_TOLERANCE
+    tolerance = asked.how.tolerance or DEFAULT_TOLERANCE
     scattered, ground, direct = single_parts(scene, land, rays, tolerance)
-    layers = {"direct": direct, "scattered": scattered, "ground": ground} if options.parts else {}
+    layers = {"direct": direct, "scattered": scattered, "ground": ground} if asked.parts else {}
     radiance = scattered + ground + direct
     zero = np.zeros_like(radiance)
     if matrix is not None:

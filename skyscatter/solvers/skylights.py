@@ -20,7 +20,7 @@ from skyscatter.celestial.moon import Moon, moon_irradiance
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
-from skyscatter.solvers.base import Array, Options
+from skyscatter.solvers.base import Array, Asked
 from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.field import RadianceField, solve_range
@@ -210,14 +210,14 @@ def add_along(
     directions: Array,
     wavelengths: Array,
     answer: RenderState,
-    options: Options,
+    asked: Asked[Any],
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
     """Add the lights beside the Sun to the radiance along rays from the observer, in place."""
     arrays = answer.radiance, answer.standard_error, answer.layers
-    asked = {"stokes": options.stokes, "parts": options.parts}
-    add_to(scene, None, directions, wavelengths, arrays, asked, threads, progress)
+    wanted = {"stokes": asked.stokes, "parts": asked.parts}
+    add_to(scene, None, directions, wavelengths, arrays, wanted, threads, progress)
 
 
 def check_place(scene: Scene, origins: Array) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.memory import tile_bytes
 from skyscatter.progress import say
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
+from skyscatter.solvers.base import Answer, Array, Asked, Rays, Walks
 from skyscatter.solvers.passes import sum_up
 from skyscatter.solvers.state import Checkpoint, RenderState, answer_of, blocks, is_checkpoint
 from skyscatter.solvers.tiles import tiles_of
@@ -58,13 +58,13 @@ def open_store(path: Any, recipe: dict[str, Any], sort: str) -> Store:
     return Store(path, recipe, ("samples",) if walks or recipe["solver"] == "photons" else (), {"sort": sort})
 
 
-def keeps_sums(module: Any, options: Options) -> bool:
+def keeps_sums(module: Any, asked: Asked[Any]) -> bool:
     """Whether walks are kept as sums, to which more can be added: not where their number is up to the noise."""
-    if not hasattr(module, "no_walks") or options.noise is not None or options.sampling in SUMLESS:
+    if not hasattr(module, "no_walks") or asked.how.noise is not None or asked.how.sampling in SUMLESS:
         return False
     from skyscatter.solvers.path import walks_for
 
-    return walks_for(options) >= FEWEST
+    return walks_for(asked) >= FEWEST
 
 
 def stored_context(
@@ -95,11 +95,11 @@ def stored_context(
 
 def solve_more(solving: Solving, rays: Rays, before: Walks | None) -> tuple[Answer, Walks | None]:
     """The rays of a tile, with walks that were made before."""
-    module, context, options = solving
-    if not keeps_sums(module, options):
-        return module.solve(context, rays, options), None
-    walks = before or module.no_walks(context, len(rays.origins), options)
-    return module.solve(context, rays, options, walks), walks
+    module, context, asked = solving
+    if not keeps_sums(module, asked):
+        return module.solve(context, rays, asked), None
+    walks = before or module.no_walks(context, len(rays.origins), asked)
+    return module.solve(context, rays, asked, walks), walks
 
 
 class StoredTiles(Sharing):
@@ -109,7 +109,7 @@ class StoredTiles(Sharing):
         super().__init__(store)
         self.solving, self.rays, self.tiles, self.state = solving, rays, tiles, state
         self.most = max((tile.stop - tile.start for tile in tiles), default=0)
-        self.goal = amount_of(solving.module, solving.options)
+        self.goal = amount_of(solving.module, solving.asked)
         self.wavelengths = len(store.attributes["recipe"]["wavelengths_nm"])
         self._shared = Shared(solving)
 
@@ -149,15 +149,15 @@ class StoredTiles(Sharing):
 
     def _bytes(self, tile: slice) -> int:
         """Memory of a task, about."""
-        options = self.solving.options
-        batches = FEWEST * (4 if options.stokes else 1) if keeps_sums(self.solving.module, options) else 0
-        return tile_bytes(tile.stop - tile.start, self.wavelengths, options.layers, batches)
+        asked = self.solving.asked
+        batches = FEWEST * (4 if asked.stokes else 1) if keeps_sums(self.solving.module, asked) else 0
+        return tile_bytes(tile.stop - tile.start, self.wavelengths, asked.layers, batches)
 
     def _walks(self, done: int, values: dict[str, Array]) -> Walks | None:
-        module, context, options = self.solving
-        if "sums" not in values or not keeps_sums(module, options):
+        module, context, asked = self.solving
+        if "sums" not in values or not keeps_sums(module, asked):
             return None
-        shape = module.no_walks(context, len(values["sums"]), options)
+        shape = module.no_walks(context, len(values["sums"]), asked)
         if values["sums"].shape[1] != shape.sums[0].size or values["marked"].shape[1] != shape.marked[0].size:
             return None
         return Walks(
@@ -166,13 +166,13 @@ class StoredTiles(Sharing):
         )  # fmt: skip
 
 
-def amount_of(module: Any, options: Options) -> int:
+def amount_of(module: Any, asked: Asked[Any]) -> int:
     """How much work a finished tile has in it: walks of each batch, or 1."""
-    if not keeps_sums(module, options):
+    if not keeps_sums(module, asked):
         return 1
     from skyscatter.solvers.path import walks_for
 
-    return walks_for(options) // FEWEST
+    return walks_for(asked) // FEWEST
 
 
 def solve_tiles_stored(

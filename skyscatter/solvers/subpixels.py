@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
+from skyscatter.solvers.options import USUAL_WALKS
 
 #: Rays along each side of a pixel at most.
 MOST = 16
@@ -27,10 +28,9 @@ def check_subpixels(subpixels: int) -> None:
         raise DomainError("subpixels", subpixels, f"rays along each side of a pixel, a whole number from 1 to {MOST}")
 
 
-def share_of(options: Options, count: int) -> Options:
-    """Options of each of so many rays of a pixel: the samples are shared, rounded up."""
-    samples = 16 if options.samples is None else options.samples
-    return options if count == 1 else replace(options, samples=-(-samples // count))
+def share_of(samples: int | None, count: int) -> int:
+    """Samples of each of so many rays of a pixel, which share them, rounded up."""
+    return -(-(USUAL_WALKS if samples is None else int(samples)) // count)
 
 
 def fine_directions(camera: Any, observer: Any, grid: Array, subpixels: int) -> Array:
@@ -66,8 +66,8 @@ class Subpixels:
 
         return max(getattr(self.module, "TILE_RAYS", TILE_RAYS) // self.count, 1)
 
-    def shared(self, options: Options) -> Options:
-        """Options of each part: they share the samples, and the noise of their mean is what counts.
+    def shared(self, asked: Asked[Any]) -> Asked[Any]:
+        """What is asked of each part: they share the samples, and the noise of their mean is what counts.
 
         Raises
         ------
@@ -75,42 +75,43 @@ class Subpixels:
             For fewer samples than each part needs, two, to know its error.
         """
         if self.PASSES:
-            return options
-        if options.noise is not None:
-            return replace(options, noise=min(options.noise * self.count**0.5, 0.999))
-        samples = 16 if options.samples is None else options.samples
+            return asked
+        if asked.how.noise is not None:
+            noise = min(asked.how.noise * self.count**0.5, 0.999)
+            return replace(asked, how=replace(asked.how, noise=noise))
+        samples = USUAL_WALKS if asked.how.samples is None else asked.how.samples
         if samples < 2 * self.count:
             rule = f"with {self.count} rays a pixel at least {2 * self.count}; give more samples, or fewer subpixels"
             raise DomainError("samples", samples, rule)
-        return share_of(options, self.count)
+        return replace(asked, how=replace(asked.how, samples=share_of(samples, self.count)))
 
-    def check(self, options: Options) -> None:
+    def check(self, asked: Asked[Any]) -> None:
         """Refuse what the solver refuses."""
-        self.module.check(self.shared(options))
+        self.module.check(self.shared(asked))
 
-    def passes(self, options: Options) -> int:
+    def passes(self, asked: Asked[Any]) -> int:
         """Passes at most."""
-        return int(self.module.passes(options))
+        return int(self.module.passes(asked))
 
     def prepare(
         self,
         scene: Any,
         rays: Rays,
         wavelengths: Array,
-        options: Options,
+        asked: Asked[Any],
         threads: int,
         progress: Callable[[float], None] | None,
     ) -> Any:
         """What the solver prepares for all rays."""
-        return self.module.prepare(scene, self._parts(rays), wavelengths, self.shared(options), threads, progress)
+        return self.module.prepare(scene, self._parts(rays), wavelengths, self.shared(asked), threads, progress)
 
-    def solve(self, context: Any, rays: Rays, options: Options) -> Answer:
+    def solve(self, context: Any, rays: Rays, asked: Asked[Any]) -> Answer:
         """Radiance of pixels, one "ray" for each."""
-        return self._mean(self.module.solve(context, self._parts(rays), self.shared(options)))
+        return self._mean(self.module.solve(context, self._parts(rays), self.shared(asked)))
 
-    def solve_pass(self, context: Any, rays: Rays, number: int, options: Options) -> Answer:
+    def solve_pass(self, context: Any, rays: Rays, number: int, asked: Asked[Any]) -> Answer:
         """Radiance of pixels from one pass."""
-        return self._mean(self.module.solve_pass(context, self._parts(rays), number, options))
+        return self._mean(self.module.solve_pass(context, self._parts(rays), number, asked))
 
     def _parts(self, rays: Rays) -> Rays:
         """The rays of all parts of some pixels, part by part."""

@@ -31,9 +31,10 @@ from skyscatter.kernels.surfaces.lamps import LampGuide
 from skyscatter.kernels.surfaces.rays import sample_items
 from skyscatter.kernels.surfaces.tables import MediaTable, SurfaceTable
 from skyscatter.kernels.surfaces.walks import surface_path_rays
-from skyscatter.solvers.base import Answer, Options, Rays, Walks
+from skyscatter.solvers.base import Answer, Asked, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
 from skyscatter.solvers.far_lamps import warn_of_far_lamps, warn_of_small_lamps
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
 
 if TYPE_CHECKING:
@@ -61,21 +62,18 @@ SUNWARD = 0.3
 POINTS = 256
 
 
-def check(options: Options) -> None:
+def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself."""
-    of_others = ("stokes", "tolerance", "transmittance", "photons", "radius", "estimator", "direct")
-    options.refuse("path with surfaces", *of_others)
-    if options.samples is not None and options.noise is not None:
-        raise DomainError("samples", options.samples, "give samples or noise, not both")
-    if options.sampling not in SAMPLINGS:
-        raise DomainError("sampling", options.sampling, "choose area or angular, or leave it out for both")
+    asked.refuse("path with surfaces", "stokes", "tolerance", "transmittance")
+    if asked.how.sampling not in SAMPLINGS:
+        raise DomainError("sampling", asked.how.sampling, "choose area or angular, or leave it out for both")
 
 
 def prepare(
     scene: SurfaceScene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Path],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> WalkTable:
@@ -83,9 +81,9 @@ def prepare(
     from skyscatter.solvers.surfaces import compile_surfaces
 
     table = compile_surfaces(scene, tuple(float(w) for w in wavelengths))
-    if options.sampling == "angular" and np.any(without_extent(table)):
+    if asked.how.sampling == "angular" and np.any(without_extent(table)):
         rule = "finds no lamp without extent, and there is one; leave it out, or make it a body that shines"
-        raise DomainError("sampling", options.sampling, rule)
+        raise DomainError("sampling", asked.how.sampling, rule)
     if out_of_reach(table):
         warnings.warn(
             "path does not find the light of lamps without extent that comes through smooth glass or off mirrors, and "
@@ -94,8 +92,8 @@ def prepare(
             stacklevel=2,
         )
     walks = guided(table)
-    warn_of_far_lamps(walks, rays.origins, walks_for(options), "choose the solver photons, or give more samples")
-    warn_of_small_lamps(walks, walks_for(options))
+    warn_of_far_lamps(walks, rays.origins, walks_for(asked), "choose the solver photons, or give more samples")
+    warn_of_small_lamps(walks, walks_for(asked))
     return walks
 
 
@@ -112,38 +110,38 @@ def out_of_reach(table: SurfaceTable) -> bool:
     return bool(smooth.any() and np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP)).any())
 
 
-def no_walks(table: WalkTable, rays: int, options: Options) -> Walks:
+def no_walks(table: WalkTable, rays: int, asked: Asked[Path]) -> Walks:
     """The sums with which walks begin; what comes straight, was scattered or turned once is told apart."""
-    batches = min(walks_for(options), BATCHES)
-    return Walks.none(rays, 1, batches, options.orders + 3, table.media.index.shape[1])
+    batches = min(walks_for(asked), BATCHES)
+    return Walks.none(rays, 1, batches, asked.orders + 3, table.media.index.shape[1])
 
 
-def solve(table: WalkTable, rays: Rays, options: Options, walks: Walks | None = None) -> Answer:
+def solve(table: WalkTable, rays: Rays, asked: Asked[Path], walks: Walks | None = None) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with."""
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     used = np.empty(n, np.int64)
-    count = walks_for(options)
-    walks = walks or no_walks(table, n, options)
-    orders, apart = (np.ascontiguousarray(part) for part in np.split(walks.marked, [options.orders], axis=1))
+    count = walks_for(asked)
+    walks = walks or no_walks(table, n, asked)
+    orders, apart = (np.ascontiguousarray(part) for part in np.split(walks.marked, [asked.orders], axis=1))
     components, lamps = len(table.media.density), len(table.lamps.kind)
     scratch = make_scratch(components, wavelengths, lamps, min(count, BATCHES))
     surface_path_rays(
-        table, rays.origins, rays.directions, rays.numbers, np.int64(options.seed), count, walks.done,
-        walks.sums, options.noise or 0.0, MOST_ORDERS if options.max_order is None else int(options.max_order),
-        SAMPLINGS[options.sampling], scratch, mean, error, orders, apart, used,
+        table, rays.origins, rays.directions, rays.numbers, np.int64(asked.how.seed), count, walks.done,
+        walks.sums, asked.how.noise or 0.0, MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order),
+        SAMPLINGS[asked.how.sampling], scratch, mean, error, orders, apart, used,
     )  # fmt: skip
     if np.any(used < 0):
         place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])
         raise DomainError("origins", place, f"lies inside more than {STACK} media; let fewer bodies overlap there")
     walks.done, walks.marked = count // walks.sums.shape[2], np.concatenate([orders, apart], axis=1)
-    by_order, apart = np.split(walks.mean(slice(None), used), [options.orders], axis=1)
+    by_order, apart = np.split(walks.mean(slice(None), used), [asked.orders], axis=1)
     layers = {}
-    if options.parts:
+    if asked.parts:
         direct, scattered, reflected = np.moveaxis(apart, 1, 0)
         multiple = mean - direct - scattered - reflected
         layers = {"direct": direct, "scattered": scattered, "reflected": reflected, "multiple": multiple}
-    layers |= {f"order{k + 1}": by_order[:, k] for k in range(options.orders)}
+    layers |= {f"order{k + 1}": by_order[:, k] for k in range(asked.orders)}
     return Answer(mean, error, layers, used)
 
 

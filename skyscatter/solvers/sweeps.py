@@ -369,6 +369,18 @@ class Stage:
         )  # fmt: skip
 
 
+def moment_weights(problem: Problem) -> Array:
+    """What scattering makes of a unit of each moment at most, in units of what it makes of the mean radiance.
+
+    Shape (moment,); 0 for those that are not scattered at all.
+    """
+    greek, table = np.abs(problem.diffuse.greek), problem.moments
+    scatters = greek[0, :, 0] > 0
+    chi = (greek / np.where(scatters, greek[0, :, 0], 1.0)[None, :, None]).max(axis=(1, 3))  # (block, degree)
+    gives = chi[table.gives[:, :, 0], table.degree[:, None]].max(axis=1)
+    return np.where(table.order == 0, 1.0, 2.0) * gives
+
+
 def strengths(problem: Problem, moments: Array, total: Array) -> Array:
     """Greatest share that moments of one order have in the light that all orders so far scatter at a place.
 
@@ -383,16 +395,10 @@ def strengths(problem: Problem, moments: Array, total: Array) -> Array:
     ndarray, shape (moment,)
         0 for those that are not scattered at all.
     """
-    greek, table = np.abs(problem.diffuse.greek), problem.moments
-    scatters = greek[0, :, 0] > 0
-    chi = (greek / np.where(scatters, greek[0, :, 0], 1.0)[None, :, None]).max(axis=(1, 3))  # (block, degree)
     mean = total[:, :, 0]
     per_mean = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, FLOOR)
-    out = np.empty(table.degree.size)
-    for k, (degree, order) in enumerate(zip(table.degree, table.order, strict=True)):
-        gives = max(chi[block, degree] for block in table.gives[k, :, 0])
-        out[k] = (1 if order == 0 else 2) * gives * float(np.max(np.abs(moments[:, :, k]) * per_mean))
-    return out
+    largest = [float(np.max(np.abs(moments[:, :, k]) * per_mean)) for k in range(moments.shape[2])]
+    return moment_weights(problem) * largest
 
 
 class Sweeper:

@@ -18,6 +18,8 @@ Numbers = NDArray[np.int64]
 
 #: Greatest ratio of a moment to the mean radiance that is believed.
 MOST_RATIO = 2.0
+#: A flux counts as this share of the mean radiance times 4 pi at least.
+LEAST_FLUX = 1e-6
 EVERY = slice(None)
 
 
@@ -46,7 +48,9 @@ def pattern(light: Light) -> Light:
     mean = np.maximum(light.moments[:, :, :1], FLOOR)
     shape = np.clip(light.moments / mean, -MOST_RATIO, MOST_RATIO)
     shape[:, :, :1] = np.log(mean)
-    return Light(shape, np.log(np.maximum(light.flux, FLOOR)))
+    # From above comes next to nothing at the top, whose logarithm would say nothing.
+    least = np.moveaxis(LEAST_FLUX * mean, 2, 1)
+    return Light(shape, np.log(np.maximum(light.flux, least)))
 
 
 def light_of(pattern: Light) -> Light:

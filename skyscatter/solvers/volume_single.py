@@ -12,27 +12,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skyscatter.kernels.volume_single import make_single_scratch, volume_single_rays
-from skyscatter.solvers.base import Answer, Array, Options, Rays
+from skyscatter.solvers.base import Answer, Array, Asked, Rays
+from skyscatter.solvers.options import SINGLE_TOLERANCE, Single
 from skyscatter.solvers.volume import compile_volume
 
 if TYPE_CHECKING:
     from skyscatter.kernels.volume import VolumeTable
     from skyscatter.space import SpaceScene
 
-DEFAULT_TOLERANCE = 5e-5
+DEFAULT_TOLERANCE = SINGLE_TOLERANCE
 
 
-def check(options: Options) -> None:
+def check(asked: Asked[Single]) -> None:
     """Refuse what only Monte Carlo can do, and polarisation."""
-    options.refuse("single", "samples", "noise", "max_order", "sampling", "transmittance", "orders", "seed")
-    options.refuse("single in three dimensions", "stokes")
+    asked.refuse("single", "orders")
+    asked.refuse("single in three dimensions", "stokes")
 
 
 def prepare(
     scene: SpaceScene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Any],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> VolumeTable:
@@ -57,9 +58,9 @@ def single_parts(table: VolumeTable, rays: Rays, tolerance: float) -> tuple[Arra
     return scattered, direct
 
 
-def solve(table: VolumeTable, rays: Rays, options: Options) -> Answer:
+def solve(table: VolumeTable, rays: Rays, asked: Asked[Single]) -> Answer:
     """Radiance of single scattering, see `skyscatter.radiance`."""
-    scattered, direct = single_parts(table, rays, options.tolerance or DEFAULT_TOLERANCE)
-    layers = {"direct": direct, "scattered": scattered} if options.parts else {}
+    scattered, direct = single_parts(table, rays, asked.how.tolerance or DEFAULT_TOLERANCE)
+    layers = {"direct": direct, "scattered": scattered} if asked.parts else {}
     radiance = scattered + direct
     return Answer(radiance, np.zeros_like(radiance), layers, np.zeros(len(radiance), np.int64))

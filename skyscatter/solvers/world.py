@@ -20,7 +20,8 @@ from skyscatter.kernels.surfaces.gathering import WalkTable
 from skyscatter.media.planets import AroundPlanet
 from skyscatter.scene import Scene
 from skyscatter.solvers import surface_path
-from skyscatter.solvers.base import Answer, Array, Options, Rays, Walks
+from skyscatter.solvers.base import Answer, Array, Asked, Rays, Walks
+from skyscatter.solvers.options import Path
 from skyscatter.spectra.table import SpectralTable, evaluate
 from skyscatter.surfaces.lamps import ParallelLamp, Surroundings
 from skyscatter.surfaces.materials import Lambert
@@ -126,14 +127,14 @@ def check_scene(scene: Scene) -> None:
         raise DomainError("radius", scene.star.radius, f"fills more than 10 degrees of the sky of a scene with {held}")
 
 
-def check(options: Options) -> None:
+def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself, or means nothing here."""
-    plain = Options()
-    for name in ("stokes", "sampling", "tolerance", "transmittance", "photons", "radius", "estimator", "direct"):
-        if getattr(options, name) != getattr(plain, name):
+    given = {"stokes": asked.stokes or None, **asked.how.given}
+    for name in ("stokes", "sampling", "tolerance", "transmittance"):
+        if given.get(name) is not None:
             rule = "means nothing to walks in skies that hold bodies, fields, lamps or another ground; leave it out"
-            raise DomainError(name, getattr(options, name), rule)
-    surface_path.check(options)
+            raise DomainError(name, given[name], rule)
+    surface_path.check(asked)
 
 
 class World(NamedTuple):
@@ -152,7 +153,7 @@ def prepare(
     scene: Scene,
     rays: Rays,
     wavelengths: Array,
-    options: Options,
+    asked: Asked[Path],
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> World:
@@ -165,7 +166,7 @@ def prepare(
             stacklevel=2,
         )
     lift = scene.medium.radius
-    table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, options, threads, progress)
+    table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, asked, threads, progress)
     if (
         scene.sun.elevation_deg >= 0
         and surface_path.forwardness(table.media) > FORWARD
@@ -187,11 +188,11 @@ def sun_is_dim(scene: Scene, wavelengths: Array) -> bool:
     return bool(np.any(transmittance(air, start, end, wavelengths) < DIM_SUN))
 
 
-def no_walks(world: World, rays: int, options: Options) -> Walks:
+def no_walks(world: World, rays: int, asked: Asked[Path]) -> Walks:
     """The sums with which walks begin."""
-    return surface_path.no_walks(world.table, rays, options)
+    return surface_path.no_walks(world.table, rays, asked)
 
 
-def solve(world: World, rays: Rays, options: Options, walks: Walks | None = None) -> Answer:
+def solve(world: World, rays: Rays, asked: Asked[Path], walks: Walks | None = None) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
-    return surface_path.solve(world.table, local(rays, world.lift), options, walks)
+    return surface_path.solve(world.table, local(rays, world.lift), asked, walks)

@@ -44,7 +44,7 @@ class Interface(Record):
     >>> media = (surfaces.SurfaceMedium(name="air"), surfaces.SurfaceMedium(name="smoke", components=(soot,)))
     >>> ball = surfaces.Body(shape=surfaces.Sphere(radius="1 m"), material=surfaces.Interface(), inside="smoke")
     >>> scene = surfaces.SurfaceScene(media=media, bodies=(ball,), lamps=(surfaces.Surroundings(radiance=1.0),))
-    >>> result = skyscatter.radiance(scene, (0, 0, 5), (0, 0, -1), [550], solver="path", samples=16)
+    >>> result = skyscatter.radiance(scene, (0, 0, 5), (0, 0, -1), [550], solver=skyscatter.Path(samples=16))
     >>> result.radiance.round(2).tolist()  # W m-2 sr-1 nm-1
     [0.14]
     """
@@ -98,7 +98,7 @@ class Mirror(Record):
     >>> from skyscatter import surfaces
     >>> floor = surfaces.Body(shape=surfaces.Plane(), material=surfaces.Mirror(reflectance=0.9))
     >>> scene = surfaces.SurfaceScene(bodies=(floor,), lamps=(surfaces.Surroundings(radiance=1.0),))
-    >>> result = skyscatter.radiance(scene, (0, 0, 1), (0, 0.8, -0.6), [550], solver="path", samples=4)
+    >>> result = skyscatter.radiance(scene, (0, 0, 1), (0, 0.8, -0.6), [550], solver=skyscatter.Path(samples=4))
     >>> result.radiance.round(2).tolist()  # W m-2 sr-1 nm-1
     [0.9]
     """
@@ -132,7 +132,7 @@ class Dielectric(Record):
     >>> media = (surfaces.SurfaceMedium(name="air"), surfaces.SurfaceMedium(name="water", index="water"))
     >>> drop = surfaces.Body(shape=surfaces.Sphere(), material=surfaces.Dielectric(), inside="water")
     >>> scene = surfaces.SurfaceScene(media=media, bodies=(drop,), lamps=(surfaces.Surroundings(radiance=1.0),))
-    >>> result = skyscatter.radiance(scene, (0, 0, 0), (0, 0, 1), [589], solver="path", samples=16)
+    >>> result = skyscatter.radiance(scene, (0, 0, 0), (0, 0, 1), [589], solver=skyscatter.Path(samples=16))
     >>> result.radiance.round(2).tolist(), (surfaces.refractive_index("water", [589]) ** 2).round(2).tolist()
     ([1.78], [1.78])
     """

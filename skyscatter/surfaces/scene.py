@@ -204,7 +204,7 @@ class SurfaceScene(Record):
     >>> table = skyscatter.Body(name="table", shape=Plane(), material=Lambert(albedo=0.8))
     >>> sun = ParallelLamp(elevation_deg=30, azimuth_deg=180, irradiance=1.5)  # W m-2 nm-1
     >>> scene = skyscatter.SurfaceScene(bodies=(table,), lamps=(sun,))
-    >>> seen = skyscatter.radiance(scene, [0, 0, 1], [0, 0, -1], [550], solver="path", samples=16)
+    >>> seen = skyscatter.radiance(scene, [0, 0, 1], [0, 0, -1], [550], solver=skyscatter.Path(samples=16))
     >>> seen.radiance.round(3)  # W m-2 sr-1 nm-1
     array([0.191])
     """

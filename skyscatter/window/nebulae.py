@@ -134,14 +134,17 @@ class Nebulae:
         x = min(int(number(question, "x", 0.0, 1.0) * width), width - 1)
         y = min(int(number(question, "y", 0.0, 1.0) * height), height - 1)
         error: Any = image.standard_error
-        yield {
-            "what": "spectrum",
-            "wavelengths": image.wavelengths.tolist(),
-            "radiance": image.radiance[y, x].tolist(),
-            "error": error[y, x].tolist(),
-            "kind": "standard error",
-            "xyz": spectrum_to_xyz(image.radiance[y, x], image.wavelengths).tolist(),
-        }, None
+        yield (
+            {
+                "what": "spectrum",
+                "wavelengths": image.wavelengths.tolist(),
+                "radiance": image.radiance[y, x].tolist(),
+                "error": error[y, x].tolist(),
+                "kind": "standard error",
+                "xyz": spectrum_to_xyz(image.radiance[y, x], image.wavelengths).tolist(),
+            },
+            None,
+        )
 
     def command(self, question: Message, told: Told) -> Iterator[tuple[Message, None]]:
         """The command that makes the picture, with as many walks as the page has by now."""
@@ -165,10 +168,10 @@ def luminance_error(image: SpectralImage) -> NDArray[np.float64]:
 
 
 def _render(scene: SpaceScene, camera: Telescope, samples: int, seed: int, told: Told) -> SpectralImage:
+    from skyscatter.solvers.options import Path
     from skyscatter.solvers.render import render
 
     words = f"{camera.width} × {camera.height} pixels, {samples} walks each"
     told(0.0, words)
-    return render(
-        scene, camera, WAVELENGTHS, "path", samples=samples, seed=seed, progress=lambda share: told(share, words)
-    )
+    walks = Path(samples=samples, seed=seed)
+    return render(scene, camera, WAVELENGTHS, solver=walks, progress=lambda share: told(share, words))

@@ -107,7 +107,7 @@ def light(name: str, samples: int) -> tuple[Array, Array]:
     rays = scene.view.position, grid[aside]
     orders = ORDERS.get(name)
     answer = skyscatter.radiance(
-        scene, *rays, WAVELENGTHS, solver="path", samples=samples, max_order=orders, seed=samples, threads=2
+        scene, *rays, WAVELENGTHS, solver=skyscatter.Path(samples=samples, max_order=orders, seed=samples), threads=2
     )
     assert np.isfinite(answer.radiance).all()
     assert (answer.radiance >= 0).all()
@@ -118,7 +118,9 @@ def light(name: str, samples: int) -> tuple[Array, Array]:
 def test_pictures_are_finite(name: str) -> None:
     scene = small(name).scene()
     camera = Telescope.from_length(24, 24, BRIGHTNESS[name][0] * PARSEC, scene.view.distance)
-    picture = np.asarray(skyscatter.render(scene, camera, WAVELENGTHS, solver="path", samples=2, threads=2).radiance)
+    picture = np.asarray(
+        skyscatter.render(scene, camera, WAVELENGTHS, solver=skyscatter.Path(samples=2), threads=2).radiance
+    )
     assert picture.shape == (24, 24, 3)
     assert np.isfinite(picture).all()
     assert (picture >= 0).all()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 
 import skyscatter
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
@@ -23,7 +24,7 @@ def look(scene: skyscatter.Scene, *views: tuple[float, float], solver: str = "pa
     """XYZ [cd m-2] of the sky towards (azimuth, elevation) [degree], shape (view, 3)."""
     directions = np.array([direction_from_azimuth_elevation(*view) for view in views])
     origins = np.repeat(scene.observer.position[None, :], len(views), axis=0)
-    answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, solver, **options)
+    answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, **asked(solver, **options))
     return spectrum_to_xyz(answer.radiance, WAVELENGTHS)
 
 

@@ -14,8 +14,9 @@ from skyscatter.kernels.eclipse import INNER, OUTER, EclipseTable
 from skyscatter.media.fields import Exponential
 from skyscatter.optics.rayleigh import RayleighPowerLaw
 from skyscatter.solvers import eclipsed, path, single
-from skyscatter.solvers.base import Answer, Options, Rays, Tables, prepare_tables
+from skyscatter.solvers.base import Answer, Asked, Rays, Tables, prepare_tables
 from skyscatter.solvers.eclipse import eclipse_of, eclipse_table
+from skyscatter.solvers.options import Orders, Path
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def rays_of(it: Scene, directions: Array = SKY) -> Rays:
 
 
 def tables_of(it: Scene, eclipse: EclipseTable | None = None) -> Tables:
-    tables = prepare_tables(it, rays_of(it), WL, Options(), 1, None)
+    tables = prepare_tables(it, rays_of(it), WL, Asked(Path()), 1, None)
     return tables if eclipse is None else tables._replace(scene=tables.scene._replace(eclipse=eclipse))
 
 
@@ -68,11 +69,11 @@ def test_an_even_share_scales_the_light() -> None:
     once = [single.single_parts(t.scene, t.ground, rays, 1e-4) for t in (plain, dimmed)]
     for full, part in zip(once[0][:2], once[1][:2], strict=True):
         np.testing.assert_allclose(part, share * full, rtol=1e-12)  # the last digits of a product
-    flights = Options(samples=2000, sampling="free-flight")
+    flights = Asked(Path(samples=2000, sampling="free-flight"))
     free = [path.solve(t, rays, flights) for t in (plain, dimmed)]
     # the same walks to the last one: their draws do not ask for sunlight
     np.testing.assert_allclose(free[1].radiance, share * free[0].radiance, rtol=1e-11)
-    walks = [path.solve(t, rays, Options(samples=4096, seed=n)) for n, t in enumerate((plain, dimmed))]
+    walks = [path.solve(t, rays, Asked(Path(samples=4096, seed=n))) for n, t in enumerate((plain, dimmed))]
     scaled = Answer(share * walks[0].radiance, share * walks[0].error)
     # 15 numbers, of which neighbouring wavelengths go together: 4 standard errors by 16 batches are one in 1000
     assert np.abs(z_of(walks[1], scaled)).max() < 4.0
@@ -88,7 +89,7 @@ def test_what_is_covered_and_what_is_not_make_the_whole() -> None:
     for shaded, rest, whole in zip(once[0][:2], once[1][:2], once[2][:2], strict=True):
         # three quadratures of 1e-5 each; beyond 3500 km, where no Moon is before the Sun, no air is in sight
         np.testing.assert_allclose(shaded + rest, whole, rtol=1e-4, atol=1e-12)
-    walks = [path.solve(t, rays, Options(samples=4096, seed=n)) for n, t in enumerate(tables)]
+    walks = [path.solve(t, rays, Asked(Path(samples=4096, seed=n))) for n, t in enumerate(tables)]
     total = Answer(walks[0].radiance + walks[1].radiance, np.hypot(walks[0].error, walks[1].error))
     assert np.abs(z_of(total, walks[2])).max() < 4.0  # as above
 
@@ -146,7 +147,7 @@ def test_first_order_against_a_quadrature(time, at) -> None:
     shares = eclipse.light_at(points - place, WL)
     expected = weight @ (density * sigma * phase * np.exp(-depth[:, None] * sigma) * shares)
     expected *= (it.star.distance / it.star_distance) ** 2
-    found = skyscatter.radiance(it, place, ray, WL, "single", tolerance=1e-5).radiance
+    found = skyscatter.radiance(it, place, ray, WL, solver=skyscatter.Single(tolerance=1e-5)).radiance
     # the solver's tolerance and its tables; the share between entries is off by 5e-6, of the 1e-2 at the end of a low
     # ray in totality a thousandth; at the zenith there shares of 1e-5 are all that is
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-5 * 5.0 * sigma.max() * H * phase)
@@ -155,8 +156,8 @@ def test_first_order_against_a_quadrature(time, at) -> None:
 def test_walks_against_plain_ones_in_totality() -> None:
     it = scene(TOTAL, "earth")
     rays, tables = rays_of(it), tables_of(it)
-    marched = path.solve(tables, rays, Options(samples=8192))
-    free = path.solve(tables, rays, Options(samples=200_000, sampling="free-flight"))
+    marched = path.solve(tables, rays, Asked(Path(samples=8192)))
+    free = path.solve(tables, rays, Asked(Path(samples=200_000, sampling="free-flight")))
     # 15 numbers, correlated over wavelengths; the bar of 3 standard errors, of a t distribution of 15 degrees
     assert np.abs(z_of(marched, free)).max() < 4.0
     assert np.sqrt(np.mean(z_of(marched, free) ** 2)) < 1.6  # five independent rays: one in 100 has more
@@ -168,7 +169,7 @@ def test_how_dark_totality_is() -> None:
     """Three to four orders of magnitude darker at the zenith (Emde & Mayer 2007), less towards the horizon."""
     it = scene(TOTAL, "earth")
     full = it.model_copy(update={"sun": it.sun.model_copy(update={"site": None})})
-    dark, bright = (path.solve(tables_of(of), rays_of(of), Options(samples=4096)) for of in (it, full))
+    dark, bright = (path.solve(tables_of(of), rays_of(of), Asked(Path(samples=4096))) for of in (it, full))
     ratio = dark.radiance / bright.radiance
     assert (ratio[0] > 1e-4).all()
     assert (ratio[0] < 1e-3).all()
@@ -185,14 +186,14 @@ def test_nodes_agree_with_walks(time) -> None:
     camera = skyscatter.Fisheye(width=40, height=40)
     grid = camera.directions(it.observer).reshape(-1, 3)
     rays = rays_of(it, grid[np.isfinite(grid[:, 0])])
-    options = Options(tolerance=0.06, parts=True)
+    options = Asked(Orders(tolerance=0.06), parts=True)
     context = eclipsed.prepare(it, rays, WL, options, 1, None)
     assert context.sky is not None
     assert context.sky.once is not None
     joined = eclipsed.solve(context, rays, options)
     some = np.arange(7, len(rays.origins), len(rays.origins) // 24)
     own = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some] + 10**6)
-    walked = path.solve(context.tables, own, Options(samples=2048, parts=True))
+    walked = path.solve(context.tables, own, Asked(Path(samples=2048), parts=True))
     found = Answer(joined.radiance[some], joined.error[some])
     z = z_of(found, walked)
     assert np.sqrt(np.mean(z**2)) < 1.4  # 25 rays, neighbours in part by the same nodes
@@ -206,11 +207,13 @@ def test_nodes_agree_with_walks(time) -> None:
 
 def test_few_rays_have_walks_of_their_own() -> None:
     it = scene(TOTAL)
-    found = skyscatter.radiance(it, it.observer.position, SKY[:2], WL, tolerance=0.1, max_order=3, parts=True)
+    found = skyscatter.radiance(
+        it, it.observer.position, SKY[:2], WL, solver=skyscatter.Orders(tolerance=0.1, max_order=3), parts=True
+    )
     assert found.error_kind == "estimated"
     assert (found.error > 0.0).all()
     assert (found.samples > 0).all()
-    full = path.solve(tables_of(it), rays_of(it, SKY[:2]), Options(samples=4096, max_order=3))
+    full = path.solve(tables_of(it), rays_of(it, SKY[:2]), Asked(Path(samples=4096, max_order=3)))
     assert np.abs(z_of(found, full)).max() < 4.0  # as above
 
 
@@ -219,7 +222,7 @@ def test_a_picture_of_a_partial_phase_is_dimmed_evenly() -> None:
     it = scene(PARTIAL)
     full = it.model_copy(update={"sun": it.sun.model_copy(update={"site": None})})
     camera = skyscatter.Fisheye(width=24, height=24)
-    dim, bright = (skyscatter.render(of, camera, WL, tolerance=0.02) for of in (it, full))
+    dim, bright = (skyscatter.render(of, camera, WL, solver=skyscatter.Orders(tolerance=0.02)) for of in (it, full))
     eclipse = eclipse_of(it)
     assert eclipse is not None
     ratio = dim.radiance / bright.radiance / eclipse.light(WL)
@@ -232,8 +235,10 @@ def test_a_picture_of_a_partial_phase_is_dimmed_evenly() -> None:
 def test_polarised_walks_follow_the_shadow() -> None:
     it = scene(TOTAL)
     here, sky = it.observer.position, SKY[:3]
-    marched = skyscatter.radiance(it, here, sky, WL, "path", samples=4096, stokes=True)
-    free = skyscatter.radiance(it, here, sky, WL, "path", samples=60_000, stokes=True, sampling="free-flight", seed=1)
+    marched = skyscatter.radiance(it, here, sky, WL, solver=skyscatter.Path(samples=4096), stokes=True)
+    free = skyscatter.radiance(
+        it, here, sky, WL, solver=skyscatter.Path(samples=60_000, sampling="free-flight", seed=1), stokes=True
+    )
     z = (marched.stokes - free.stokes)[..., :3] / np.hypot(marched.stokes_error, free.stokes_error)[..., :3]
     # 27 numbers, neighbouring wavelengths alike: 4.5 by 16 batches are one in 2000
     assert np.abs(z).max() < 4.5
@@ -245,12 +250,14 @@ def test_polarised_walks_follow_the_shadow() -> None:
 def test_other_seeds_lie_within_the_stated_error() -> None:
     it = scene(TOTAL)
     camera = skyscatter.Fisheye(width=30, height=30)
-    one, other = (skyscatter.render(it, camera, WL, tolerance=0.1, seed=seed) for seed in (1, 2))
+    one, other = (
+        skyscatter.render(it, camera, WL, solver=skyscatter.Orders(tolerance=0.1, seed=seed)) for seed in (1, 2)
+    )
     assert one.error is not None
     z = (one.radiance - other.radiance) / np.hypot(one.error, other.error)
     # neighbouring pixels go together: some 60 independent numbers a wavelength
     assert 0.5 < np.sqrt(np.nanmean(z**2)) < 1.4
-    again = skyscatter.render(it, camera, WL, tolerance=0.1, seed=1, threads=2)
+    again = skyscatter.render(it, camera, WL, solver=skyscatter.Orders(tolerance=0.1, seed=1), threads=2)
     assert np.array_equal(one.radiance, again.radiance, equal_nan=True)
 
 
@@ -290,7 +297,9 @@ def test_the_sky_in_an_eclipse_of_the_moon() -> None:
     model = skyscatter.load_model("earth-simple")
     camera = skyscatter.Fisheye(width=12, height=12)
     images = [
-        skyscatter.render(model.scene_at(40.0, -100.0, time, lights=("moon",)), camera, WL, tolerance=0.05)
+        skyscatter.render(
+            model.scene_at(40.0, -100.0, time, lights=("moon",)), camera, WL, solver=skyscatter.Orders(tolerance=0.05)
+        )
         for time in ("2025-03-14T03:30Z", "2025-03-14T06:58Z")
     ]
     full, eclipsed = (np.nansum(image.radiance, axis=(0, 1)) for image in images)

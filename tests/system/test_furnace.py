@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from plane_parallel import THICKNESS, Slab
 from significance import assert_agrees
 
@@ -37,7 +38,7 @@ def sights(altitude: float) -> np.ndarray:
 
 def assert_white(scene: skyscatter.Scene, altitude: float, worst_error: float, **options: Any) -> None:
     position = np.array([0.0, 0.0, scene.medium.planet_radius + altitude])
-    answer = skyscatter.radiance(scene, position, sights(altitude), [550.0], "path", **options)
+    answer = skyscatter.radiance(scene, position, sights(altitude), [550.0], **asked("path", **options))
     assert answer.standard_error.max() < worst_error
     # Nothing but chance and the column tables (1e-4) may part the answer from 1.
     assert_agrees(answer.radiance, 1.0, answer.standard_error, slack=1e-4)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from bases import complaint
 from significance import assert_agrees, over_seeds
 
@@ -55,7 +56,7 @@ def test_a_map_of_one_albedo_is_the_plain_ground() -> None:
     for options, elevation in product(({"stokes": True}, {"sampling": "free-flight"}), suns):
         one, other = (
             skyscatter.radiance(
-                scene(0.3, ground, elevation), *rays, WAVELENGTHS, "path", samples=64, parts=True, **options
+                scene(0.3, ground, elevation), *rays, WAVELENGTHS, parts=True, **asked("path", samples=64, **options)
             )
             for ground in (plain, painted)
         )
@@ -98,11 +99,14 @@ def test_marched_and_free_walks_agree_over_a_checkerboard() -> None:
     there = scene(0.4, ground)
     rays = look_at([(700.0, 700.0), (-700.0, 700.0), (1e5, 0.0)], 0.5)
     _, marched = over_seeds(
-        lambda seed: skyscatter.radiance(there, *rays, WAVELENGTHS, "path", samples=512, orders=3, seed=seed), 16
+        lambda seed: skyscatter.radiance(
+            there, *rays, WAVELENGTHS, solver=skyscatter.Path(samples=512, seed=seed), orders=3
+        ),
+        16,
     )
     _, free = over_seeds(
         lambda seed: skyscatter.radiance(
-            there, *rays, WAVELENGTHS, "path", samples=4000, orders=3, sampling="free-flight", seed=seed
+            there, *rays, WAVELENGTHS, solver=skyscatter.Path(samples=4000, sampling="free-flight", seed=seed), orders=3
         ),
         16,
     )
@@ -154,7 +158,9 @@ def test_light_of_the_surroundings_that_is_scattered_once(near: float, far: floa
 
     def second(ground: Ground, seed: int) -> Any:
         there = scene(depth, ground, elevation=90.0)
-        return skyscatter.radiance(there, *rays, [550.0], "path", samples=2048, max_order=2, orders=2, seed=seed)
+        return skyscatter.radiance(
+            there, *rays, [550.0], solver=skyscatter.Path(samples=2048, max_order=2, seed=seed), orders=2
+        )
 
     _, painted = over_seeds(lambda seed: second(Ground(map=ring), seed), 16)
     _, black = over_seeds(lambda seed: second(Ground(), seed), 16)

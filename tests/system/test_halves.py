@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import coarse
 
 import skyscatter
@@ -48,8 +49,8 @@ CASES = [
 @pytest.mark.parametrize(("build", "solver", "options"), CASES)
 def test_halves_make_the_picture(build: Any, solver: str, options: dict[str, Any]) -> None:
     scene, camera = build()
-    plain = skyscatter.render(scene, camera, WL, solver=solver, **options)
-    image = skyscatter.render(scene, camera, WL, solver=solver, halves=True, **options)
+    plain = skyscatter.render(scene, camera, WL, **asked(solver, **options))
+    image = skyscatter.render(scene, camera, WL, halves=True, **asked(solver, **options))
     np.testing.assert_array_equal(image.radiance, plain.radiance)
     np.testing.assert_array_equal(image.error, plain.error)
     assert set(image.layers) == {*plain.layers, *HALVES}
@@ -66,7 +67,7 @@ def test_halves_make_the_picture(build: Any, solver: str, options: dict[str, Any
 def test_what_is_known_has_no_noise() -> None:
     """Light scattered once comes from an integral: it is in the picture, and not in the halves."""
     scene, camera = sky()
-    image = skyscatter.render(scene, camera, WL, solver="path", samples=16, halves=True, parts=True)
+    image = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=16), halves=True, parts=True)
     mean = (image.layers["half_a"] + image.layers["half_b"])[image.inside] / 2
     np.testing.assert_allclose(mean, image.layers["multiple"][image.inside], rtol=1e-12)
 
@@ -75,7 +76,10 @@ def test_halves_are_independent() -> None:
     """Over a hundred seeds their errors in a pixel are uncorrelated."""
     scene, camera = room()
     camera = type(camera)(**{**camera.model_dump(), "width": 3, "height": 3})
-    images = [skyscatter.render(scene, camera, WL, solver="path", samples=16, seed=k, halves=True) for k in range(100)]
+    images = [
+        skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=16, seed=k), halves=True)
+        for k in range(100)
+    ]
     a, b = (np.array([image.layers[name][..., 1] for image in images]) for name in HALVES)
     lit = (a.std(axis=0) > 0) & (b.std(axis=0) > 0)
     assert lit.any()
@@ -89,7 +93,7 @@ def test_stores_add_to_halves(build: Any, solver: str, few: int, many: int, tmp_
     more = {"photons": 1000} if solver == "photons" else {}
 
     def picture(samples: int, **where: Any) -> skyscatter.SpectralImage:
-        return skyscatter.render(scene, camera, WL, solver=solver, samples=samples, halves=True, **more, **where)
+        return skyscatter.render(scene, camera, WL, halves=True, **asked(solver, samples=samples, **more, **where))
 
     picture(few, store=tmp_path / "run.zarr")
     grown, whole = picture(many, store=tmp_path / "run.zarr"), picture(many)
@@ -97,13 +101,13 @@ def test_stores_add_to_halves(build: Any, solver: str, few: int, many: int, tmp_
         np.testing.assert_array_equal(grown.layers[name], whole.layers[name])
         np.testing.assert_array_equal(picture_of(tmp_path / "run.zarr").layers[name], whole.layers[name])
     with pytest.raises(DomainError, match="other"):
-        skyscatter.render(scene, camera, WL, solver=solver, samples=many, store=tmp_path / "run.zarr", **more)
+        skyscatter.render(scene, camera, WL, store=tmp_path / "run.zarr", **asked(solver, samples=many, **more))
 
 
 def test_other_processes_know_halves() -> None:
     scene, camera = room()
     here, there = (
-        skyscatter.render(scene, camera, WL, solver="path", samples=16, halves=True, executor=executor)
+        skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=16), halves=True, executor=executor)
         for executor in (None, 2)
     )
     for name in HALVES:
@@ -126,15 +130,15 @@ def test_other_processes_know_halves() -> None:
 def test_what_has_no_halves(build: Any, solver: str, options: dict[str, Any], words: str) -> None:
     scene, camera = build()
     with pytest.raises(DomainError, match=words):
-        skyscatter.render(scene, camera, WL, solver=solver, halves=True, **options)
+        skyscatter.render(scene, camera, WL, halves=True, **asked(solver, **options))
 
 
 def test_a_real_sky_denoised() -> None:
     """A sky in 16 walks, beside 512: its error falls, and is what is stated."""
     scene, _ = sky()
     camera = skyscatter.Panorama(width=64, height=32)
-    image = skyscatter.render(scene, camera, WL, solver="path", samples=16, halves=True)
-    truth = skyscatter.render(scene, camera, WL, solver="path", samples=512, seed=1)
+    image = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=16), halves=True)
+    truth = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=512, seed=1))
     clean = image.denoised()
 
     weight = image.layers["half_a"].mean(axis=(0, 1)) ** -2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from asking import asked
 from significance import assert_agrees
 
 import skyscatter
@@ -37,7 +38,7 @@ def directions(n):
 def mean(scene, samples, **options):
     """Mean radiance over eight directions and its standard error."""
     up = scene.observer.position
-    answer = skyscatter.radiance(scene, up, directions(8), [550.0], "path", samples=samples, **options)
+    answer = skyscatter.radiance(scene, up, directions(8), [550.0], **asked("path", samples=samples, **options))
     return answer.radiance.mean(axis=0), np.sqrt(np.mean(answer.standard_error**2, axis=0) / 8)
 
 
@@ -77,8 +78,8 @@ def test_a_wavelength_without_extinction_does_no_harm():
         }
     )
     up = dense.observer.position
-    expected = skyscatter.radiance(dense, up, [0, 0, 1], [450.0], "path", samples=4096)
-    found = skyscatter.radiance(holed, up, [0, 0, 1], [450.0, 550.0, 650.0], "path", samples=4096)
+    expected = skyscatter.radiance(dense, up, [0, 0, 1], [450.0], solver=skyscatter.Path(samples=4096))
+    found = skyscatter.radiance(holed, up, [0, 0, 1], [450.0, 550.0, 650.0], solver=skyscatter.Path(samples=4096))
     assert found.radiance[1] == 0
     error = np.hypot(expected.standard_error[0], found.standard_error[[0, 2]])
     assert_agrees(found.radiance[[0, 2]], np.full(2, expected.radiance[0]), error)
@@ -89,7 +90,9 @@ def test_the_ground_at_the_observers_feet_sees_the_sky():
     rng = np.random.default_rng(1)
     down = directions(64) * [1, 1, -1]
     down[:, :2] *= rng.choice([-1, 1], (64, 2))
-    answer = skyscatter.radiance(it, it.observer.position, down, [450.0], "path", samples=256, parts=True)
+    answer = skyscatter.radiance(
+        it, it.observer.position, down, [450.0], solver=skyscatter.Path(samples=256), parts=True
+    )
     # a Lambertian ground looks the same from everywhere
     light = answer.layers["multiple"][:, 0]
     assert np.all(light > 0)

@@ -40,7 +40,7 @@ def global_irradiance(model: skyscatter.Model, elevation: float, wavelengths, di
     azimuth = 180.0 + (np.arange(6) + 0.5) * 30.0  # one half of the sky; the other is its mirror image
     directions = direction_from_azimuth_elevation(azimuth[:, None], np.degrees(np.arcsin(mu))[None, :])
     up = scene.observer.position
-    sky = skyscatter.radiance(scene, up, directions, wavelengths, "path", samples=samples, parts=True)
+    sky = skyscatter.radiance(scene, up, directions, wavelengths, solver=skyscatter.Path(samples=samples), parts=True)
     diffuse = sky.radiance - sky.layers["direct"]
     diffuse = 2 * np.pi * np.einsum("amw,m->w", diffuse, weight * mu) / azimuth.size
     direct = 0.0

@@ -24,6 +24,7 @@ from significance import largest_t
 from skyscatter.lights import ParallelLight
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.voxels import VoxelGrid
+from skyscatter.solvers import options
 from skyscatter.solvers.run import radiance
 from skyscatter.space import SpaceScene
 
@@ -92,9 +93,12 @@ def measure(kind: str, where: Cloud, columns: Array, walks: Array, seed: int = 0
         sets = [rays(kind, columns[chosen], each, where, rng) for _ in range(REPLICAS)]
         origins, directions = (np.stack(parts, axis=1) for parts in zip(*sets, strict=True))
         answer = radiance(
-            where.scene, origins, directions, (550.0,), solver="path",
-            samples=WALKS, sampling="delta", transmittance="quadrature", seed=seed,
-        )  # fmt: skip
+            where.scene,
+            origins,
+            directions,
+            (550.0,),
+            solver=options.Path(samples=WALKS, sampling="delta", transmittance="quadrature", seed=seed),
+        )
         light = answer.radiance[..., 0].mean(axis=2)
         value[chosen], error[chosen] = light.mean(axis=1), light.std(axis=1, ddof=1) / np.sqrt(REPLICAS)
     # Light straight from the Sun, of which a ray sees nothing, belongs to the flux that arrives below.

@@ -15,6 +15,7 @@ from skyscatter.media.medium import Medium
 from skyscatter.media.structures import Slab
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.solvers.diffusion import guess_correction
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.run import radiance
 from skyscatter.solvers.volume import compile_volume
 from skyscatter.space import SpaceScene, View
@@ -68,16 +69,16 @@ def test_depth_100(albedo: float) -> None:
 def test_a_word_before_depths_that_few_walks_reach() -> None:
     scene = dusty_sphere(60.0, 1.0)
     with pytest.warns(UserWarning, match="60 transport free paths of 'dust'"):
-        radiance(scene, *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2, max_order=2)
+        radiance(scene, *parallel_rays(np.array([0.3])), WAVELENGTH, solver=Path(samples=2, max_order=2))
     with pytest.warns(UserWarning, match="scatterings forward"):
         radiance(
-            dusty_sphere(10.0, 1.0, 0.8), *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2,
-            max_order=2,
-        )  # fmt: skip
+            dusty_sphere(10.0, 1.0, 0.8),
+            *parallel_rays(np.array([0.3])),
+            WAVELENGTH,
+            solver=Path(samples=2, max_order=2),
+        )
     # As deep, but black enough for guided flights: no word, for filters make every warning an error.
-    radiance(
-        dusty_sphere(60.0, 0.6), *parallel_rays(np.array([0.3])), WAVELENGTH, solver="path", samples=2, max_order=2
-    )
+    radiance(dusty_sphere(60.0, 0.6), *parallel_rays(np.array([0.3])), WAVELENGTH, solver=Path(samples=2, max_order=2))
 
 
 def cell_with_star(depth: float, albedo: float) -> SpaceScene:
@@ -98,7 +99,7 @@ def test_a_star_in_an_opaque_cell_ends(depth: float, albedo: float) -> None:
     """No walk takes longer than its patience, some 2^16 legs with what is left when it ends, and a word says so."""
     scene = cell_with_star(depth, albedo)
     with pytest.warns(UserWarning, match="'dust'"):
-        answer = radiance(scene, *parallel_rays(np.array([0.02])), WAVELENGTH, solver="path", samples=2)
+        answer = radiance(scene, *parallel_rays(np.array([0.02])), WAVELENGTH, solver=Path(samples=2))
     assert np.all(np.isfinite(answer.radiance))
 
 

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import GREY, Array, component
 
 import skyscatter
@@ -72,7 +73,7 @@ def check_first_order(name: str, way: str, samples: int, n: int, share: float, m
     options = {"samples": samples, "max_order": 1, "parts": True, "transmittance": way}
     runs = np.array(
         [
-            radiance(scene, *rays, WAVELENGTH, solver="path", seed=seed, **options).layers["scattered"].sum()
+            radiance(scene, *rays, WAVELENGTH, **asked("path", seed=seed, **options)).layers["scattered"].sum()
             for seed in range(SEEDS)
         ]
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import GREY, dust, lines_through
 from significance import assert_agrees
 
@@ -70,7 +71,7 @@ def compare(kind: str, tau: float, g: float, rays: int, samples: int) -> dict[st
     found = {}
     for number, (name, (options, factor)) in enumerate(WAYS.items()):
         # Other seeds: with the same one ways would share their first numbers.
-        answer = radiance(scene, *lines, WAVELENGTHS, solver="path", samples=factor * samples, seed=number, **options)
+        answer = radiance(scene, *lines, WAVELENGTHS, **asked("path", samples=factor * samples, seed=number, **options))
         error = np.sqrt((answer.standard_error**2).sum(axis=0)) / rays
         found[name] = answer.radiance.mean(axis=0), error
     return found
@@ -121,9 +122,9 @@ def test_each_wavelength_alone_equals_all_together(options: dict[str, Any]) -> N
     """Spectral sampling from all wavelengths at once is as right as walks of one wavelength each."""
     scene, lines = shell(1.0, 0.5), lines_through(np.random.default_rng(4), 100)
     samples = 32 if not options else 256
-    together = radiance(scene, *lines, WAVELENGTHS, solver="path", samples=samples, seed=1, **options)
+    together = radiance(scene, *lines, WAVELENGTHS, **asked("path", samples=samples, seed=1, **options))
     for i, wavelength in enumerate(WAVELENGTHS):
-        alone = radiance(scene, *lines, (wavelength,), solver="path", samples=samples, seed=2 + i, **options)
+        alone = radiance(scene, *lines, (wavelength,), **asked("path", samples=samples, seed=2 + i, **options))
         a, b = together.radiance[:, i].mean(), alone.radiance[:, 0].mean()
         errors = [np.sqrt((e**2).sum()) / 100 for e in (together.standard_error[:, i], alone.standard_error[:, 0])]
         print(
@@ -141,7 +142,7 @@ def test_same_seed_same_bits(options: dict[str, Any]) -> None:
 
     def run(seed: int, threads: int) -> Answer:
         return radiance(
-            scene, *lines, WAVELENGTHS, solver="path", samples=16, seed=seed, threads=threads, orders=3, **options
+            scene, *lines, WAVELENGTHS, threads=threads, orders=3, **asked("path", samples=16, seed=seed, **options)
         )
 
     one, two, other = run(7, 1), run(7, 2), run(8, 2)
@@ -160,7 +161,8 @@ def test_error_bars_are_the_spread_over_seeds(options: dict[str, Any]) -> None:
     scene, lines = shell(1.0, 0.5), lines_through(np.random.default_rng(6), 60)
     seeds, samples = 24, 32 if not options else 128
     runs = [
-        radiance(scene, *lines, (550.0,), solver="path", samples=samples, seed=50 + k, **options) for k in range(seeds)
+        radiance(scene, *lines, (550.0,), **asked("path", samples=samples, seed=50 + k, **options))
+        for k in range(seeds)
     ]
     values = np.array([run.radiance[:, 0] for run in runs])
     stated = np.array([run.standard_error[:, 0] for run in runs])

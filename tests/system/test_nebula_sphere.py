@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from significance import assert_agrees
 
 from skyscatter.lights import PointStar
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.run import radiance
 from skyscatter.spectra.table import SpectralTable
 
@@ -115,7 +116,7 @@ def test_absorbed_and_escaping_light_are_the_luminosity(tau: float) -> None:
     r_grid, angle_grid = np.meshgrid(r, angle, indexing="ij")
     origins = np.stack([np.zeros_like(r_grid), np.zeros_like(r_grid), r_grid], axis=-1)
     directions = np.stack([np.sin(angle_grid), np.zeros_like(r_grid), -np.cos(angle_grid)], axis=-1)
-    answer = radiance(scene, origins, directions, WAVELENGTH, solver="path", samples=128, parts=True)
+    answer = radiance(scene, origins, directions, WAVELENGTH, solver=Path(samples=128), parts=True)
     scattered = answer.radiance[..., 0] - answer.layers["direct"][..., 0]
     each = (1 - albedo) * tau * 4 * np.pi * (weight * r * r)[:, None] * 2 * np.pi * spread * np.sin(angle_grid)
     absorbed = np.sum(each * scattered) + (1 - albedo) * (1 - np.exp(-tau))
@@ -136,7 +137,7 @@ def test_white_furnace(tau: float, sampling: str) -> None:
     scene = dusty_sphere(tau, albedo=1.0, g=0.5, stars=(), background=1.0)
     b = (np.arange(40) + 0.5) / 40
     samples = 256 if sampling == "march" else 512
-    answer = radiance(scene, *parallel_rays(b), (450.0, 650.0), solver="path", samples=samples, sampling=sampling)
+    answer = radiance(scene, *parallel_rays(b), (450.0, 650.0), solver=Path(samples=samples, sampling=sampling))
     error = answer.standard_error
     if sampling != "march":
         # Of a plain walk comes 1 if it is scattered at all, else nothing: the error is known better than it is seen.
@@ -155,7 +156,7 @@ def test_white_furnace(tau: float, sampling: str) -> None:
 def test_orders_add_up_to_the_furnace() -> None:
     scene = dusty_sphere(0.5, albedo=1.0, stars=(), background=1.0)
     answer = radiance(
-        scene, *parallel_rays(np.array([0.1, 0.5, 0.9])), WAVELENGTH, solver="path", samples=1024, parts=True, orders=12
+        scene, *parallel_rays(np.array([0.1, 0.5, 0.9])), WAVELENGTH, solver=Path(samples=1024), parts=True, orders=12
     )
     b = np.array([0.1, 0.5, 0.9])
     np.testing.assert_allclose(answer.layers["direct"][:, 0], np.exp(-2 * 0.5 * np.sqrt(1 - b * b)), rtol=1e-9)
@@ -170,6 +171,6 @@ def test_luminosity_of_the_star_is_what_scatters() -> None:
     """Twice the star, twice the light: the walks' draws do not depend on the unit of the luminosity."""
     bright = PointStar(spectrum=SpectralTable(wavelengths=(500.0,), values=(2e26,)))
     rays = parallel_rays(np.array([0.2, 0.7]))
-    one = radiance(dusty_sphere(3.0), *rays, WAVELENGTH, solver="path", samples=64)
-    many = radiance(dusty_sphere(3.0, stars=(bright,)), *rays, WAVELENGTH, solver="path", samples=64)
+    one = radiance(dusty_sphere(3.0), *rays, WAVELENGTH, solver=Path(samples=64))
+    many = radiance(dusty_sphere(3.0, stars=(bright,)), *rays, WAVELENGTH, solver=Path(samples=64))
     np.testing.assert_allclose(many.radiance, 2e26 * one.radiance, rtol=1e-9)

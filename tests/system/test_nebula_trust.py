@@ -20,6 +20,7 @@ from splitting import DustBox, light_below
 from skyscatter.lights import PointStar
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.structures import Box
+from skyscatter.solvers import options
 from skyscatter.solvers.run import radiance
 from skyscatter.space import SpaceScene
 from skyscatter.spectra.table import SpectralTable
@@ -93,7 +94,7 @@ def all_orders(slab: Slab, depth: float, theta: int, n: int, samples: int) -> tu
     """Scattered light over the star's, its error, and the share of single scattering in it, each (wavelength,)."""
     origins, directions, weights = rays(theta, n)
     answer = radiance(
-        scene(slab, depth), origins, directions, slab.wavelengths, solver="path", samples=samples, parts=True
+        scene(slab, depth), origins, directions, slab.wavelengths, solver=options.Path(samples=samples), parts=True
     )
     light = weights @ (answer.layers["scattered"] + answer.layers["multiple"])
     error = np.sqrt(weights**2 @ answer.standard_error**2)

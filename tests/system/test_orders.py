@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from numpy.typing import NDArray
 from plane_parallel import THICKNESS, WAVELENGTH, IsotropicLayers, Slab, isotropic_fluxes
 from significance import assert_agrees
@@ -67,7 +68,7 @@ def look(
     """Radiance at `altitude` above the scene's own observer, seen along sights."""
     wavelengths = more.pop("wavelengths", WAVELENGTHS)
     origin = np.array([0.0, 0.0, R + altitude])
-    return skyscatter.radiance(scene, origin, towards(sights), wavelengths, solver, **more)
+    return skyscatter.radiance(scene, origin, towards(sights), wavelengths, **asked(solver, **more))
 
 
 @cache
@@ -411,7 +412,7 @@ def test_mars_against_path() -> None:
     sights = ((0.0, 90.0), (90.0, 45.0), (180.0, 20.0), (60.0, 8.0))
     arguments = (scene, scene.observer.position, towards(sights), [450.0, 650.0])
     found = skyscatter.radiance(*arguments)
-    expected = skyscatter.radiance(*arguments, "path", samples=8192)
+    expected = skyscatter.radiance(*arguments, solver=skyscatter.Path(samples=8192))
     assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=2 * DEFAULT_TOLERANCE)
 
 
@@ -437,7 +438,7 @@ def test_isotropic_scattering_on_a_small_planet_against_path() -> None:
     )  # fmt: skip
     rays = scene.observer.position, towards(((0.0, 5.0), (180.0, 5.0), (90.0, 40.0), (0.0, 85.0)))
     found = skyscatter.radiance(scene, *rays, [550.0])
-    expected = skyscatter.radiance(scene, *rays, [550.0], "path", samples=4096)
+    expected = skyscatter.radiance(scene, *rays, [550.0], solver=skyscatter.Path(samples=4096))
     assert_agrees(found.radiance, expected.radiance, expected.standard_error, slack=DEFAULT_TOLERANCE)
 
 
@@ -517,7 +518,8 @@ def test_same_bits_for_any_number_of_threads() -> None:
     assert np.array_equal(one.stokes_error, two.stokes_error)
     camera = skyscatter.Panorama(width=24, height=12)
     one, two = (
-        skyscatter.render(scene, camera, WAVELENGTHS[:2], threads=threads, tolerance=0.03) for threads in (1, 2)
+        skyscatter.render(scene, camera, WAVELENGTHS[:2], solver=skyscatter.Orders(tolerance=0.03), threads=threads)
+        for threads in (1, 2)
     )
     assert np.array_equal(one.radiance, two.radiance, equal_nan=True)
 
@@ -676,7 +678,7 @@ def test_observers_anywhere_and_rays_that_miss() -> None:
     ]
     origins, directions = (np.array([ray[k] for ray in rays]) for k in (0, 1))
     answer = skyscatter.radiance(scene, origins, directions, WAVELENGTHS)
-    path = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, "path", samples=4096)
+    path = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, solver=skyscatter.Path(samples=4096))
     assert np.all(np.isfinite(answer.radiance))
     empty = np.array([ray[2] for ray in rays])
     np.testing.assert_allclose(answer.radiance[empty], 0.25, rtol=1e-6)  # the last wisp of air

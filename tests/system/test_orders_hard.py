@@ -114,7 +114,7 @@ def test_a_sheet_of_fog_over_a_round_earth_against_free_walks(sun: float) -> Non
     there = scene(fog, AIR, sun=sun)
     rays = there.observer.position, sights([5, 5, 30, 30, 60], [0, 180, 0, 180, 120])
     answer = skyscatter.radiance(there, *rays, [550.0])
-    walks = skyscatter.radiance(there, *rays, [550.0], "path", samples=300_000, sampling="free-flight")
+    walks = skyscatter.radiance(there, *rays, [550.0], solver=skyscatter.Path(samples=300_000, sampling="free-flight"))
     # The walks are good to 0.2-0.7 %, and beyond three of their errors there is no excuse.
     slack = answer.standard_error + 3 * walks.standard_error
     assert np.all(np.abs(answer.radiance - walks.radiance) < slack)
@@ -174,7 +174,7 @@ def test_what_cannot_be_solved_is_refused_before_the_work() -> None:
     for depth in (200.0, 400.0):
         cloud = scene(layer(Uniform(base=500.0, top=1500.0), depth, HenyeyGreenstein(g=0.86)), AIR)
         message = complaint(lambda cloud=cloud: skyscatter.radiance(cloud, up, [0.0, 0.0, 1.0], [550.0]))
-        assert all(word in message for word in ("optical depth", "550 nm", "orders of scattering", "solver path"))
+        assert all(word in message for word in ("optical depth", "550 nm", "node to node", "solver path"))
 
 
 # Fluxes

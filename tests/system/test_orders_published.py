@@ -92,7 +92,9 @@ def cds_deviations(reference: Path, sun: int, tolerance: float) -> tuple[Array, 
     origin, sight = rays(
         np.array([0.0, 1.0])[:, None, None], np.stack([mu, -mu])[:, :, None], np.radians(30.0 * np.arange(7))
     )
-    answer = skyscatter.radiance(scene, origin, sight, wavelengths, stokes=True, tolerance=tolerance)
+    answer = skyscatter.radiance(
+        scene, origin, sight, wavelengths, solver=skyscatter.Orders(tolerance=tolerance), stokes=True
+    )
     found = answer.stokes[..., :3].reshape(2, 16, 7, 3, 3, 3).transpose(0, 3, 4, 1, 2, 5)
     return (found - expected) / expected[..., :1], mu
 
@@ -157,7 +159,9 @@ def test_siewert_problem_2a(tolerance: float, reference: Path) -> None:
     mu = -rows[:, 0]  # cosines of travel, positive downwards in the tables
     slab = Slab(1.0, 0.973527, greek(reference), 0.6)
     origin, sight = rays(depths[:, None], mu, np.array([0.0, np.pi])[:, None, None])
-    answer = skyscatter.radiance(slab.scene(), origin, sight, [WAVELENGTH], stokes=True, tolerance=tolerance)
+    answer = skyscatter.radiance(
+        slab.scene(), origin, sight, [WAVELENGTH], solver=skyscatter.Orders(tolerance=tolerance), stokes=True
+    )
     lit = expected[..., 0] > 0  # no light comes down at the top or up at the bottom
     off = (answer.stokes[..., 0, :2] - expected)[lit] / expected[..., :1][lit]
     worst = np.abs(off).max(axis=0)
@@ -185,7 +189,9 @@ def test_rayleigh_reflectance_of_6sv(tolerance: float, reference: Path) -> None:
         scene, wavelengths = slabs(beam_mu, pairs[:, 0].squeeze(), pairs[:, 1].squeeze(), Rayleigh())
         mu = np.cos(np.radians([row["vza_deg"] for row in under]))
         phi = np.radians([row["relative_azimuth_deg_vsmartmom"] for row in under])
-        answer = skyscatter.radiance(scene, *rays(0.0, mu, phi), wavelengths, stokes=True, tolerance=tolerance)
+        answer = skyscatter.radiance(
+            scene, *rays(0.0, mu, phi), wavelengths, solver=skyscatter.Orders(tolerance=tolerance), stokes=True
+        )
         kind = [kinds.index((row["tau"], row["lambert_albedo"])) for row in under]
         found = answer.radiance[np.arange(len(under)), kind] / beam_mu  # the beam's flux is pi
         expected = np.array([row["reflectance"] for row in under])
@@ -400,7 +406,9 @@ def test_neutral_points_of_a_clear_sky(sun: float) -> None:
     )
     angle = np.radians(np.arange(1.0, 179.1, 0.25))
     sight = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=-1)
-    answer = skyscatter.radiance(scene, scene.observer.position, sight, [450.0, 650.0], stokes=True, tolerance=0.004)
+    answer = skyscatter.radiance(
+        scene, scene.observer.position, sight, [450.0, 650.0], solver=skyscatter.Orders(tolerance=0.004), stokes=True
+    )
     share = answer.layers["Q"] / answer.radiance
     assert np.abs(answer.layers["U"] / answer.radiance).max() < 1e-6
     angle, points = np.degrees(angle), []

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from scipy import stats
 from significance import assert_agrees, over_seeds
 
@@ -47,7 +48,7 @@ def look(
     sight = np.stack(
         [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
     )
-    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, solver, **options)
+    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, **asked(solver, **options))
 
 
 @pytest.mark.parametrize("hazy", [False, True], ids=["clear", "hazy"])
@@ -134,24 +135,25 @@ def test_same_seed_same_bits_for_any_number_of_threads() -> None:
     scene = model(False).scene(sun_elevation_deg=5.0)
     camera = skyscatter.Panorama(width=32, height=16)  # 512 rays: four tiles
     one, two = (
-        skyscatter.render(scene, camera, WAVELENGTHS[:2], "path", samples=16, seed=7, threads=threads)
+        skyscatter.render(scene, camera, WAVELENGTHS[:2], solver=skyscatter.Path(samples=16, seed=7), threads=threads)
         for threads in (1, 2)
     )
     assert np.array_equal(one.radiance, two.radiance, equal_nan=True)
     assert np.array_equal(one.standard_error, two.standard_error, equal_nan=True)
-    other = skyscatter.render(scene, camera, WAVELENGTHS[:2], "path", samples=16, seed=8)
+    other = skyscatter.render(scene, camera, WAVELENGTHS[:2], solver=skyscatter.Path(samples=16, seed=8))
     assert not np.array_equal(one.radiance, other.radiance, equal_nan=True)
 
 
 def test_same_ray_numbers_same_bits_however_rays_are_split() -> None:
-    from skyscatter.solvers.base import Options, Rays
+    from skyscatter.solvers.base import Asked, Rays
+    from skyscatter.solvers.options import Path
     from skyscatter.solvers.path import prepare, solve
 
     scene = model(True).scene(sun_elevation_deg=5.0)
     elevation = np.radians(np.linspace(2.0, 88.0, 6))
     sight = np.stack([np.zeros(6), np.cos(elevation), np.sin(elevation)], axis=-1)
     rays = Rays(np.repeat(scene.observer.position[None], 6, axis=0), sight, np.arange(6))
-    options = Options(samples=32, seed=3)
+    options = Asked(Path(samples=32, seed=3))
     table = prepare(scene, rays, WAVELENGTHS, options, 1, None)
     whole = solve(table, rays, options).radiance
     parts = [solve(table, rays.part(piece), options).radiance for piece in (slice(0, 1), slice(1, 4), slice(4, 6))]
@@ -169,7 +171,7 @@ def test_error_bars_cover_where_the_sky_is_bright_around_a_low_sun_only(planet: 
     )
     # Copies of a ray draw numbers of their own: they are runs with other seeds.
     answer = skyscatter.radiance(
-        scene, scene.observer.position, np.tile(sight, (seeds, 1)), [450.0, 650.0], "path", samples=1024
+        scene, scene.observer.position, np.tile(sight, (seeds, 1)), [450.0, 650.0], solver=skyscatter.Path(samples=1024)
     )
     value, error = (a.reshape(seeds, 4) for a in (answer.radiance, answer.standard_error))
     off = np.abs(value - value.mean(axis=0)) / error
@@ -184,11 +186,12 @@ def test_error_bars_cover_where_the_sky_is_bright_around_a_low_sun_only(planet: 
 
 def test_a_word_before_walks_that_cannot_know_their_error() -> None:
     def prepared(scene: skyscatter.Scene, **options: Any) -> None:
-        from skyscatter.solvers.base import Options, Rays
+        from skyscatter.solvers.base import Asked, Rays
+        from skyscatter.solvers.options import Path
         from skyscatter.solvers.path import prepare
 
         rays = Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64))
-        prepare(scene, rays, WAVELENGTHS, Options(**options), 1, None)
+        prepare(scene, rays, WAVELENGTHS, Asked(Path(**options)), 1, None)
 
     with pytest.warns(UserWarning, match=r"sampling = 'free-flight' with sun_elevation_deg = -4.*leave sampling out"):
         prepared(model(False).scene(sun_elevation_deg=-4.0), sampling="free-flight")

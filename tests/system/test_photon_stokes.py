@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from coulson_tables import cds
 from numpy.typing import NDArray
 from significance import assert_mean_of_runs, largest_t, runs_of_power
@@ -73,7 +74,7 @@ def sights(*pairs: tuple[float, float]) -> tuple[Array, Array]:
 
 def photons(scene: SurfaceScene, o: Array, d: Array, **options: Any) -> Any:
     given = {"samples": 32, "photons": 1 << 14, "seed": 1, "stokes": True} | options
-    return skyscatter.radiance(scene, o, d, WAVELENGTHS, "photons", **given)
+    return skyscatter.radiance(scene, o, d, WAVELENGTHS, **asked("photons", **given))
 
 
 # --- truth: electric fields as vectors in three dimensions --------------------------------------------------------
@@ -312,7 +313,9 @@ def test_rayleigh_slab_against_corrected_coulson_tables(power: float, reference:
         return np.array(by_side)
 
     def run(seed: int, **more: Any) -> Array:
-        return skyscatter.radiance(scene, o, d, [550.0], "photons", seed=seed, **options, **more).stokes[:, 0, :3]
+        return skyscatter.radiance(scene, o, d, [550.0], **asked("photons", seed=seed, **options, **more)).stokes[
+            :, 0, :3
+        ]
 
     # Q and U, half of I and less, are known to three times that.
     powers = power * np.array([1.0, 3.0, 3.0])
@@ -322,7 +325,8 @@ def test_rayleigh_slab_against_corrected_coulson_tables(power: float, reference:
     assert_mean_of_runs(runs, 1.0, powers, np.array([1e-3, 3e-3, 3e-3]))
     # Scalar light is wrong by more than that, at single rays.
     scalar = np.mean([
-        skyscatter.radiance(scene, o, d, [550.0], "photons", seed=k, **options).radiance[:, 0] for k in range(24)
+        skyscatter.radiance(scene, o, d, [550.0], **asked("photons", seed=k, **options)).radiance[:, 0]
+        for k in range(24)
     ], axis=0)  # fmt: skip
     assert np.abs(scalar / expected[:, 0] - 1).max() > 0.03
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import dusty_sphere, parallel_rays
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
@@ -49,7 +50,7 @@ def fog(extinction: Any, albedo: Any = 1.0, g: float = 0.0, density: Any = None)
 
 def gathered(scene: Any, o: Array, d: Array, radius: float, **options: Any) -> Any:
     given = {"samples": 32, "photons": 1 << 14, "seed": 1} | options
-    return skyscatter.radiance(scene, o, d, WAVELENGTHS, "photons", radius=radius, **given)
+    return skyscatter.radiance(scene, o, d, WAVELENGTHS, **asked("photons", radius=radius, **given))
 
 
 def no_peaks(media: Any) -> PeakTable:
@@ -79,7 +80,7 @@ def walked(scene: Any, o: Array, d: Array, power: float, **options: Any) -> tupl
     samples = max(16, 1 << 11 >> len(d).bit_length())
     runs = runs_of_power(
         lambda seed: skyscatter.radiance(
-            scene, o, d, WAVELENGTHS, "path", samples=samples, seed=seed, **options
+            scene, o, d, WAVELENGTHS, **asked("path", samples=samples, seed=seed, **options)
         ).radiance.mean(axis=0),
         power,
     )
@@ -328,7 +329,7 @@ def test_radius_falls_and_the_bias_with_it() -> None:
     expected, error = walked(fog_room(), *rays, 0.002)
     runs = runs_of_power(
         lambda seed: skyscatter.radiance(
-            fog_room(), *rays, WAVELENGTHS, "photons", samples=96, photons=1 << 11, seed=seed
+            fog_room(), *rays, WAVELENGTHS, solver=skyscatter.Photons(samples=96, photons=1 << 11, seed=seed)
         ).radiance.mean(axis=0),
         0.006,
     )

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from furnace_blur import furnace_blur
 from significance import assert_mean_of_runs, runs_of_power
 from walk_scenes import WAVELENGTHS, directions, fog, medium, room
@@ -59,7 +60,7 @@ def assert_one(scene: SurfaceScene, origin: Any, d: Array, power: float = 1e-3, 
     o = np.atleast_2d(np.asarray(origin, float))
 
     def run(seed: int) -> float:
-        return float(skyscatter.radiance(scene, o, d, GREEN, "photons", seed=seed, **given).radiance.mean())
+        return float(skyscatter.radiance(scene, o, d, GREEN, **asked("photons", seed=seed, **given)).radiance.mean())
 
     runs = runs_of_power(run, power)
     print(f"{runs.mean():.5f} +- {runs.std(ddof=1) / np.sqrt(len(runs)):.5f} ({len(runs)} runs)")
@@ -90,7 +91,7 @@ def assert_white_fog(albedo: float, extinction: float, power: Any, expected: Any
     scene, (origins, d) = in_fog(closed_room(albedo), extinction), sights()
 
     def run(seed: int) -> Array:
-        answer = skyscatter.radiance(scene, origins, d, GREEN, "photons", seed=seed, **options)
+        answer = skyscatter.radiance(scene, origins, d, GREEN, **asked("photons", seed=seed, **options))
         return answer.radiance.mean(axis=(1, 2))
 
     runs = runs_of_power(run, power)
@@ -108,7 +109,9 @@ def test_rays_to_walls_that_shine_are_no_noisier_than_photons() -> None:
     """Beside a wall that is a lamp: with rays to points of it the noise was 70 times that of photons alone."""
     scene, options = in_fog(closed_room(0.3), 1.5), {"samples": 16, "photons": 1 << 12, "radius": 0.1}
     noise = [
-        skyscatter.radiance(scene, [(0.94, 0.1, 0.2)], directions(64), GREEN, "photons", direct=direct, **options)
+        skyscatter.radiance(
+            scene, [(0.94, 0.1, 0.2)], directions(64), GREEN, **asked("photons", direct=direct, **options)
+        )
         for direct in (True, False)
     ]
     by_rays, by_photons = (np.sqrt((answer.standard_error**2).mean()) for answer in noise)
@@ -124,9 +127,11 @@ def test_no_light_through_a_thin_wall() -> None:
     d = directions(200)
     options: dict[str, Any] = {"samples": 4, "photons": 1 << 13, "radius": 0.3}
     for direct in (True, False):
-        answer = skyscatter.radiance(scene, [[0.02, 0.0, -0.95]], d, GREEN, "photons", direct=direct, **options)
+        answer = skyscatter.radiance(
+            scene, [[0.02, 0.0, -0.95]], d, GREEN, **asked("photons", direct=direct, **options)
+        )
         assert not answer.radiance.any()
-    lit = skyscatter.radiance(scene, [[-0.02, 0.0, -0.95]], d, GREEN, "photons", **options)
+    lit = skyscatter.radiance(scene, [[-0.02, 0.0, -0.95]], d, GREEN, **asked("photons", **options))
     assert (lit.radiance > 0).all()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from coulson_tables import cds
 from numpy.typing import NDArray
 from plane_parallel import Slab
@@ -63,7 +64,9 @@ def look(
 ) -> Any:
     azimuth, elevation = np.array(sights).T
     sight = direction_from_azimuth_elevation(azimuth, elevation)
-    return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, solver, stokes=True, **options)
+    return skyscatter.radiance(
+        scene, scene.observer.position, sight, wavelengths, stokes=True, **asked(solver, **options)
+    )
 
 
 def bearing_to_sun(sights: Any, sun: float, azimuth: float) -> Array:
@@ -333,7 +336,7 @@ def test_isotropic_scattering_is_scalar_but_for_rounding() -> None:
     scene = scene_of(fog)
     polarised = look(scene, samples=64)
     d = direction_from_azimuth_elevation(*np.array(SIGHTS).T)
-    scalar = skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, "path", samples=64)
+    scalar = skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, solver=skyscatter.Path(samples=64))
     # Two variants of the kernel may round differently: 2^-53 for each of a walk's some hundred factors.
     np.testing.assert_allclose(polarised.radiance, scalar.radiance, rtol=1e-13)
     # The error is a root of squared differences between batches, here some hundredths of the mean: 100 times that.
@@ -420,7 +423,7 @@ def test_pictures_carry_the_layers_through_interruption(tmp_path: Path) -> None:
 
     scene, camera = hazy(30.0), skyscatter.Panorama(width=24, height=12)
     options: dict[str, Any] = {"solver": "path", "samples": 16, "stokes": True, "threads": 1}
-    whole = render(scene, camera, WAVELENGTHS, **options)
+    whole = render(scene, camera, WAVELENGTHS, **asked(**options))
     assert set(whole.layers) == {"Q", "U", "V", "Q_error", "U_error", "V_error"}
     assert whole.recipe["options"]["stokes"] is True
 
@@ -429,13 +432,15 @@ def test_pictures_carry_the_layers_through_interruption(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(Interrupted) as caught:
-        render(scene, camera, WAVELENGTHS, progress=stop, **options)
+        render(scene, camera, WAVELENGTHS, progress=stop, **asked(**options))
     caught.value.state.save(tmp_path / "state.zarr")
-    again = render(scene, camera, WAVELENGTHS, resume=tmp_path / "state.zarr", **options)
+    again = render(scene, camera, WAVELENGTHS, resume=tmp_path / "state.zarr", **asked(**options))
     for name in whole.layers:
         assert np.array_equal(whole.layers[name], again.layers[name], equal_nan=True)
     with pytest.raises(DomainError, match="begun with other options"):
-        render(scene, camera, WAVELENGTHS, "path", resume=tmp_path / "state.zarr", samples=16, threads=1)
+        render(
+            scene, camera, WAVELENGTHS, solver=skyscatter.Path(samples=16), resume=tmp_path / "state.zarr", threads=1
+        )
 
 
 def test_noise_stops_polarised_walks_too() -> None:

@@ -17,6 +17,7 @@ from skyscatter.media.shapes import GaussianShell, Plummer, PowerLaw, Shell, Sph
 from skyscatter.media.structures import Box, Cone
 from skyscatter.media.turbulence import Turbulence
 from skyscatter.media.voxels import VoxelGrid
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.run import radiance
 from skyscatter.space import SpaceScene, View
 
@@ -73,7 +74,7 @@ def nebula(seed: int, white: bool, star: Array) -> SpaceScene:
 
 def scattered(scene: SpaceScene, origins: Array, directions: Array, seed: int) -> tuple[float, float]:
     """Mean radiance of scattered light over independent rays, and its standard error, from their spread."""
-    answer = radiance(scene, origins, directions, WAVELENGTH, solver="path", samples=8, seed=seed, parts=True)
+    answer = radiance(scene, origins, directions, WAVELENGTH, solver=Path(samples=8, seed=seed), parts=True)
     rays = (answer.radiance - answer.layers["direct"])[:, 0]
     return float(rays.mean()), float(rays.std(ddof=1) / np.sqrt(rays.size))
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from significance import assert_agrees, assert_mean_of_runs, runs_of_power
 from walk_scenes import WAVELENGTHS, directions, fog, medium, room
 
@@ -58,7 +59,9 @@ def test_furnace_in_random_rooms_by_walks(first: int, scenes: int) -> None:
     """What glass and metal keep of it is below 1e-3 a time (the tables of `surfaces.facets`), of some such a walk."""
     values, errors = [], []
     for seed in range(first, first + scenes):
-        answer = skyscatter.radiance(furnace(seed), [[0.02, 0.01, 0.03]], LOOKS, GREEN, "path", samples=128, seed=seed)
+        answer = skyscatter.radiance(
+            furnace(seed), [[0.02, 0.01, 0.03]], LOOKS, GREEN, solver=skyscatter.Path(samples=128, seed=seed)
+        )
         values.append(answer.radiance.mean())
         errors.append(np.sqrt((answer.standard_error**2).sum()) / len(LOOKS))
     print(np.round(values, 4), np.round(errors, 4))
@@ -77,7 +80,7 @@ def test_furnace_in_random_rooms_by_photons(seed: int) -> None:
     def run(number: int) -> float:
         options: dict[str, Any] = {"samples": 2, "photons": 1 << 13, "radius": 0.1, "direct": False}
         answer = skyscatter.radiance(
-            furnace(seed), [[0.02, 0.01, 0.03]], LOOKS, GREEN, "photons", seed=number, **options
+            furnace(seed), [[0.02, 0.01, 0.03]], LOOKS, GREEN, **asked("photons", seed=number, **options)
         )
         return float(answer.radiance.mean())
 
@@ -115,7 +118,7 @@ def received(scene: SurfaceScene, plate: int, seed: int, count: int) -> tuple[fl
     across = np.eye(3)[[0, 1] if plate == 0 else [1, 2]]
     # 1 um from the plate: not on it, so that no one asks on which side the ray begins.
     o = place + u @ across + 1e-6 * normal
-    answer = skyscatter.radiance(scene, o, d, GREEN, "path", samples=16, seed=seed).radiance[:, 0]
+    answer = skyscatter.radiance(scene, o, d, GREEN, solver=skyscatter.Path(samples=16, seed=seed)).radiance[:, 0]
     return float(answer.mean()), float(answer.std(ddof=1) / np.sqrt(count))
 
 

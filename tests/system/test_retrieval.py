@@ -30,7 +30,9 @@ def walked() -> Any:
     parameters = [resolve(name, None, subject) for name in TRUTH]
     scene = apply(parameters, subject, list(TRUTH.values())).model.scene(sun_elevation_deg=40.0)
     look = direction_from_azimuth_elevation(AZIMUTH, ELEVATION)
-    answer = skyscatter.radiance(scene, scene.observer.position, look, WAVELENGTHS, "path", samples=8192, seed=1)
+    answer = skyscatter.radiance(
+        scene, scene.observer.position, look, WAVELENGTHS, solver=skyscatter.Path(samples=8192, seed=1)
+    )
     assert np.median(answer.standard_error / answer.radiance) < 0.2 * NOISE
     return answer.radiance.ravel()
 
@@ -52,7 +54,7 @@ def test_the_truth_is_inside_its_region_as_often_as_stated(walked: Any) -> None:
     """
     data = observation(walked)
     parameters, subject = free_parameters(skyscatter.load_model("earth-hazy"), dict.fromkeys(TRUTH), [data])
-    forward = Forward(parameters, subject, [data], Run("orders", {"tolerance": 0.01}))
+    forward = Forward(parameters, subject, [data], Run(skyscatter.Orders(tolerance=0.01)))
     truth = forward.state(list(TRUTH.values()))
     linear = forward.linearise(truth, np.full(4, 0.01))
     variance = data.sigma**2 + linear.error**2
@@ -74,7 +76,7 @@ def test_one_draw_all_the_way(walked: Any) -> None:
     noisy = walked * (1 + NOISE * np.random.default_rng(3).standard_normal(walked.size))
     start = {"haze.optical_depth": 0.25, "haze.asymmetry": 0.68, "ground.albedo": 0.15}
     model = with_values(skyscatter.load_model("earth-hazy"), start)
-    result = skyscatter.fit(model, observation(noisy), dict.fromkeys(TRUTH), tolerance=0.01)
+    result = skyscatter.fit(model, observation(noisy), dict.fromkeys(TRUTH), solver=skyscatter.Orders(tolerance=0.01))
     assert result.converged
     assert result.distance(TRUTH) < chi2.ppf(0.999, 4)
     assert result.degrees_of_freedom > 3.5
@@ -124,7 +126,7 @@ def test_fluxes_tell_the_aerosol() -> None:
         np.tile(elevation, 2), ["direct"] * 6 + ["diffuse"] * 6, y, noise=0.01, wavelength_nm=np.tile(wl, 2)
     )
     names = ["haze.optical_depth", "haze.angstrom_exponent", "haze.single_scattering_albedo"]
-    result = skyscatter.fit(model, data, dict.fromkeys(names), tolerance=0.01)
+    result = skyscatter.fit(model, data, dict.fromkeys(names), solver=skyscatter.Orders(tolerance=0.01))
     subject = Subject(model)
     assert result.distance({name: resolve(name, None, subject).get(subject) for name in names}) < chi2.ppf(0.999, 3)
 

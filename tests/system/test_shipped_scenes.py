@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 
 import skyscatter
 from skyscatter.datafiles import read_table
@@ -17,7 +18,7 @@ def picture(name: str, solver: str, **options: Any) -> Any:
     """A picture of few pixels."""
     model = skyscatter.load_model(name)
     camera = model.camera.model_copy(update={"width": 6, "height": 4})
-    return skyscatter.render(model.scene(), camera, WL, solver=solver, **options)
+    return skyscatter.render(model.scene(), camera, WL, **asked(solver, **options))
 
 
 @pytest.mark.slow
@@ -42,8 +43,8 @@ def test_subpixels_keep_the_light() -> None:
     model = skyscatter.load_model("fog-room")
     camera = skyscatter.Perspective(width=2, height=2, fov_deg=0.5)
     scene = model.scene(target=("3.2 m", "1 m", "0.5 m"))
-    plain = skyscatter.render(scene, camera, WL, solver="path", samples=2048, seed=1)
-    fine = skyscatter.render(scene, camera, WL, solver="path", samples=2304, seed=2, subpixels=3)
+    plain = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=2048, seed=1))
+    fine = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=2304, seed=2), subpixels=3)
     difference = np.asarray(fine.radiance - plain.radiance).mean(axis=(0, 1))
     variance = np.asarray(fine.standard_error**2 + plain.standard_error**2).sum(axis=(0, 1)) / 16
     assert np.all(np.abs(difference) < 4 * np.sqrt(variance))
@@ -64,7 +65,7 @@ def test_the_sky_beside_a_city_follows_walkers_law() -> None:
         up = np.array([0.0, -np.sin(angle), np.cos(angle)])
         towards = np.array([0.0, np.cos(angle), np.sin(angle)])
         place = np.array([0.0, 0.0, -6371e3]) + (6371e3 + 2.0) * up
-        answer = skyscatter.radiance(city, place, (up + towards) / np.sqrt(2), wl, solver="path", samples=4096)
+        answer = skyscatter.radiance(city, place, (up + towards) / np.sqrt(2), wl, solver=skyscatter.Path(samples=4096))
         eye = read_table("cie1931.csv")
         luminance.append(683 * 40 * answer.radiance @ np.interp(wl, eye["wavelength_nm"], eye["y_bar"]))
     law = 2.1e-4 * 0.01 * 5e5 * distances**-2.5

@@ -66,7 +66,7 @@ def pixel_rays() -> tuple[Any, Any]:
 @pytest.mark.parametrize("stokes", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_every_pixel_is_what_path_sees_there(stokes: bool) -> None:
     scene, result = painted(), image(stokes=stokes)
-    answer = skyscatter.radiance(scene, *pixel_rays(), WAVELENGTHS, "path", samples=512, stokes=stokes)
+    answer = skyscatter.radiance(scene, *pixel_rays(), WAVELENGTHS, solver=skyscatter.Path(samples=512), stokes=stokes)
     scale = np.pi / (scene.star.irradiance(WAVELENGTHS, scene.star_distance) * scene.sun.direction[2])
     expected, error = (np.moveaxis(a * scale, -1, 0) for a in (answer.radiance, answer.standard_error))
     # Pixels 1.6 km from the middle have the Sun and the sensor 0.015 degrees off: less than 1e-3 of any light.

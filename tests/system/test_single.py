@@ -22,6 +22,7 @@ from skyscatter.optics.absorption import TabulatedAbsorption
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.optics.rayleigh import RayleighPowerLaw
+from skyscatter.solvers.options import Single
 from skyscatter.spectra.solar import SOLAR_RADIUS, disk_mean, limb_darkening
 
 Array = NDArray[np.float64]
@@ -175,7 +176,9 @@ def point_sun(elevation: float, altitude: float, azimuth: float = 180.0, **kwarg
 
 
 def single(scene: Scene, rays: list[Array], tolerance: float | None = None) -> dict[str, Array]:
-    answer = radiance(scene, scene.observer.position, np.array(rays), WL, "single", parts=True, tolerance=tolerance)
+    answer = radiance(
+        scene, scene.observer.position, np.array(rays), WL, solver=Single(tolerance=tolerance), parts=True
+    )
     assert np.all(answer.standard_error == 0)
     return answer.layers | {"radiance": answer.radiance}
 

@@ -64,7 +64,7 @@ def disk_irradiance(it: Scene, low: float = -90.0) -> NDArray[np.float64]:
 
 def direct_light(it: Scene, camera: Any) -> NDArray[np.float64]:
     """Irradiance [W m-2 nm-1] that each pixel of a picture holds of the Sun's disk."""
-    made = skyscatter.render(it, camera, WAVELENGTHS, "single", parts=True, tolerance=0.1)
+    made = skyscatter.render(it, camera, WAVELENGTHS, solver=skyscatter.Single(tolerance=0.1), parts=True)
     return np.asarray(np.nan_to_num(made.layers["direct"]) * camera.pixel_solid_angle(it.observer)[..., None])
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from bases import complaint
 from numpy.typing import NDArray
 from plain_rooms import Fog
@@ -31,7 +32,7 @@ WHITE = Fog(2.0, 1.0, 0.6)
 
 
 def solve(scene: SurfaceScene, rays: tuple[Array, Array], solver: str = "path", **options: Any) -> Answer:
-    return skyscatter.radiance(scene, *rays, WAVELENGTHS, solver, **{"samples": 64, "seed": 1, **options})
+    return skyscatter.radiance(scene, *rays, WAVELENGTHS, **asked(solver, **{"samples": 64, "seed": 1, **options}))
 
 
 def check_furnace(scene: SurfaceScene, rays: tuple[Array, Array], expected: float = 1.0, **options: Any) -> None:

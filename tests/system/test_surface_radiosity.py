@@ -40,7 +40,7 @@ def judged(count: int, edge: float) -> tuple[Any, Any, Seen]:
 def test_path_agrees_with_radiosity() -> None:
     origins, directions, seen = judged(64, 0.5)
     answer = skyscatter.radiance(
-        room_scene(room(), WAVELENGTHS), origins, directions, WAVELENGTHS, "path", samples=2048, seed=3
+        room_scene(room(), WAVELENGTHS), origins, directions, WAVELENGTHS, solver=skyscatter.Path(samples=2048, seed=3)
     )
     # The judge's own error is that of its patches, largest in corners: a bound in the mean over rays, 4 times for one.
     assert_agrees(answer.radiance, seen.radiance, answer.standard_error, slack=4 * seen.error)
@@ -55,7 +55,7 @@ def test_path_agrees_with_radiosity_finely() -> None:
     origins, directions, seen = judged(200, 1 / 6)
     assert seen.error < 2.5e-3
     answer = skyscatter.radiance(
-        room_scene(room(), WAVELENGTHS), origins, directions, WAVELENGTHS, "path", samples=8192, seed=3
+        room_scene(room(), WAVELENGTHS), origins, directions, WAVELENGTHS, solver=skyscatter.Path(samples=8192, seed=3)
     )
     assert_agrees(answer.radiance, seen.radiance, answer.standard_error, slack=4 * seen.error)
     ratio, error = mean_ratio(answer.radiance, seen.radiance, answer.standard_error)
@@ -68,7 +68,8 @@ def test_error_bars_of_path_in_a_room_are_their_spread() -> None:
     origins, directions, _ = judged(16, 0.5)
     scene = room_scene(room(), WAVELENGTHS)
     answers = [
-        skyscatter.radiance(scene, origins, directions, WAVELENGTHS, "path", samples=64, seed=s) for s in range(60)
+        skyscatter.radiance(scene, origins, directions, WAVELENGTHS, solver=skyscatter.Path(samples=64, seed=s))
+        for s in range(60)
     ]
     spread = np.std([a.radiance for a in answers], axis=0, ddof=1)
     stated = np.sqrt(np.mean([a.standard_error**2 for a in answers], axis=0))
@@ -87,12 +88,12 @@ def test_photons_agree_with_radiosity() -> None:
     scene, expected = room_scene(room(), WAVELENGTHS), seen.radiance.mean(axis=0)
 
     def means(radius: float, first: int) -> Any:
-        return np.array([
-            skyscatter.radiance(
-                scene, origins, directions, WAVELENGTHS, "photons", samples=64, photons=20_000, radius=radius, seed=seed
-            ).radiance.mean(axis=0) / expected
-            for seed in range(first, first + 18)
-        ])  # fmt: skip
+        runs = []
+        for seed in range(first, first + 18):
+            solver = skyscatter.Photons(samples=64, photons=20_000, radius=radius, seed=seed)
+            light = skyscatter.radiance(scene, origins, directions, WAVELENGTHS, solver=solver).radiance
+            runs.append(light.mean(axis=0) / expected)
+        return np.array(runs)
 
     wide, near = means(0.1, 0), means(0.05, 100)
     runs = 2 * near - wide

@@ -459,4 +459,4 @@ def test_light_that_walks_do_not_find_is_announced() -> None:
     lamp = PointLamp(position=(0, 0, 5), power=1.0)
     scene = SurfaceScene(media=media, bodies=(glass,), lamps=(lamp,), viewpoint=Viewpoint(target=(1, 0, 0)))
     with pytest.warns(UserWarning, match="through smooth glass"):
-        skyscatter.radiance(scene, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), [550.0], "path", samples=2)
+        skyscatter.radiance(scene, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), [550.0], solver=skyscatter.Path(samples=2))

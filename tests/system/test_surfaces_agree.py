@@ -15,6 +15,7 @@ import numpy as np
 import plain_rooms
 import pytest
 import radiosity
+from asking import asked
 from nebulae import flat, parallel_rays
 from numpy.typing import NDArray
 from plain_rooms import Fog
@@ -89,12 +90,9 @@ CASES = {"room": foggy_room, "star": star_in_dust, "slab": slab}
 
 def means(case: Case, solver: str, seeds: int, first: int = 0, **options: Any) -> Array:
     """Mean light over the rays of each run (run, wavelength)."""
-    return np.array([
-        skyscatter.radiance(
-            case.scene, case.origins, case.directions, WAVELENGTHS, solver, seed=first + seed, **options
-        ).radiance.mean(axis=0)
-        for seed in range(seeds)
-    ])  # fmt: skip
+    rays = case.origins, case.directions
+    runs = [asked(solver, seed=first + seed, **options) for seed in range(seeds)]
+    return np.array([skyscatter.radiance(case.scene, *rays, WAVELENGTHS, **run).radiance.mean(axis=0) for run in runs])
 
 
 def extrapolated(case: Case, estimator: str, seeds: int, **options: Any) -> tuple[Array, Array, Array]:
@@ -144,7 +142,7 @@ def test_path_in_a_room_of_fog_agrees_with_plain_walks() -> None:
     grey = Fog(0.7, 0.95, 0.6)
     value, error = plain_rooms.walk(pieces, grey, origins, directions, 0, 12_000, 1)
     scene = room_scene(pieces, [550.0], grey)
-    answer = skyscatter.radiance(scene, origins, directions, [550.0], "path", samples=1024, seed=2)
+    answer = skyscatter.radiance(scene, origins, directions, [550.0], solver=skyscatter.Path(samples=1024, seed=2))
     both = np.hypot(answer.standard_error[:, 0], error)
     assert_agrees(answer.radiance[:, 0], value, both)
     ratio = answer.radiance.sum() / value.sum()

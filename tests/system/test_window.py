@@ -385,7 +385,8 @@ def test_pictures_of_a_nebula_add_up(questions: Questions, tmp_path: Any, monkey
     """Means over all walks, with the error that independent walks have; see `Mean`."""
     scene = skyscatter.load_model("star-in-dust").scene()
     camera = skyscatter.Telescope.from_length(12, 10, "0.4 pc", scene.view.distance)
-    images = [skyscatter.render(scene, camera, [450, 550, 650], "path", samples=16, seed=seed) for seed in range(3)]
+    walks = [skyscatter.Path(samples=16, seed=seed) for seed in range(3)]
+    images = [skyscatter.render(scene, camera, [450, 550, 650], solver=solver) for solver in walks]
     mean = Mean()
     for image in images:
         mean.add(image, 16)

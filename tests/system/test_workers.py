@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 
 import skyscatter
 from skyscatter.cli.main import main
@@ -52,7 +53,7 @@ def made(name: str, **more: Any) -> Any:
     else:
         scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=30)
         camera = CAMERA
-    return skyscatter.render(scene, camera, WAVELENGTHS, **JOBS[name], **more)
+    return skyscatter.render(scene, camera, WAVELENGTHS, **asked(**JOBS[name], **more))
 
 
 def scene_camera() -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from scipy import stats
 from significance import assert_agrees
 
@@ -50,7 +51,7 @@ def sky(model: str, sun: float, altitude: float = 2.0, **held: Any) -> skyscatte
 def look(scene: skyscatter.Scene, solver: str = "path", d: Any = None, **options: Any) -> Any:
     """Light at the observer."""
     d = directions() if d is None else d
-    return skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, solver, **options)
+    return skyscatter.radiance(scene, scene.observer.position, d, WAVELENGTHS, **asked(solver, **options))
 
 
 @pytest.mark.parametrize("sun", [60.0, 25.0, 5.0])
@@ -115,7 +116,9 @@ def test_a_box_in_the_sun() -> None:
         way = target - start
         origin = start + np.array([0.0, 0.0, scene.medium.radius])
         d = way / np.linalg.norm(way)
-        seen = skyscatter.radiance(scene, origin, d, WAVELENGTHS, "path", samples=4096, parts=True, seed=5)
+        seen = skyscatter.radiance(
+            scene, origin, d, WAVELENGTHS, solver=skyscatter.Path(samples=4096, seed=5), parts=True
+        )
         between = skyscatter.transmittance(plain, origin, origin + way, WAVELENGTHS)
         expected = factor * sunlight(scene, plain, target) * between
         # Columns by tables; without chance but for the point on the disk, over which the cosine hardly changes.
@@ -132,7 +135,7 @@ def test_a_box_darkens_the_haze() -> None:
     start = scene.observer.position
     # The tower's edge is at the height 500 m, 90 to 110 m south: the ray is lit from where the Sun clears it.
     lit = 500.0 - 90.0 * np.tan(np.radians(30.0))
-    found = skyscatter.radiance(scene, start, d, WAVELENGTHS, "path", samples=4096, parts=True, seed=6)
+    found = skyscatter.radiance(scene, start, d, WAVELENGTHS, solver=skyscatter.Path(samples=4096, seed=6), parts=True)
     high = np.array([0.0, 0.0, scene.medium.radius + lit])
     above = skyscatter.radiance(plain, high, d, WAVELENGTHS, "single", parts=True)
     dimmed = above.layers["scattered"] * skyscatter.transmittance(plain, start, high, WAVELENGTHS)
@@ -291,11 +294,17 @@ def test_photons_leave_the_disk_as_walks_find_it() -> None:
     eye = np.array([3.0, -3.0, 3.0])
     targets = np.array([[-0.6, 0.0, 0.0], [-0.6, 0.45, 0.0], [-0.2, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 2.5]])
     d = (targets - eye) / np.linalg.norm(targets - eye, axis=1)[:, None]
-    walked = skyscatter.radiance(scene, eye, d, WAVELENGTHS, "path", samples=16384, seed=11)
-    sent = skyscatter.radiance(scene, eye, d, WAVELENGTHS, "photons", samples=32, photons=1 << 14, radius=0.05, seed=11)
+    walked = skyscatter.radiance(scene, eye, d, WAVELENGTHS, solver=skyscatter.Path(samples=16384, seed=11))
+    sent = skyscatter.radiance(
+        scene, eye, d, WAVELENGTHS, solver=skyscatter.Photons(samples=32, photons=1 << 14, radius=0.05, seed=11)
+    )
     # Light is gathered within 5 cm, over which the penumbra, 28 cm wide, is not straight.
     assert_agrees(sent.radiance, walked.radiance, np.hypot(sent.error, walked.error), slack=0.02)
     all_sent = skyscatter.radiance(
-        scene, eye, d, WAVELENGTHS, "photons", samples=32, photons=1 << 15, radius=0.08, direct=False, seed=12
+        scene,
+        eye,
+        d,
+        WAVELENGTHS,
+        solver=skyscatter.Photons(samples=32, photons=1 << 15, radius=0.08, direct=False, seed=12),
     )
     assert_agrees(all_sent.radiance, walked.radiance, np.hypot(all_sent.error, walked.error), slack=0.04)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import component, parallel_rays
 
 import skyscatter
@@ -12,14 +13,17 @@ from skyscatter.lights import PointStar
 from skyscatter.media.medium import Medium
 from skyscatter.media.shapes import Sphere
 from skyscatter.media.structures import Cone
-from skyscatter.solvers.base import Options, Rays
+from skyscatter.solvers.base import Asked, Rays
 from skyscatter.solvers.bounds import check_bounds
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.volume_path import prepare, solve
 from skyscatter.space import SpaceScene, View
 from skyscatter.spectra.table import SpectralTable
 
 GREY = SpectralTable(wavelengths=(500.0,), values=(1.0,))
 WAVELENGTHS = np.array([550.0])
+#: Walks that trust bounds.
+TRACKED = (Asked(Path(samples=64, transmittance="ratio")), Asked(Path(samples=64, sampling="delta")))
 CONE = Cone(half_angle_deg=30.0, length=1.0, both_sides=True)
 
 
@@ -50,15 +54,14 @@ def test_wrong_bounds_are_refused_before_walks_begin(more: dict[str, str], monke
     medium = Medium(components=(parts[0], parts[1].model_copy(update={"density": field})))
     wrong = scene.model_copy(update={"medium": medium})
     with pytest.raises(DomainError, match=r"density of 'dust'.*outside its bounds.*quadrature"):
-        skyscatter.radiance(wrong, rays().origins, rays().directions, WAVELENGTHS, solver="path", samples=16, **more)
-    skyscatter.radiance(
-        wrong, rays().origins, rays().directions, WAVELENGTHS, solver="path", samples=16, transmittance="quadrature"
-    )
+        skyscatter.radiance(wrong, rays().origins, rays().directions, WAVELENGTHS, **asked("path", samples=16, **more))
+    columns = Path(samples=16, transmittance="quadrature")
+    skyscatter.radiance(wrong, rays().origins, rays().directions, WAVELENGTHS, solver=columns)
 
 
-@pytest.mark.parametrize("options", [Options(samples=64, transmittance="ratio"), Options(samples=64, sampling="delta")])
+@pytest.mark.parametrize("options", TRACKED)
 @pytest.mark.parametrize("factor", [0.0, 0.5])
-def test_walks_notice_densities_above_their_bounds(factor: float, options: Options) -> None:
+def test_walks_notice_densities_above_their_bounds(factor: float, options: Asked[Path]) -> None:
     """A table whose bounds are too low, also where they are 0 and tracking sees nothing at all."""
     context = prepare(carved(), rays(), WAVELENGTHS, options, 1, None)
     solve(context, rays(), options)
@@ -80,5 +83,5 @@ def test_bounds_of_voxels_that_share_faces_with_the_grid_of_bounds() -> None:
     scene = carved().model_copy(update={"medium": medium})
     origins = np.array([[x, y, 10.0] for x in (-0.5, 0.0, 0.25) for y in (0.0, 0.0625)])
     seen = Rays(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape).copy(), np.arange(len(origins)))
-    for options in (Options(samples=64, transmittance="ratio"), Options(samples=64, sampling="delta")):
+    for options in TRACKED:
         solve(prepare(scene, seen, WAVELENGTHS, options, 1, None), seen, options)

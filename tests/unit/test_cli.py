@@ -18,7 +18,7 @@ import skyscatter
 from skyscatter.cli import common
 from skyscatter.cli import sky as sky_module
 from skyscatter.cli.main import main
-from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_tolerance, parse_wavelengths
+from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_wavelengths
 from skyscatter.errors import DomainError, ModelFileError, SkyscatterError
 from skyscatter.geometry.sun import sun_position
 from skyscatter.image.colour import xyz_weights
@@ -169,15 +169,18 @@ def refused(capsys, arguments):
         (["--wavelengths", "blue"], ["wavelengths", "'blue'", "380:780:5"]),
         (["--wavelengths", "380:blue:5"], ["wavelengths", "'380:blue:5'", "380:780:5"]),
         (["--wavelengths", "0,1"], ["positive"]),
-        (["--noise", "0"], ["noise", "'0'"]),
-        (["--noise", "200%"], ["noise", "200%"]),
-        (["--noise", "little"], ["noise", "1%"]),
-        (["--samples", "0"], ["samples", "'0'", "1 or more"]),
+        (
+            ["--solver", "path", "--noise", "0"],
+            ["noise = 0.0: a relative standard error between 0 and 1, such as 0.01"],
+        ),
+        (["--solver", "path", "--noise", "200%"], ["noise = 2.0"]),
+        (["--noise", "little"], ["noise = 'little': a relative standard error between 0 and 1"]),
+        (["--solver", "path", "--samples", "1"], ["samples = 1: a whole number, at least 2"]),
         (["--samples", "many"], ["samples", "'many'"]),
         (["--samples", "1.5"], ["samples", "'1.5'"]),
         (["--samples"], ["--samples", "argument"]),
-        (["--samples", "4", "--noise", "1%"], ["--samples or --noise"]),
-        (["--seed", "-1"], ["seed", "'-1'"]),
+        (["--solver", "path", "--samples", "4", "--noise", "1%"], ["samples = 4: give samples or noise, not both"]),
+        (["--seed", "-1"], ["seed = -1", "from 0 to 2^63 - 1"]),
         (["--seed", "9" * 30], ["seed", "2^63 - 1"]),
         (["--show", "phase"], ["show", "'phase'", "degree"]),
         (["--show", "colour:550"], ["show", "'colour:550'", "degree:550"]),
@@ -189,19 +192,17 @@ def refused(capsys, arguments):
         (["--show", "angle", "--exposure", "12"], ["exposure", "--show angle"]),
         (["--show", "angle", "--space", "srgb"], ["space", "--show angle"]),
         (["--threads", "0"], ["threads", "'0'"]),
-        (["--max-order", "0"], ["max_order", "'0'"]),
+        (["--max-order", "0"], ["max_order = 0: a whole number, at least 1"]),
         (["--solver", "magic"], ["solver", "'magic'", "orders, path, single"]),
         (["--solver", "single", "--samples", "3"], ["samples", "single"]),
         (["--solver", "single", "--noise", "1%"], ["noise", "single"]),
         (["--solver", "single", "--max-order", "3"], ["max_order", "single", "--solver orders"]),
-        (["--solver", "single", "--tolerance", "1%"], ["tolerance", "single", "--solver orders"]),
-        (["--solver", "path", "--tolerance", "1%"], ["tolerance", "path", "--solver orders"]),
+        (["--solver", "single", "--seed", "3"], ["seed = 3", "single", "--solver path"]),
         (["--samples", "16"], ["samples = 16", "orders", "--solver path"]),
         (["--noise", "1%"], ["noise = 0.01", "orders", "--solver path"]),
-        (["--seed", "0"], ["seed = 0", "orders", "--solver path"]),
-        (["--tolerance", "0"], ["tolerance", "'0'", "0.5%"]),
-        (["--tolerance", "20%"], ["tolerance", "'20%'", "10 %"]),
-        (["--tolerance", "fine"], ["tolerance", "'fine'", "0.005"]),
+        (["--tolerance", "0"], ["tolerance = 0.0: a relative tolerance between 0.0001 and 0.1"]),
+        (["--tolerance", "20%"], ["tolerance = 0.2"]),
+        (["--tolerance", "fine"], ["tolerance = 'fine'", "between"]),
         (["--altitude", "high"], ["altitude", "'high'", "km"]),
         (["--view", "globe"], ["view", "'globe'", "fisheye"]),
         (["--view", "perspective:0,0,200"], ["fov_deg", "200", "below 180"]),
@@ -279,8 +280,7 @@ def test_defaults(fake, capsys):
     assert (camera.fov_deg, camera.elevation_max_deg - camera.elevation_min_deg) == (120.0, pytest.approx(45.0))
     assert camera.elevation_min_deg == pytest.approx(-7.5 - 1.015, abs=1e-3)  # the digits given
     assert fake.render["wavelengths"][[0, 1, -1]].tolist() == [380, 390, 780]
-    expected = {"solver": "orders", "seed": 0}
-    expected |= dict.fromkeys(("samples", "noise", "tolerance", "max_order", "threads"))
+    expected = {"solver": skyscatter.Orders(), "threads": None}
     assert {key: fake.render[key] for key in expected} == expected
     assert fake.render["resume"] is None
     assert fake.image.saved == {"sky.png": {"exposure": 12.5, "tone": "photograph", "space": "srgb", "bits": 8}}
@@ -325,7 +325,7 @@ def test_everything_given(fake, capsys):
     asked = fake.render
     assert (asked["camera"].projection, asked["camera"].width, asked["camera"].height) == ("equisolid", 30, 20)
     assert asked["wavelengths"].tolist() == [450, 550, 650]
-    assert [asked[key] for key in ("noise", "samples", "seed", "threads", "max_order")] == [0.02, None, 7, 2, 3]
+    assert [asked[key] for key in ("solver", "threads")] == [skyscatter.Path(noise=0.02, seed=7, max_order=3), 2]
     png = {"exposure": -1.5, "tone": "linear", "space": "rec2020", "bits": 16}
     assert fake.image.saved == {"a.png": png, "b.exr": {}, "c.fits": {}, "d.nc": {}}
     assert capsys.readouterr() == ("", "")
@@ -334,7 +334,7 @@ def test_everything_given(fake, capsys):
 @pytest.mark.parametrize(("text", "value"), [("2%", 0.02), ("0.001", 0.001)])
 def test_accuracy_and_order_limit_of_the_default_solver(fake, capsys, text, value):
     assert main(["sky", "--json", "--tolerance", text, "--max-order", "2"]) == 0
-    assert (fake.render["solver"], fake.render["tolerance"], fake.render["max_order"]) == ("orders", value, 2)
+    assert fake.render["solver"] == skyscatter.Orders(tolerance=value, max_order=2)
     assert json.loads(capsys.readouterr().out)["tolerance"] == value
 
 
@@ -582,14 +582,6 @@ def test_wavelength_ranges_include_both_ends():
 def test_noise_in_percent_or_as_a_fraction():
     assert parse_noise("1%") == parse_noise("0.01") == 0.01
     assert parse_noise(None) is None
-
-
-def test_accuracy_in_percent_or_as_a_fraction():
-    assert parse_tolerance("0.5%") == parse_tolerance(" 0.005 ") == 0.005
-    # the ends of the range belong to it
-    assert parse_tolerance("0.01%") == 1e-4
-    assert parse_tolerance("10%") == 0.1
-    assert parse_tolerance(None) is None
 
 
 def test_size_defaults_to_the_view():

@@ -98,8 +98,8 @@ def fake(monkeypatch, tmp_path):
         (["--solver", "photons", "--tolerance", "1%"], ["tolerance", "--solver path"]),
         (["--photons", "1000"], ["photons", "--solver photons"]),
         (["--solver", "photons", "--radius", "wide"], ["radius", "'wide'"]),
-        (["--samples", "3", "--noise", "1%"], ["--samples or --noise"]),
-        (["--tolerance", "20%"], ["tolerance", "between 1e-07 and 10 %"]),
+        (["--samples", "3", "--noise", "1%"], ["samples = 3: give samples or noise, not both"]),
+        (["--tolerance", "20%"], ["tolerance = 0.2: a relative tolerance between 1e-9 and 0.1"]),
         (["--orders", "0"], ["orders", "1 or more"]),
         (["--filters", "V"], ["filters", "FITS"]),
         (["-o", "a.fits", "--filters", "Z"], ["filter", "no such filter"]),
@@ -156,11 +156,9 @@ def test_defaults(fake, capsys):
     assert main(["nebula", "orion", "-o", "a.png"]) == 0
     assert fake.scene == {}
     asked = fake.render
-    expected = {"solver": "path", "seed": 0, "resume": None}
-    expected |= dict.fromkeys(("noise", "tolerance", "max_order", "threads"))
+    expected = {"solver": skyscatter.Path(samples=4), "resume": None, "threads": None}
     assert {key: asked[key] for key in expected} == expected
-    assert asked["samples"] == 4
-    assert not {"orders", "sampling", "stokes"} & set(asked)
+    assert not {"orders", "stokes"} & set(asked)
     camera = asked["camera"]
     assert (camera.kind, camera.width, camera.height) == ("telescope", 512, 512)
     # all of it: the longer side seen along z is 2 pc, with a margin of 5 %, at 400 pc
@@ -217,8 +215,8 @@ def test_everything_given(fake, capsys):
     assert main(words.split()) == 0
     assert capsys.readouterr() == ("", "")
     assert fake.scene == {"inclination_deg": 30.0, "azimuth_deg": -10.0, "position_angle_deg": 45.0}
-    asked = [fake.render[key] for key in ("noise", "tolerance", "max_order", "orders", "sampling", "seed", "threads")]
-    assert asked == [0.02, 0.01, 5, 3, "delta", 7, 2]
+    solver = skyscatter.Path(noise=0.02, tolerance=0.01, max_order=5, sampling="delta", seed=7)
+    assert [fake.render[key] for key in ("solver", "orders", "threads")] == [solver, 3, 2]
     image = SpectralImage.load("d.nc")
     assert image.sky is not None
     assert image.sky.name == "orion"
@@ -298,7 +296,7 @@ def test_narrow_bands_get_wavelengths_of_their_own(fake):
 
 def test_accuracy_of_the_light_scattered_once(fake):
     assert main(["nebula", "orion", "--size", "4x3", "--json", "--solver", "single", "--tolerance", "1e-5"]) == 0
-    assert fake.render["tolerance"] == 1e-5
+    assert fake.render["solver"].tolerance == 1e-5
 
 
 def test_stated_exposure(fake, capsys):
@@ -335,10 +333,9 @@ def test_angles_lengths_and_times():
 def test_photons_are_asked_for_with_their_options(fake):
     words = "--solver photons --photons 5000 --radius 0.01pc --estimator both --samples 8 -o out.png -q"
     assert main(["nebula", "orion", *words.split(), "--wavelengths", "450,550,650"]) == 0
-    assert fake.render["solver"] == "photons"
-    assert fake.render["photons"] == 5000
-    assert fake.render["radius"] == pytest.approx(0.01 * PARSEC)
-    assert fake.render["estimator"] == "both"
+    solver = fake.render["solver"]
+    assert (solver.name, solver.samples, solver.photons, solver.estimator) == ("photons", 8, 5000, "both")
+    assert solver.radius == pytest.approx(0.01 * PARSEC)
 
 
 def test_pictures_are_smoothed_and_data_are_not(fake):

@@ -46,10 +46,11 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Any]:
         (["--solver", "path", "--photons", "1000"], ["photons", "--solver photons"]),
         (["--solver", "path", "--radius", "1cm"], ["radius", "--solver photons"]),
         (["--solver", "path", "--estimator", "paths"], ["estimator", "--solver photons"]),
-        (["--solver", "photons", "--photons", "0"], ["photons", "1 or more"]),
+        (["--solver", "photons", "--photons", "0"], ["photons = 0: a whole number, at least 1"]),
         (["--solver", "photons", "--radius", "wide"], ["radius", "'wide'"]),
         (["--subpixels", "0"], ["subpixels", "1 or more"]),
-        (["--samples", "3", "--noise", "1%"], ["--samples or --noise"]),
+        (["--samples", "3", "--noise", "1%"], ["samples = 3: give samples or noise, not both"]),
+        (["--sampling", "area", "--photons", "9"], ["photons = 9: no solver knows it beside --sampling; leave it out"]),
         (["--orders", "none"], ["orders", "1 or more"]),
         (["--tone", "loud"], ["tone", "filmic, linear"]),
         (["--bits", "12"], ["8 or 16"]),
@@ -106,8 +107,8 @@ def test_the_model_says_where_and_how_to_look(asked: dict[str, Any], capsys: pyt
     model = skyscatter.load_model("fog-room")
     assert asked["scene"] == model.scene()
     assert asked["camera"] == model.camera
-    assert asked["solver"] == "photons"  # there is fog
-    assert not {"subpixels", "photons", "radius", "estimator", "orders"} & set(asked)
+    assert asked["solver"] == skyscatter.Photons()  # there is fog
+    assert not {"subpixels", "orders"} & set(asked)
     assert summary["size"] == [model.camera.width, model.camera.height]
     assert summary["seed"] == 0
     assert summary["noise"] == pytest.approx(0.02)
@@ -123,11 +124,9 @@ def test_options_reach_camera_solver_and_files(asked: dict[str, Any], capsys: py
     assert asked["scene"].viewpoint.position == (1.0, 2.0, 0.3)
     assert asked["scene"].viewpoint.up == (0.0, 1.0, 0.0)
     assert (asked["camera"].width, asked["camera"].height, asked["camera"].fov_deg) == (6, 4, 40.0)
-    given = {name: asked[name] for name in ("solver", "photons", "radius", "estimator", "samples", "max_order")}
-    assert given == {
-        "solver": "photons", "photons": 1000, "radius": 0.02, "estimator": "paths", "samples": 8, "max_order": 5,
-    }  # fmt: skip
-    assert (asked["orders"], asked["subpixels"], asked["seed"], asked["threads"]) == (2, 2, 7, 1)
+    given = {"photons": 1000, "radius": 0.02, "estimator": "paths", "samples": 8, "max_order": 5, "seed": 7}
+    assert asked["solver"] == skyscatter.Photons(**given)
+    assert (asked["orders"], asked["subpixels"], asked["threads"]) == (2, 2, 1)
     assert summary["exposure_ev"] == 3.0
     assert read_png("a.png").pixels.shape == (4, 6, 3)
     assert Path("a.exr").is_file()

@@ -113,7 +113,9 @@ def test_light_of_the_disk_in_pictures(where, camera) -> None:
         rays = grid.reshape(-1, 3)
         direct = np.zeros((len(rays), WL.size))
         inside = np.isfinite(rays[:, 0])
-        answer = skyscatter.radiance(of, of.observer.position, rays[inside], WL, "single", parts=True, tolerance=0.1)
+        answer = skyscatter.radiance(
+            of, of.observer.position, rays[inside], WL, solver=skyscatter.Single(tolerance=0.1), parts=True
+        )
         direct[inside] = answer.layers["direct"]
         if found is not None:
             direct[found[0]] += found[1]
@@ -162,7 +164,7 @@ def test_what_walks_leave_out_is_refused() -> None:
     with pytest.raises(DomainError, match="solver path"):
         skyscatter.radiance(it, here, up, [550.0], stokes=True)
     with pytest.raises(DomainError, match="1e-3"):
-        skyscatter.radiance(it, here, up, [550.0], tolerance=2e-4)
+        skyscatter.radiance(it, here, up, [550.0], solver=skyscatter.Orders(tolerance=2e-4))
 
 
 def test_fluxes_are_refused() -> None:

@@ -10,8 +10,9 @@ import pytest
 from walk_scenes import WAVELENGTHS, fog, medium, room
 
 from skyscatter.solvers import photons, surface_path
-from skyscatter.solvers.base import Options, Rays
+from skyscatter.solvers.base import Asked, Rays
 from skyscatter.solvers.far_lamps import share_by_glass, share_through_fog, warn_of_far_lamps, warn_of_small_lamps
+from skyscatter.solvers.options import Path, Photons
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.surfaces.lamps import AreaLamp
 from skyscatter.surfaces.materials import Dielectric, Interface, Lambert
@@ -55,11 +56,11 @@ def test_a_small_body_of_fog_hides_no_lamp() -> None:
 @pytest.mark.parametrize("solver", [surface_path, photons])
 def test_dense_fog_is_warned_of_before_the_run(solver: Any) -> None:
     rays = Rays(PLACE[None], np.array([[0.0, 0.0, 1.0]]), np.arange(1))
-    given = {"radius": 0.1} if solver is photons else {}
+    asked: Asked[Any] = Asked(Photons(radius=0.1) if solver is photons else Path())
     for extinction, warned in ((30.0, True), (0.5, False)):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            solver.prepare(lit_room(extinction, 0.9), rays, WAVELENGTHS, Options(**given), 1, None)
+            solver.prepare(lit_room(extinction, 0.9), rays, WAVELENGTHS, asked, 1, None)
         assert any("so dense" in str(w.message) for w in caught) == warned
 
 

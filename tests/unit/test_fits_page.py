@@ -22,7 +22,7 @@ COLOURS = np.array([450.0, 500.0, 550.0, 600.0, 650.0])
 def of_a_sky(stokes: bool = False) -> SpectralImage:
     scene = skyscatter.load_model("earth-simple").scene_at(50, 8, "2026-06-21T12:00")
     camera = skyscatter.Fisheye(width=2, height=2)
-    return skyscatter.render(scene, camera, COLOURS, solver="path", samples=4, stokes=stokes)
+    return skyscatter.render(scene, camera, COLOURS, solver=skyscatter.Path(samples=4), stokes=stokes)
 
 
 def pictures(folder: Path) -> list[Path]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import GREY, WAVELENGTH, component, dusty_sphere, parallel_rays
 from numpy.typing import NDArray
 from significance import assert_agrees, largest_t
@@ -23,6 +24,7 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.optics.rayleigh import RayleighPowerLaw
 from skyscatter.scene import Star
+from skyscatter.solvers.options import Orders, Path
 from skyscatter.space import SpaceScene
 from skyscatter.spectra.table import SpectralTable
 
@@ -51,7 +53,7 @@ def sky_rays() -> tuple[Array, Array]:
 
 def separately(scenes: Callable[[Array], Any], theta: Array, row: Array, *args: Any, **options: Any) -> Array:
     """The symmetric difference of two solutions that know nothing of each other."""
-    plus, minus = (radiance(scenes(theta + s * row), *args, **options).radiance for s in (1, -1))
+    plus, minus = (radiance(scenes(theta + s * row), *args, **asked(**options)).radiance for s in (1, -1))
     return (plus - minus) / (2 * np.abs(row).sum())
 
 
@@ -108,8 +110,9 @@ def test_luminosity_counts_in_proportion_in_every_solver() -> None:
         return SpectralTable(wavelengths=GREY.wavelengths, values=(float(value),))
 
     for solver, more in (("single", {}), ("path", {"samples": 64})):
-        found = differentiate(scene, [1.0, 3.0], [0.01, 0.01], *parallel_rays(np.array([0.4])), WAVELENGTH,
-                              solver=solver, **more)  # fmt: skip
+        found = differentiate(
+            scene, [1.0, 3.0], [0.01, 0.01], *parallel_rays(np.array([0.4])), WAVELENGTH, **asked(solver, **more)
+        )
         # Radiance is a sum over the stars, each in proportion to its luminosity.
         total = found.jacobian[0] + 3.0 * found.jacobian[1]
         np.testing.assert_allclose(total, found.value, rtol=1e-9)
@@ -122,7 +125,7 @@ def test_luminosity_counts_in_proportion_in_every_solver() -> None:
 def test_against_finite_differences_with_a_step_study() -> None:
     """Differences of separate solutions miss by step^2 until their noise takes over."""
     rays, options = (*sky_rays(), WAVELENGTHS), {"solver": "single"}
-    found = differentiate(hazy, HAZY, 0.03 * STEPS, *rays, **options)
+    found = differentiate(hazy, HAZY, 0.03 * STEPS, *rays, **asked(**options))
     for number in range(4):
         scale = np.abs(found.jacobian[number]).max()
         miss = []
@@ -156,8 +159,8 @@ def test_stacked_values_are_those_of_the_scene() -> None:
 def test_walks_against_the_deterministic_solution() -> None:
     """All orders of scattering: `path` within its standard errors of `orders`, for every parameter."""
     rays = (*sky_rays(), WAVELENGTHS)
-    smooth = differentiate(hazy, HAZY, 3 * STEPS, *rays, solver="orders", tolerance=0.002)
-    walked = differentiate(hazy, HAZY, STEPS, *rays, solver="path", samples=1024, seed=3)
+    smooth = differentiate(hazy, HAZY, 3 * STEPS, *rays, solver=Orders(tolerance=0.002))
+    walked = differentiate(hazy, HAZY, STEPS, *rays, solver=Path(samples=1024, seed=3))
     assert walked.jacobian.shape == (5, 3, 2)
     # The tolerance of `orders`, on the whole of the light for derivatives that are differences of large parts.
     scale = np.abs(smooth.jacobian).max(axis=(1, 2), keepdims=True)
@@ -177,10 +180,10 @@ def test_errors_and_bias_over_seeds_in_three_dimensions() -> None:
         return dusty_sphere(1.0).model_copy(update={"medium": medium})
 
     theta, steps, rays = [1.0, 0.8], [1e-3, 1e-3], (*parallel_rays(np.array([0.5])), WAVELENGTH)
-    runs = [differentiate(scene, theta, steps, *rays, solver="path", samples=64, seed=k) for k in range(400)]
+    runs = [differentiate(scene, theta, steps, *rays, solver=Path(samples=64, seed=k)) for k in range(400)]
     slopes = np.array([r.jacobian[:, 0, 0] for r in runs])
     errors = np.array([r.jacobian_error[:, 0, 0] for r in runs])
-    plain = differentiate(scene, theta, steps, *rays, solver="path", sampling="free-flight", samples=100_000, seed=5)
+    plain = differentiate(scene, theta, steps, *rays, solver=Path(sampling="free-flight", samples=100_000, seed=5))
     mean, spread = slopes.mean(axis=0), slopes.std(axis=0, ddof=1)
     error = np.hypot(spread / np.sqrt(len(runs)), plain.jacobian_error[:, 0, 0])
     assert_agrees(mean, plain.jacobian[:, 0, 0], error)
@@ -193,7 +196,7 @@ def test_errors_and_bias_over_seeds_in_three_dimensions() -> None:
 
 def test_same_seed_same_numbers_whatever_the_threads() -> None:
     one, two = (
-        differentiate(hazy, HAZY[:5], STEPS, *sky_rays(), WAVELENGTHS, solver="path", samples=32, seed=9, threads=n)
+        differentiate(hazy, HAZY[:5], STEPS, *sky_rays(), WAVELENGTHS, solver=Path(samples=32, seed=9), threads=n)
         for n in (1, 2)
     )
     np.testing.assert_array_equal(one.jacobian, two.jacobian)

@@ -62,7 +62,7 @@ def test_a_table_is_read_as_it_was_measured(csv: Path, tmp_path: Path) -> None:
     from skyscatter.inversion.parameters import resolve
 
     subject = resolve("haze.optical_depth", None, subject).put(subject, 0.3)
-    off = (data.predict(subject, Run("single")).value - data.values) / data.sigma
+    off = (data.predict(subject, Run(skyscatter.Single())).value - data.values) / data.sigma
     assert np.abs(off).max() < 4
     assert 0.5 < off.std() < 1.5
     columns = {name: ("datum", v) for name, v in data.coordinates().items()}
@@ -79,11 +79,15 @@ def test_narrow_bands_see_the_lines_where_they_are() -> None:
 
     model = Subject(skyscatter.load_model("earth"))
     common: dict[str, Any] = {"noise": 0.01, "sun_elevation_deg": 30.0}
-    wide = radiance_table([200, 200], [30, 30], [430.5, 700], [1, 1], **common).predict(model, Run("single")).value
+    wide = (
+        radiance_table([200, 200], [30, 30], [430.5, 700], [1, 1], **common)
+        .predict(model, Run(skyscatter.Single()))
+        .value
+    )
     thin = radiance_table([200, 200], [30, 30], [430.5, 700], [1, 1], **common, bandwidth_nm=1.0)
     share = solar_irradiance([430.5, 700], band=1.0) / solar_irradiance([430.5, 700])
     assert abs(share[0] - 1) > 0.1
-    np.testing.assert_allclose(thin.predict(model, Run("single")).value, wide * share, rtol=1e-12)
+    np.testing.assert_allclose(thin.predict(model, Run(skyscatter.Single())).value, wide * share, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +141,7 @@ def test_a_sky_image_predicts_itself(tmp_path: Path) -> None:
     image = skyscatter.render(scene, skyscatter.Fisheye(width=12, height=12), [430, 500, 570, 640], solver="single")
     image.save(tmp_path / "sky.nc")
     data = read_observation(tmp_path / "sky.nc", noise=0.01, wavelengths=[430, 640], pixels=40)
-    predicted = data.predict(Subject(skyscatter.load_model("earth-hazy")), Run("single"))
+    predicted = data.predict(Subject(skyscatter.load_model("earth-hazy")), Run(skyscatter.Single()))
     np.testing.assert_allclose(predicted.value, data.values, rtol=1e-12)
     assert 40 <= data.values.size <= 80
     with pytest.raises(DomainError, match="noise"):
@@ -190,7 +194,7 @@ def test_a_fit_on_the_command_line(csv: Path, tmp_path: Path, capsys: pytest.Cap
         (["--free", "haze.optical_dept"], "did you mean optical_depth?"),
         ([], "name at least one parameter"),
         (["--free", "haze.g", "--method", "guess"], "choose one of optimal-estimation"),
-        (["--free", "haze.g", "--solver", "single", "--tolerance", "1%"], "means nothing to the solver single"),
+        (["--free", "haze.g", "--solver", "single", "--samples", "8"], "means nothing to the solver single"),
         (["--free", "haze.optical_depth", "--prior", "haze.asymmetry=0.7~0.1"], "is not free"),
         (["--free", "haze.optical_depth=0:1", "--prior", "haze.optical_depth=0.7~0.1"], "has bounds already"),
         (["--free", "haze.optical_depth", "--steps", "100"], "belongs to the posterior"),

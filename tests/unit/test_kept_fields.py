@@ -68,10 +68,10 @@ def test_a_picture_keeps_its_field_before_the_first_ray(scene, tmp_path, monkeyp
     with monkeypatch.context() as patch:
         Strikes(patch, Sweeper, "_sweep", 3)
         with pytest.raises(Interrupted):
-            skyscatter.render(scene, camera, WAVELENGTHS, tolerance=0.05, checkpoint=kept)
-    whole = skyscatter.render(scene, camera, WAVELENGTHS, tolerance=0.05)
+            skyscatter.render(scene, camera, WAVELENGTHS, solver=skyscatter.Orders(tolerance=0.05), checkpoint=kept)
+    whole = skyscatter.render(scene, camera, WAVELENGTHS, solver=skyscatter.Orders(tolerance=0.05))
     made = Strikes(monkeypatch, Series, "first", -1)
-    found = skyscatter.render(scene, camera, WAVELENGTHS, tolerance=0.05, resume=kept)
+    found = skyscatter.render(scene, camera, WAVELENGTHS, solver=skyscatter.Orders(tolerance=0.05), resume=kept)
     assert made.left == -1  # the coarser one goes on
     np.testing.assert_array_equal(found.radiance, whole.radiance)
     np.testing.assert_array_equal(found.standard_error, whole.standard_error)

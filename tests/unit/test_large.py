@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 
 import skyscatter
 from skyscatter import memory
@@ -35,8 +36,8 @@ def few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("solver", "options"), [("single", {"parts": True}), ("path", {"samples": 16, "orders": 1})])
 def test_the_same_numbers(solver: str, options: dict[str, Any], tmp_path: Path) -> None:
-    wanted = skyscatter.render(scene(), camera(), WAVELENGTHS, solver=solver, **options)
-    picture = render_stored(scene(), camera(), WAVELENGTHS, tmp_path / "run.zarr", solver, **options)
+    wanted = skyscatter.render(scene(), camera(), WAVELENGTHS, **asked(solver, **options))
+    picture = render_stored(scene(), camera(), WAVELENGTHS, tmp_path / "run.zarr", **asked(solver, **options))
     assert picture.filled
     assert picture.sky == wanted.sky
     for name in ("cube.fits", "cube.zarr"):
@@ -79,8 +80,8 @@ def test_what_is_finished_is_not_made_again(tmp_path: Path, monkeypatch: pytest.
 def test_of_surfaces(tmp_path: Path) -> None:
     model: Any = skyscatter.load_model("fog-room")
     seen = model.camera.model_copy(update={"width": 12, "height": 9})
-    picture = render_stored(model.scene(), seen, [550.0], tmp_path / "run.zarr", "path", samples=16)
-    wanted = skyscatter.render(model.scene(), seen, [550.0], solver="path", samples=16)
+    picture = render_stored(model.scene(), seen, [550.0], tmp_path / "run.zarr", solver=skyscatter.Path(samples=16))
+    wanted = skyscatter.render(model.scene(), seen, [550.0], solver=skyscatter.Path(samples=16))
     np.testing.assert_array_equal(picture.rows(0, 9).radiance, wanted.radiance)
 
 
@@ -93,7 +94,7 @@ def test_what_cannot_be_made_in_parts_is_refused(tmp_path: Path) -> None:
     )
     for word, place, view, solver, options in cases:
         with pytest.raises(DomainError, match=word):
-            render_stored(place, view, [550.0], tmp_path / "run.zarr", solver, **options)
+            render_stored(place, view, [550.0], tmp_path / "run.zarr", **asked(solver, **options))
     assert not list(tmp_path.iterdir())
 
 

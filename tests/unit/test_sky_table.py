@@ -108,7 +108,10 @@ def test_few_rays_and_other_places_are_solved_as_they_are() -> None:
 def test_tiles_and_threads_change_no_bit() -> None:
     scene = skyscatter.load_model("earth-simple").scene(sun_elevation_deg=20)
     pictures = [
-        skyscatter.render(scene, FISHEYE, WAVELENGTHS, tolerance=0.02, threads=threads).radiance for threads in (1, 3)
+        skyscatter.render(
+            scene, FISHEYE, WAVELENGTHS, solver=skyscatter.Orders(tolerance=0.02), threads=threads
+        ).radiance
+        for threads in (1, 3)
     ]
     np.testing.assert_array_equal(*pictures)
 

@@ -102,7 +102,9 @@ def test_moonlight_is_sunlight_from_the_moon() -> None:
     elevation = float(np.degrees(np.arcsin(moon.direction[2])))
     azimuth = float(np.degrees(np.arctan2(moon.direction[0], moon.direction[1])) % 360.0)
     day = skyscatter.load_model("earth").scene(sun_elevation_deg=elevation, sun_azimuth_deg=azimuth)
-    light = skyscatter.radiance(day, day.observer.position, rays, wavelengths, tolerance=0.003).radiance
+    light = skyscatter.radiance(
+        day, day.observer.position, rays, wavelengths, solver=skyscatter.Orders(tolerance=0.003)
+    ).radiance
     share = moon_irradiance(moon, wavelengths) / day.star.irradiance(wavelengths, day.star_distance)
     # The field of faint lights aims at 1 %; spectra at a point and over its cell differ by 0.5 %.
     np.testing.assert_allclose(found.layers["moon"], light * share, rtol=0.015)
@@ -207,7 +209,7 @@ def test_the_moonlit_sky_against_krisciunas_and_schaefer(time: str) -> None:
     wavelengths = np.arange(460.0, 701.0, 20.0)
     elevation, azimuth = np.meshgrid([20.0, 30.0, 45.0, 60.0, 90.0], np.arange(0.0, 360.0, 40.0), indexing="ij")
     rays = towards(elevation, azimuth)
-    found = skyscatter.radiance(scene, here, rays, wavelengths, tolerance=0.02).radiance
+    found = skyscatter.radiance(scene, here, rays, wavelengths, solver=skyscatter.Orders(tolerance=0.02)).radiance
     moon_v = -2.5 * np.log10(
         moon_irradiance(moon, wavelengths) @ filter_curve("V").weights(wavelengths)[0] / VEGA_ZERO["V"]
     )
@@ -227,7 +229,9 @@ def evening(minutes: int):
     hours, rest = divmod(22 * 60 + 21 + minutes, 60)
     time = f"2026-06-{14 + hours // 24}T{hours % 24:02d}:{rest:02d}Z"
     scene = skyscatter.load_model("earth-observatory").scene_at(*PARANAL, time, "2635 m", "auto")
-    found = skyscatter.radiance(scene, scene.observer.position, [0, 0, 1], wavelengths, tolerance=0.02)
+    found = skyscatter.radiance(
+        scene, scene.observer.position, [0, 0, 1], wavelengths, solver=skyscatter.Orders(tolerance=0.02)
+    )
     return -scene.sun.elevation_deg, {band: magnitude(found.radiance[None], wavelengths, band)[0] for band in "UBVRI"}
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 
 import skyscatter
 from skyscatter.cli.main import main
@@ -147,7 +148,7 @@ SOLVERS: tuple[tuple[str, dict[str, Any]], ...] = (
 @pytest.mark.parametrize(("solver", "options"), SOLVERS)
 def test_pictures_by_way_of_a_store(solver: str, options: dict[str, Any], tmp_path: Path) -> None:
     def made(**more: Any) -> Any:
-        return skyscatter.render(scene(), CAMERA, [450, 650], solver=solver, parts=True, **options, **more)
+        return skyscatter.render(scene(), CAMERA, [450, 650], parts=True, **asked(solver, **options, **more))
 
     plain = made()
     for _ in range(2):
@@ -163,7 +164,7 @@ def test_pictures_by_way_of_a_store(solver: str, options: dict[str, Any], tmp_pa
 def test_walks_are_added_to_the_same_digits(tmp_path: Path) -> None:
     def made(samples: int, **more: Any) -> Any:
         return skyscatter.render(
-            scene(), CAMERA, [450, 650], solver="path", samples=samples, stokes=True, orders=2, parts=True, **more
+            scene(), CAMERA, [450, 650], stokes=True, orders=2, parts=True, **asked("path", samples=samples, **more)
         )
 
     made(32, store=tmp_path / "a.zarr")
@@ -184,7 +185,7 @@ def test_two_programs_share_the_work(tmp_path: Path) -> None:
     put = Store.put
 
     def made(**more: Any) -> Any:
-        return skyscatter.render(scene(), CAMERA, [550], solver="path", samples=64, **more)
+        return skyscatter.render(scene(), CAMERA, [550], **asked("path", samples=64, **more))
 
     def counted(self: Store, task: int, *rest: Any) -> None:
         numbers.append(task)
@@ -208,7 +209,7 @@ def test_two_programs_share_the_work(tmp_path: Path) -> None:
 )
 def test_walks_without_sums_are_kept_as_they_are(options: dict[str, Any], tmp_path: Path) -> None:
     def made(**more: Any) -> Any:
-        return skyscatter.render(scene(), CAMERA, [450, 650], solver="path", **{**options, **more})
+        return skyscatter.render(scene(), CAMERA, [450, 650], **asked("path", **{**options, **more}))
 
     kept, plain = made(store=tmp_path / "a.zarr"), made()
     np.testing.assert_array_equal(kept.radiance, plain.radiance)

@@ -16,7 +16,8 @@ from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, 
 from skyscatter.models.files import parse_model
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
-from skyscatter.solvers.base import Answer, Options, Rays
+from skyscatter.solvers.base import Answer, Asked, Rays
+from skyscatter.solvers.options import Path
 from skyscatter.solvers.subpixels import Subpixels, fine_directions
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings
@@ -246,18 +247,18 @@ class _Plane:
     """A solver whose radiance is linear in the direction, with errors that are known."""
 
     @staticmethod
-    def check(options: Options) -> None:
-        assert options.samples is None or options.samples >= 2
+    def check(options: Asked[Path]) -> None:
+        assert options.how.samples is None or options.how.samples >= 2
 
     @staticmethod
     def prepare(scene: Any, rays: Rays, *_: Any) -> int:
         return len(rays.origins)
 
     @staticmethod
-    def solve(context: int, rays: Rays, options: Options) -> Answer:
+    def solve(context: int, rays: Rays, options: Asked[Path]) -> Answer:
         value = rays.directions @ np.ones((3, 2))
         error = np.full_like(value, 0.3)
-        samples = np.full(len(value), options.samples)
+        samples = np.full(len(value), options.how.samples)
         assert len(set(rays.numbers.tolist())) == len(value)
         return Answer(value, error, {"order1": 2 * value, "Q_error": error}, samples)
 
@@ -266,17 +267,17 @@ def test_pixels_are_means_of_their_parts() -> None:
     fine = np.random.default_rng(1).normal(size=(7, 4, 3))
     solver = Subpixels(_Plane, fine, 4)
     rays = Rays(np.zeros((3, 3)), np.zeros((3, 3)), np.array([1, 5, 6]))
-    assert solver.prepare(None, rays, WL, Options(samples=20), 1, None) == 12
-    answer = solver.solve(None, rays, Options(samples=20))
+    assert solver.prepare(None, rays, WL, Asked(Path(samples=20)), 1, None) == 12
+    answer = solver.solve(None, rays, Asked(Path(samples=20)))
     mean = fine[[1, 5, 6]].mean(axis=1) @ np.ones((3, 2))
     np.testing.assert_allclose(answer.radiance, mean, atol=1e-14)
     np.testing.assert_allclose(answer.layers["order1"], 2 * mean, atol=1e-14)
     np.testing.assert_allclose(answer.standard_error, 0.15)
     np.testing.assert_allclose(answer.layers["Q_error"], 0.15)
     assert answer.samples.tolist() == [20, 20, 20]
-    assert solver.shared(Options(noise=0.1)).noise == pytest.approx(0.2)
+    assert solver.shared(Asked(Path(noise=0.1))).how.noise == pytest.approx(0.2)
     with pytest.raises(DomainError, match="samples = 7: with 4 rays a pixel at least 8"):
-        solver.check(Options(samples=7))
+        solver.check(Asked(Path(samples=7)))
 
 
 def test_pictures_with_subpixels(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
@@ -285,18 +286,18 @@ def test_pictures_with_subpixels(monkeypatch: pytest.MonkeyPatch, tmp_path: Any)
 
     monkeypatch.setattr("skyscatter.solvers.run.load_solver", lambda name, scene: _Plane)
     camera, looked = Perspective(width=3, height=2, fov_deg=50.0), scene(BALL)
-    image = skyscatter.render(looked, camera, WL[:2], solver="path", samples=18, subpixels=3)
+    image = skyscatter.render(looked, camera, WL[:2], solver=skyscatter.Path(samples=18), subpixels=3)
     directions = fine_directions(camera, looked.observer, camera.directions(looked.observer), 3)
     np.testing.assert_allclose(image.radiance, directions.mean(axis=2) @ np.ones((3, 2)), atol=1e-14)
     np.testing.assert_allclose(image.standard_error, 0.1)
     assert image.recipe["subpixels"] == 3
     assert image.recipe["options"]["samples"] == 18  # two for each part; 32 were it one ray, see `walks_for`
-    plain = skyscatter.render(looked, camera, WL[:2], solver="path", samples=18)
+    plain = skyscatter.render(looked, camera, WL[:2], solver=skyscatter.Path(samples=18))
     assert "subpixels" not in plain.recipe
     begun = tmp_path / "begun.zarr"
     RenderState.empty(image.recipe, 6, 2).save(begun)
     with pytest.raises(DomainError, match="was begun with other"):
-        skyscatter.render(looked, camera, WL[:2], solver="path", samples=18, subpixels=2, resume=begun)
+        skyscatter.render(looked, camera, WL[:2], solver=skyscatter.Path(samples=18), subpixels=2, resume=begun)
 
 
 def test_subpixels_are_for_surfaces() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import GREY, dust
 
 from skyscatter.errors import DomainError
@@ -253,7 +254,7 @@ def test_multiple_scattering_is_taken_off_by_turns() -> None:
     stack = Stack(views)
 
     def seen(solver: Any, **options: Any) -> list[ImageView]:
-        data = radiance(dusty(exact), stack.origins, stack.directions, [550.0], solver, **options).radiance
+        data = radiance(dusty(exact), stack.origins, stack.directions, [550.0], **asked(solver, **options)).radiance
         parts = zip(stack.split(data), views, strict=True)
         return [ImageView.make(d, 0.03 * np.maximum(d, d.mean()), v.origins, v.directions) for d, v in parts]
 

@@ -270,9 +270,8 @@ def judged(distance: float, walks: int, max_order: int | None) -> Any:
     axes = np.stack([[1.0, 0.0, 0.0], [0.0, np.cos(angle), np.sin(angle)], up])
     origin = (EARTH + 1.0) * up - [0.0, 0.0, EARTH]
     directions = rays(ELEVATIONS, AZIMUTHS) @ axes
-    return skyscatter.radiance(
-        surface_scene(1e6), np.tile(origin, (6, 1)), directions, GREEN, "path", samples=walks, max_order=max_order
-    )
+    solver = skyscatter.Path(samples=walks, max_order=max_order)
+    return skyscatter.radiance(surface_scene(1e6), np.tile(origin, (6, 1)), directions, GREEN, solver=solver)
 
 
 @pytest.mark.slow

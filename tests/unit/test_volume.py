@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from asking import asked
 from nebulae import component, dusty_sphere, flat
 
 import skyscatter
@@ -76,7 +77,7 @@ def test_costly_media_take_the_first_order_from_the_walks() -> None:
     origins = np.array([[x, 0.1, 10.0] for x in (0.1, 0.4, 0.8)])
     rays = (origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
     one = skyscatter.radiance(walked, *rays, [550.0], solver="single", parts=True)
-    all_ = skyscatter.radiance(walked, *rays, [550.0], solver="path", samples=1024, parts=True, orders=40)
+    all_ = skyscatter.radiance(walked, *rays, [550.0], solver=skyscatter.Path(samples=1024), parts=True, orders=40)
     total = sum(all_.layers[name] for name in ("direct", "scattered", "multiple"))
     np.testing.assert_allclose(total, all_.radiance, rtol=1e-12)
     # Parts have no error of their own; the whole's, which is larger, stands for it.
@@ -91,8 +92,8 @@ def test_costly_media_take_the_first_order_from_the_walks() -> None:
 def test_every_way_to_a_transmittance_gives_the_same_light(way: str) -> None:
     scene = lumpy()
     rays = (np.array([[0.3, 0.2, 10.0], [-0.5, 0.4, 10.0]]), np.broadcast_to([0.0, 0.0, -1.0], (2, 3)))
-    plain = skyscatter.radiance(scene, *rays, [550.0], solver="path", samples=4096, seed=1)
-    other = skyscatter.radiance(scene, *rays, [550.0], solver="path", samples=4096, seed=2, transmittance=way)
+    plain = skyscatter.radiance(scene, *rays, [550.0], solver=skyscatter.Path(samples=4096, seed=1))
+    other = skyscatter.radiance(scene, *rays, [550.0], solver=skyscatter.Path(samples=4096, seed=2, transmittance=way))
     error = np.hypot(plain.standard_error, other.standard_error)
     assert np.all(np.abs(plain.radiance - other.radiance) < 4 * error)
 
@@ -105,19 +106,19 @@ def test_every_way_to_a_transmittance_gives_the_same_light(way: str) -> None:
         ({"solver": "path", "transmittance": "guess"}, "transmittance"),
         ({"solver": "path", "stokes": True}, "stokes"),
         ({"solver": "path", "sampling": "delta", "noise": 0.1}, "noise"),
-        ({"solver": "single", "samples": 8}, "samples"),
-        ({"solver": "single", "transmittance": "ratio"}, "transmittance"),
+        ({"solver": "single", "orders": 2}, "orders"),
+        ({"solver": "path", "sampling": "area"}, "sampling = 'area': choose from march, free-flight, delta"),
     ],
 )
 def test_options_without_meaning_are_refused(more: dict[str, object], word: str) -> None:
     with pytest.raises(DomainError, match=word):
-        skyscatter.radiance(dusty_sphere(1.0), *RAY, [550.0], **more)
+        skyscatter.radiance(dusty_sphere(1.0), *RAY, [550.0], **asked(**more))
 
 
 def test_shells_refuse_what_is_for_space() -> None:
     scene = skyscatter.load_model("earth").scene()
     with pytest.raises(DomainError, match="transmittance"):
-        skyscatter.radiance(scene, [0, 0, 6371e3], [0, 0, 1.0], [550.0], solver="path", transmittance="ratio")
+        skyscatter.radiance(scene, [0, 0, 6371e3], [0, 0, 1.0], [550.0], solver=skyscatter.Path(transmittance="ratio"))
 
 
 def test_one_medium_has_one_sort_of_fields() -> None:
@@ -132,7 +133,8 @@ def test_same_seed_same_numbers_whatever_the_threads() -> None:
     origins = np.random.default_rng(2).uniform(-0.8, 0.8, (40, 3)) + np.array([0, 0, 10.0])
     rays = (origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
     a, b = (
-        skyscatter.radiance(scene, *rays, [500.0, 600.0], solver="path", samples=16, seed=7, threads=n) for n in (1, 2)
+        skyscatter.radiance(scene, *rays, [500.0, 600.0], solver=skyscatter.Path(samples=16, seed=7), threads=n)
+        for n in (1, 2)
     )
     np.testing.assert_array_equal(a.radiance, b.radiance)
     np.testing.assert_array_equal(a.standard_error, b.standard_error)
@@ -154,8 +156,8 @@ def test_a_middle_wavelength_at_which_nothing_scatters_hides_nothing() -> None:
     # Directions and strata are chosen for all wavelengths together; once they asked the middle one alone.
     table = SpectralTable(wavelengths=(500, 549, 550, 551, 600), values=(0.9, 0.9, 0.0, 0.9, 0.9))
     scene = dusty_sphere(2.0, table, 0.3)
-    three = skyscatter.radiance(scene, *RAY, [500.0, 550.0, 600.0], solver="path", samples=1024)
-    two = skyscatter.radiance(scene, *RAY, [500.0, 600.0], solver="path", samples=1024, seed=1)
+    three = skyscatter.radiance(scene, *RAY, [500.0, 550.0, 600.0], solver=skyscatter.Path(samples=1024))
+    two = skyscatter.radiance(scene, *RAY, [500.0, 600.0], solver=skyscatter.Path(samples=1024, seed=1))
     assert three.radiance[0, 1] == 0
     error = np.hypot(three.standard_error[0, ::2], two.standard_error[0])
     assert np.all(np.abs(three.radiance[0, ::2] - two.radiance[0]) < 4 * error)

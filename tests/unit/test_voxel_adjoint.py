@@ -25,6 +25,7 @@ from skyscatter.inversion.voxelscene import (
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Component, Medium
 from skyscatter.media.voxels import VoxelGrid
+from skyscatter.solvers.options import Single
 from skyscatter.solvers.run import radiance
 from skyscatter.space import SpaceScene, View
 
@@ -158,7 +159,7 @@ def test_the_image_is_that_of_the_solver_single(place: tuple[float, float, float
     light = ParallelLight(direction=(0.0, 1.0, 1.0), irradiance=0.03)
     made, density = scene(PointStar(position=place, spectrum=GREY), parallel=(light,))
     origins, directions = lines_through(np.random.default_rng(0), 100)
-    exact = radiance(made, origins, directions, [550.0], solver="single", tolerance=1e-6).radiance
+    exact = radiance(made, origins, directions, [550.0], solver=Single(tolerance=1e-6)).radiance
     error = []
     for fine in (1, 2, 4):
         here = VoxelModel.from_scene(made, [550.0], step=0.5 / fine, near=0.25 / fine, fine=fine)
@@ -176,7 +177,7 @@ def test_columns_depths_and_transmittances_are_special_cases() -> None:
     made = made.model_copy(update={"medium": dark_medium, "background": 1.0})
     frame, origins, directions = VoxelFrame.of(made.medium.fields[0]), *lines_through(np.random.default_rng(1), 20)
     dark = VoxelLights.none(1)
-    exact = -np.log(radiance(made, origins, directions, [550.0], solver="single", tolerance=1e-6).radiance[:, 0])
+    exact = -np.log(radiance(made, origins, directions, [550.0], solver=Single(tolerance=1e-6)).radiance[:, 0])
     sigma_t = VoxelModel.from_scene(made, [550.0]).optics.sigma_t
     depths = VoxelModel(frame, VoxelOptics.depths(sigma_t), dark, np.zeros(1), step=0.1).image(
         density, origins, directions

@@ -55,7 +55,9 @@ def model(**more: Any) -> VoxelModel:
 @pytest.mark.slow
 def test_light_is_that_of_path() -> None:
     found = multiple_scattering(model(), cloud(), ORIGINS, DIRECTIONS, samples=20_000, seed=3)
-    expected = skyscatter.radiance(scene(cloud()), ORIGINS, DIRECTIONS, WAVELENGTHS, "path", samples=16384, parts=True)
+    expected = skyscatter.radiance(
+        scene(cloud()), ORIGINS, DIRECTIONS, WAVELENGTHS, solver=skyscatter.Path(samples=16384), parts=True
+    )
     error = np.hypot(found.light_error, expected.standard_error)
     # Eight batches and sixteen; steps of a fifth of a cell miss 0.5 % of the light at most.
     assert_agrees(found.light, expected.layers["multiple"], error, freedom=BATCHES - 1, slack=0.005)
@@ -73,7 +75,7 @@ def test_derivatives_are_those_of_path() -> None:
         return scene(cloud() + np.tensordot(theta, ways, 1))
 
     rays = ORIGINS, DIRECTIONS, WAVELENGTHS
-    walked = differentiate(moved, [0.0, 0.0], [1e-3, 1e-3], *rays, solver="path", samples=16384)
+    walked = differentiate(moved, [0.0, 0.0], [1e-3, 1e-3], *rays, solver=skyscatter.Path(samples=16384))
     once = differentiate(moved, [0.0, 0.0], [1e-3, 1e-3], *rays, solver="single")
     expected = np.sum(WEIGHTS * (walked.jacobian - once.jacobian), axis=(1, 2))
     noise_of_it = np.sqrt(np.sum((WEIGHTS * walked.jacobian_error) ** 2, axis=(1, 2)))
@@ -98,7 +100,7 @@ def test_a_little_more_where_there_is_nothing() -> None:
 
     # Densities are never negative: the derivative a little above zero, where second orders are 0.2 % of it.
     rays, at = (ORIGINS, DIRECTIONS, WAVELENGTHS), ([2e-3], [1e-3])
-    walked = differentiate(moved, *at, *rays, solver="path", samples=65536)
+    walked = differentiate(moved, *at, *rays, solver=skyscatter.Path(samples=65536))
     once = differentiate(moved, *at, *rays, solver="single")
     expected = np.sum(WEIGHTS * (walked.jacobian - once.jacobian))
     noise_of_it = np.sqrt(np.sum((WEIGHTS * walked.jacobian_error) ** 2))

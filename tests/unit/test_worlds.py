@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asking import asked
 from jsonschema import Draft7Validator as Validator
 
 import skyscatter
@@ -56,7 +57,7 @@ def world(sun: float = 30.0, model: str = "earth-simple", **held: Any) -> skysca
 
 def look(scene: skyscatter.Scene, direction: Any = UP, solver: str = "path", **options: Any) -> Any:
     """Light at the observer."""
-    return skyscatter.radiance(scene, scene.observer.position, direction, WAVELENGTHS, solver, **options)
+    return skyscatter.radiance(scene, scene.observer.position, direction, WAVELENGTHS, **asked(solver, **options))
 
 
 @pytest.mark.parametrize(
@@ -279,7 +280,7 @@ def test_the_disk_of_parallel_light() -> None:
         for share in (-1.2, -0.5, 0.0, 0.3, 1.2):
             y = share * 10 * np.tan(np.radians(1.0))
             seen = skyscatter.radiance(
-                scene, [0, y, 0.5], [0, 0, -1], [550.0], "path", samples=4096, max_order=1, seed=2
+                scene, [0, y, 0.5], [0, 0, -1], [550.0], solver=skyscatter.Path(samples=4096, max_order=1, seed=2)
             )
             expected = 0.8 / np.pi * _lit(share, sun)
             assert abs(seen.radiance[0] - expected) <= 4 * seen.error[0] + 2e-4 * expected, (darkened, share)

@@ -1,0 +1,186 @@
+"""Light of all orders from few sweeps: each is followed by what it still misses, as a cheaper solution tells.
+
+The sum over the orders (`series.py`) takes a sweep for each.  Here a light that is nearly right is swept once, which
+rights all but what is smooth; what is smooth is put right by a coarser grid (`twogrid.py`) or, in a thick medium, by
+diffusion (`synthetic.py`); and several such cycles together tell where all of them lead (`mixing.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyscatter.errors import ConvergenceError
+from skyscatter.solvers.effort import check_sum, expected_orders
+from skyscatter.solvers.mixing import Parts, Past
+from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, sum_orders
+from skyscatter.solvers.state import Checkpoint
+from skyscatter.solvers.sweeps import FAINTEST, Solution, Sums, Sweeper
+from skyscatter.solvers.synthetic import Diffusion
+from skyscatter.solvers.transfer import Light, added
+from skyscatter.solvers.twogrid import TwoGrids
+from skyscatter.workers import Workers
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: What a cycle leaves of what it changed, at least, where the light is rough and the coarse grid cannot see it: a sweep
+#: takes away a fifth to a half.
+LEAST_LEFT = 0.4
+#: Shares of the places [%] that are looked at, and what may be missing there in units of what may be missing: the worst
+#: places are at the ends of the range of Suns, where few rays look.
+PLACES, ALLOWED = np.array([95.0, 100.0]), np.array([1.0, 3.0])
+#: Cycles after which orders are summed instead; how much each may have of the change before; and of which change the
+#: first one may be: a coarse solution that is wrong by more, as in the depth of night, is no help.  Diffusion begins
+#: with nothing, and its cycles do not fall evenly.
+MOST_CYCLES, SLOWEST, MOST_CHANGED, UNEVEN = 40, 0.9, 1.0, 30.0
+#: Orders that are expected from which a medium counts as thick: what the coarse grid cannot see falls by a twentieth
+#: there with each sweep, and what is missing diffuses.
+THICK = 4.0
+
+
+def all_orders(
+    sweeper: Sweeper,
+    tolerance: float,
+    guide: Solution | None = None,
+    progress: Callable[[float], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+    name: str = "",
+) -> Sums:
+    """Light of all orders on the grid of a sweeper, the shortest way.
+
+    Parameters
+    ----------
+    sweeper : Sweeper
+    tolerance : float
+        Relative; three tenths of it may be missing.
+    guide : Solution, optional
+        A coarser one at the same wavelengths, which helps.
+    progress : callable, optional
+        Called with the finished share, 0 to 1.
+    checkpoint : Checkpoint, optional
+        What has been kept there goes on, and what is finished is kept from sweep to sweep.
+    name : str
+        Of the part of the checkpoint.
+
+    Raises
+    ------
+    ConvergenceError
+        If neither this nor the orders settle.
+    """
+    if checkpoint is not None and (whole := finished(checkpoint.part(name))) is not None:
+        return whole
+    found = None
+    is_thick = float(expected_orders(sweeper.problem, tolerance).max()) > THICK
+    if is_thick or guide is not None:
+        with Workers(max_workers=sweeper.threads) as pool:
+            way = _way(sweeper, guide, tolerance, pool, is_thick)
+            found = _cycles(sweeper, way, ORDERS_SHARE * tolerance, pool, progress, checkpoint, name)
+    if found is None:
+        check_sum(sweeper.problem, tolerance)
+        return sum_orders(Sweeper(sweeper.problem, sweeper.threads), tolerance, None, progress, checkpoint, name)
+    light, cycles = found
+    if checkpoint is not None:
+        checkpoint.put(name, light._asdict() | {"orders": np.array(float(cycles))})
+    return Sums(*light, cycles)
+
+
+class _Way(NamedTuple):
+    """How a light is begun, how what a sweep misses is found, and when that has settled."""
+
+    begun: Callable[[Light], Light]  #: from the first order
+    corrected: Callable[[Light, Light], Light]  #: from a light and what a sweep made of it
+    parts: Parts  #: which moments tell
+    most_changed: float  #: by the first cycle, relatively, before orders are summed instead
+    slowest: float  #: what a cycle may change at most in units of the one before, before orders are summed instead
+
+
+def _way(sweeper: Sweeper, guide: Solution | None, tolerance: float, pool: ThreadPoolExecutor, is_thick: bool) -> _Way:
+    """By diffusion in a thick medium, by a coarser solution in any other."""
+    grids = None if guide is None else TwoGrids(sweeper, guide, tolerance, pool)
+    if is_thick:
+        # Diffusion knows nothing of moments beyond the first, and of azimuth: they have to settle by themselves.
+        diffusion, parts = Diffusion(sweeper.problem), Parts.of(sweeper.problem)
+        begun = diffusion.begun if grids is None else grids.whole
+        return _Way(begun, diffusion.corrected, parts, np.inf, UNEVEN)
+    assert grids is not None
+    parts = Parts.of_the_mean(sweeper.problem.moments.degree.size)
+    return _Way(grids.begun, grids.corrected, parts, MOST_CHANGED, SLOWEST)
+
+
+def _cycles(
+    sweeper: Sweeper,
+    way: _Way,
+    goal: float,
+    pool: ThreadPoolExecutor,
+    progress: Callable[[float], None] | None,
+    checkpoint: Checkpoint | None,
+    name: str,
+) -> tuple[Light, int] | None:
+    """Light that has settled and the cycles that it took, or None where it does not."""
+    kept = {} if checkpoint is None else checkpoint.part(name)
+    if "first_moments" in kept:
+        first, light = Light(kept["first_moments"], kept["first_flux"]), Light(kept["moments"], kept["flux"])
+        left, changed, cycle = kept["state"].tolist()
+        past = Past.of(way.parts, kept)
+    else:
+        first = Light(*sweeper.first(pool))
+        light = way.begun(first)
+        left, changed, cycle = np.inf, np.inf, 0
+        past = Past(way.parts, np.float32)
+    while left > goal:
+        if cycle == MOST_CYCLES:
+            return None
+        if checkpoint is not None:
+            state = {"first_moments": first.moments, "first_flux": first.flux, **light._asdict(), **past.kept()}
+            checkpoint.put(name, state | {"state": np.array([left, changed, cycle])})
+        if progress is not None:
+            progress(FINE_SHARE * (0.3 + 0.3 * cycle / (1 + 0.3 * cycle)))
+        swept = _swept(sweeper, pool, first, light)
+        try:
+            found = way.corrected(light, swept)
+        except ConvergenceError:
+            return None
+        before, changed = (
+            changed,
+            float(np.max(np.percentile(_changes(way.parts.weight, light, found), PLACES) / ALLOWED)),
+        )
+        if not changed < min(way.slowest * before, way.most_changed):
+            return None
+        if cycle > 0:  # one alone does not tell how much is left
+            left = max(changed / before, LEAST_LEFT) * changed
+        light, cycle = past.mixed(light, found) if left > goal else found, cycle + 1
+    return light, int(cycle)
+
+
+def _swept(sweeper: Sweeper, pool: ThreadPoolExecutor, first: Light, light: Light) -> Light:
+    """What sunlight and a sweep make of a light; moments too small to be swept stay, whatever the first order has."""
+    sweeper.narrow(light.moments, light.moments, 0.0)
+    swept = added(first, sweeper.next(pool, *light))
+    small = np.ones(light.moments.shape[2], bool)
+    small[sweeper.stage.kept] = False
+    swept.moments[:, :, small] = light.moments[:, :, small]
+    return swept
+
+
+def _changes(weight: Array, before: Light, now: Light) -> Array:
+    """Greatest change over moments and wavelengths, (node, sun), each by its weight and in units of the mean radiance.
+
+    0 in the deep night.
+    """
+    mean = now.moments[:, :, 0]
+    per_mean = np.where(_visible(mean), 1.0, 0.0) / np.where(mean > 0, mean, 1.0)
+    out = np.zeros(mean.shape[:2])
+    for k in np.flatnonzero(weight):
+        change = weight[k] * np.abs(now.moments[:, :, k] - before.moments[:, :, k]) * per_mean
+        out = np.maximum(out, change.max(axis=2))
+    return out
+
+
+def _visible(mean: Array) -> Mask:
+    """Where a mean radiance (node, sun, wavelength) is worth the name."""
+    return np.asarray(mean > FAINTEST * mean.max(axis=(0, 1)))

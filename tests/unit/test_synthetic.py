@@ -1,0 +1,90 @@
+"""Light of all orders in thick media: diffusion against its closed form, and cycles against the sum over the orders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyscatter import Component, Ground, Medium, Scene, Star, Sun
+from skyscatter.errors import DomainError
+from skyscatter.media.fields import Uniform
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
+from skyscatter.solvers import cycles
+from skyscatter.solvers.effort import check_effort
+from skyscatter.solvers.series import sum_orders
+from skyscatter.solvers.sweeps import Sweeper, make_problem
+from skyscatter.solvers.synthetic import Diffusion
+from skyscatter.solvers.transfer import Light
+
+TOP = 1e3
+WAVELENGTHS = np.array([550.0])
+
+
+def cloud(depth: float, albedo: float = 1.0, g: float = 0.86, ground: float = 0.0) -> Scene:
+    optics = Particles(optical_depth=depth, single_scattering_albedo=albedo, phase=HenyeyGreenstein(g=g))
+    layer = Component(name="cloud", density=Uniform(base=0.0, top=TOP), optics=optics)
+    return Scene(
+        medium=Medium(planet_radius=6.371e6, components=(layer,)), ground=Ground(albedo=ground),
+        star=Star(spectrum=1.0, radius=0.0), sun=Sun(elevation_deg=50.0),
+    )  # fmt: skip
+
+
+def problem(scene: Scene, tolerance: float) -> Any:
+    return make_problem(scene, WAVELENGTHS, (0.6, 0.75), tolerance)
+
+
+@pytest.mark.parametrize("ground", [0.0, 0.5, 1.0])
+def test_diffusion_is_that_of_the_closed_form(ground: float) -> None:
+    # An even source q of a white slab: phi = q t (c + 3/2 s - 3/2 s^2 t_tr ...) solves phi'' = -3 q in transport depth.
+    made = problem(cloud(20.0, ground=ground), 0.005)
+    diffusion, light = Diffusion(made), made.diffuse
+    scattering = float(4 * np.pi * light.greek[0, 0, 0, 0])
+    forward = float(4 * np.pi / 3 * light.greek[0, 0, 1, 0])
+    z = made.grid.altitudes
+    suns = made.grid.sun_zenith.size
+    # A sweep that changed the scalar irradiance by one everywhere, and the net one by nothing.
+    flat = np.zeros((z.size, suns, made.moments.degree.size, 1))
+    swept = flat.copy()
+    swept[:, :, 0] = 1.0
+    dark = np.zeros((z.size, 2, suns, 1))
+    found = diffusion.corrected(Light(flat, dark), Light(swept, dark)).moments[:, 0, 0, 0] - 1.0
+    source, conducts = scattering, 1 / (3 * (light.sigma_t[0, 0] - forward))
+    # F = a + source z with F = phi / 2 at the top and F = -phi (1 - A) / (2 (1 + A)) at the ground.
+    k = 0.5 * (1 - ground) / (1 + ground)
+    below = (source * z[-1] * (1 + z[-1] / (4 * conducts))) / (k + 0.5 + k * z[-1] / (2 * conducts))
+    right = below + (k * below * z - source * z**2 / 2) / conducts
+    # Finite volumes: of second order in some 40 cells.
+    np.testing.assert_allclose(found, right, rtol=3e-3)
+
+
+@pytest.mark.parametrize(("depth", "albedo", "ground"), [(3.0, 1.0, 0.3), (10.0, 1.0, 0.0), (20.0, 0.98, 0.9)])
+def test_cycles_are_the_sum_of_all_orders_in_few_sweeps(depth: float, albedo: float, ground: float) -> None:
+    tolerance = 0.01
+    made = problem(cloud(depth, albedo, ground=ground), tolerance)
+    found = cycles.all_orders(Sweeper(made, 1), tolerance)
+    summed = sum_orders(Sweeper(made, 1), 0.1 * tolerance)
+    assert found.orders <= 10 < summed.orders
+    deviation = np.abs(found.moments[:, :, 0] / summed.moments[:, :, 0] - 1)
+    # Light that is summed is interpolated order by order, which alone makes a difference of half the tolerance here.
+    assert deviation.max() < tolerance
+
+
+def test_diffusion_leaves_light_that_a_sweep_does_not_change() -> None:
+    made = problem(cloud(10.0), 0.02)
+    rng = np.random.default_rng(1)
+    shape = made.grid.altitudes.size, made.grid.sun_zenith.size
+    light = Light(
+        rng.uniform(1, 2, (*shape, made.moments.degree.size, 1)), rng.uniform(1, 2, (shape[0], 2, shape[1], 1))
+    )
+    found = Diffusion(made).corrected(light, light)
+    np.testing.assert_array_equal(found.moments, light.moments)
+    np.testing.assert_array_equal(found.flux, light.flux)
+
+
+def test_what_no_grid_follows_is_refused_before_the_work() -> None:
+    made = problem(cloud(1000.0), 0.005)
+    with pytest.raises(DomainError, match="from node to node; use solver path"):
+        check_effort(made, WAVELENGTHS, 0.005, None)
