@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import skyscatter
 from skyscatter import Component, Ground, Medium, Scene, Star, Sun
 from skyscatter.errors import DomainError
 from skyscatter.media.fields import Uniform
@@ -14,6 +16,7 @@ from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.solvers import cycles
 from skyscatter.solvers.effort import check_effort
+from skyscatter.solvers.run import Interrupted
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.sweeps import Sweeper, make_problem
 from skyscatter.solvers.synthetic import Diffusion
@@ -82,6 +85,23 @@ def test_diffusion_leaves_light_that_a_sweep_does_not_change() -> None:
     found = Diffusion(made).corrected(light, light)
     np.testing.assert_array_equal(found.moments, light.moments)
     np.testing.assert_array_equal(found.flux, light.flux)
+
+
+def test_cycles_that_were_stopped_go_on_to_the_same_digits(tmp_path: Path) -> None:
+    scene, camera = cloud(10.0), skyscatter.Panorama(width=8, height=4)
+    shares = []
+
+    def stop(share: float) -> None:
+        shares.append(share)
+        if len(shares) > 4:  # between cycles of the finer solution
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as caught:
+        skyscatter.render(scene, camera, WAVELENGTHS, progress=stop)
+    assert 0.0 < shares[-1] < 0.9
+    caught.value.state.save(tmp_path / "state.zarr")
+    resumed = skyscatter.render(scene, camera, WAVELENGTHS, resume=tmp_path / "state.zarr")
+    np.testing.assert_array_equal(resumed.radiance, skyscatter.render(scene, camera, WAVELENGTHS).radiance)
 
 
 def test_what_no_grid_follows_is_refused_before_the_work() -> None:
