@@ -13,6 +13,7 @@ from significance import assert_agrees
 from surface_rooms import room_scene
 
 import skyscatter
+from skyscatter import Path
 
 #: Thin fog that scatters forwards, and one that walks diffuse through: extinction [m-1], albedo, mean cosine.
 FOGS = {"thin": Fog(0.1, 0.99, 0.85), "fog": Fog(0.5, 0.99, 0.85), "even": Fog(1.0, 0.99, 0.0)}
@@ -33,7 +34,7 @@ def pairs_of_walks(fog: Fog, pairs: int) -> Any:
     """What pairs of walks bring in the mean, (look, pair)."""
     pieces, origins, directions = scene_with(fog)
     rays = np.repeat(origins, pairs, axis=0), np.repeat(directions, pairs, axis=0)
-    answer = skyscatter.radiance(room_scene(pieces, [550.0], fog), *rays, [550.0], "path", samples=2, seed=4)
+    answer = skyscatter.radiance(room_scene(pieces, [550.0], fog), *rays, [550.0], solver=Path(samples=2, seed=4))
     return answer.radiance.reshape(len(LOOKS), pairs)
 
 
@@ -55,9 +56,10 @@ def test_error_bars_cover_in_thin_fog() -> None:
     """Many runs of 256 walks against one long one: they were within two standard errors in 84 % before."""
     pieces, origins, directions = scene_with(FOGS["thin"])
     scene = room_scene(pieces, [550.0], FOGS["thin"])
-    long = skyscatter.radiance(scene, origins, directions, [550.0], "path", samples=65_536, seed=1)
+    long = skyscatter.radiance(scene, origins, directions, [550.0], solver=Path(samples=65_536, seed=1))
     runs = [
-        skyscatter.radiance(scene, origins, directions, [550.0], "path", samples=256, seed=100 + k) for k in range(100)
+        skyscatter.radiance(scene, origins, directions, [550.0], solver=Path(samples=256, seed=100 + k))
+        for k in range(100)
     ]
     off = [np.abs(run.radiance - long.radiance) / np.hypot(run.standard_error, long.standard_error) for run in runs]
     # Student's t of 16 batches: 93.6 %; 400 estimates know it to 1.2 %, and three of these may be missing.
@@ -73,7 +75,7 @@ def test_light_is_what_plain_walks_find(name: str) -> None:
     origins = np.tile([1.2, 1.0, 2.2], (len(directions), 1))
     value, error = plain_rooms.walk(pieces, FOGS[name], origins, directions, 0, 20_000, 1)
     scene = room_scene(pieces, [550.0], FOGS[name])
-    answer = skyscatter.radiance(scene, origins, directions, [550.0], "path", samples=4096, seed=2)
+    answer = skyscatter.radiance(scene, origins, directions, [550.0], solver=Path(samples=4096, seed=2))
     both = np.hypot(answer.standard_error[:, 0], error)
     assert_agrees(answer.radiance[:, 0], value, both)
     spread = np.sqrt((both**2).sum()) / value.sum()
