@@ -175,6 +175,7 @@ def guided(table: SurfaceTable) -> WalkTable:
         lowest=np.where(lowest < 0, -1.0, lowest),
         typical=typical,
         open=bool(np.any(lamps.power[~found] > 0)),
+        placed=bool(np.isin(lamps.kind, (POINT_LAMP, SURFACE_LAMP)).any()),
         background=lamps.power[~found].sum(axis=0),
         blind=found / max(found.sum(), 1),
         scatters=scatters,
@@ -184,8 +185,22 @@ def guided(table: SurfaceTable) -> WalkTable:
         points=FIRST_POINTS,
         level=ROULETTE_LEVEL,
         gathered=gathered,
+        halo=halo(gathered),
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide)
+
+
+def halo(gathered: Array) -> Array:
+    """Share of the light once scattered around a point lamp that is seen within an angle of it, (medium, angle).
+
+    Light of a lamp that a ray passes at the angle a from where it starts is in proportion to the integral of the
+    phase function from there on over sin(a), see `kernels.surfaces.legs`.
+    """
+    angle = np.pi * np.linspace(0, 1, ANGLES) ** 2
+    rest = gathered[:, -1:] - gathered
+    steps = 0.5 * (rest[:, 1:] + rest[:, :-1]) * np.diff(angle)
+    sums = np.concatenate([np.zeros((len(gathered), 1)), np.cumsum(steps, axis=1)], axis=1)
+    return np.ascontiguousarray(sums / sums[:, -1:])
 
 
 def _lowest_cosine(cosine: Array, value: Array) -> float:

@@ -14,6 +14,7 @@ from skyscatter.kernels.jit import entry
 from skyscatter.kernels.surfaces.gathering import WalkTable
 from skyscatter.kernels.surfaces.lamps import aim, guess_at_point, meeting_density, pick
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, within_cone
+from skyscatter.kernels.surfaces.past import density_past, draw_past
 from skyscatter.solvers.surface_path import guided
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings
@@ -43,6 +44,14 @@ def on_leg(table, k, x, d, far, u, t, density, kept):  # type: ignore[no-untyped
     for n in range(u.size):
         t[n] = draw_on_leg(table.guide.gathered[0], along, height, low, high, u[n])
         density[n] = density_on_leg(table.guide.gathered[0], along, height, low, high, t[n])
+
+
+@entry
+def past_lamp(table, k, x, u, share, to, d, density):  # type: ignore[no-untyped-def]
+    """Directions (draw, 3) that pass lamp k, and their densities."""
+    for n in range(u.shape[0]):
+        draw_past(table, 0, k, x, u[n, 0], u[n, 1], d[n])
+        density[n] = density_past(table, 0, x, d[n], share, to)
 
 
 @entry
@@ -141,6 +150,23 @@ def test_points_on_legs_have_the_density_that_is_stated(table: dict[str, WalkTab
         assert value == pytest.approx(expected, rel=0.02)
         assert t.min() >= -1e-9
         assert t.max() <= min(far, 8 / 0.5) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("k", [0, 1, 4, 5])
+@pytest.mark.parametrize("x", [(0.2, -0.5, 0.1), (0.0, 0.4, 1.9), (2.2, 0.1, -0.2)])
+def test_directions_past_lamps_have_the_density_that_is_stated(
+    table: dict[str, WalkTable], k: int, x: tuple[float, float, float]
+) -> None:
+    """The mean of f / density over draws is the integral of f, here of exp(c . d): 4 pi sinh |c| / |c|."""
+    u = np.stack(np.meshgrid(*[(np.arange(600) + 0.5) / 600] * 2), axis=-1).reshape(-1, 2)
+    d, density, share = np.empty((len(u), 3)), np.empty(len(u)), np.zeros(len(table["fog"].lamps.kind))
+    share[k] = 0.25
+    past_lamp(table["fog"], k, np.array(x), u, share, np.zeros(3), d, density)
+    np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, rtol=1e-12)
+    for c in ([0.0, 0.0, 1e-6], [2.0, -1.0, 0.5]):
+        size = np.linalg.norm(c)
+        # Draws are at even steps.  Far behind a lamp hardly any light is seen: few draws stand for much there.
+        assert np.mean(np.exp(d @ c) / density) * 0.25 == pytest.approx(4 * math.pi * math.sinh(size) / size, rel=0.01)
 
 
 def test_where_lines_are_within_cones() -> None:

@@ -39,8 +39,8 @@ from skyscatter.kernels.surfaces.media import (
 #: or may be; the most interactions.
 ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST = 0, 1, 2, 3, 4, 5, 6, 7, 8
 #: Numbers in ``Scratch.far``: where on the ray the leg begins; its length; what the chances kept were divided by since,
-#: inverted; the vertex that was drawn on the leg.
-NEAR, LENGTH, SCALE, VERTEX = 0, 1, 2, 3
+#: inverted; the vertex that was drawn on the leg; how much of the view lamps fill at the vertex turned at.
+NEAR, LENGTH, SCALE, VERTEX, NEARBY = 0, 1, 2, 3, 4
 
 
 @by_address
@@ -50,7 +50,7 @@ class Scratch(NamedTuple):
     walk: Walk
     media: MediaWork
     at: np.ndarray  #: (9,) int64 state of the walk, see `ORDER` and so on
-    far: np.ndarray  #: (4,) state of the walk, see `NEAR` and so on
+    far: np.ndarray  #: (5,) state of the walk, see `NEAR` and so on
     first_stack: np.ndarray  #: (STACK,) media in which the camera's ray begins
     stack: np.ndarray  #: (STACK,) media that the walk is inside of
     other_stack: np.ndarray  #: (STACK,) beyond a surface
@@ -82,6 +82,7 @@ class Scratch(NamedTuple):
     density: np.ndarray  #: (wavelength,) of a direction at a surface
     kept_chance: np.ndarray  #: (wavelength,) the walk's chances at the vertex before
     kept_free: np.ndarray  #: (wavelength,) the same times the density of the vertex
+    kept_phase: np.ndarray  #: (wavelength,) density of the direction that was drawn there, by what scatters [sr-1]
     saved_value: np.ndarray  #: (wavelength,)
     saved_chance: np.ndarray  #: (wavelength,)
     sums: np.ndarray  #: (batch, wavelength)
@@ -90,12 +91,12 @@ class Scratch(NamedTuple):
 
 def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) -> Scratch:
     """Scratch arrays for a scene of that size; a thread needs its own."""
-    spectra = [np.zeros(wavelengths) for _ in range(15)]
+    spectra = [np.zeros(wavelengths) for _ in range(16)]
     stacks = [np.full(STACK, -1, np.int64) for _ in range(5)]
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
     return Scratch._make([
-        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(9, np.int64), np.zeros(4), *stacks,
+        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(9, np.int64), np.zeros(5), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
+from skyscatter.kernels.codes.surfaces import DIELECTRIC, INTERFACE, SURFACE_LAMP
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf
@@ -48,8 +49,9 @@ from skyscatter.kernels.surfaces.lamps import (
     ring_of,
 )
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, guess_on_leg
-from skyscatter.kernels.surfaces.media import scattering
-from skyscatter.kernels.surfaces.past import density_past, shares_past
+from skyscatter.kernels.surfaces.media import draw_scattered, scattering
+from skyscatter.kernels.surfaces.past import density_past, shares_from_wall, shares_past
+from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.kernels.surfaces.shadows import reaches
 from skyscatter.kernels.surfaces.shapes import item_body
 from skyscatter.kernels.surfaces.tables import (
@@ -63,6 +65,8 @@ from skyscatter.kernels.surfaces.tables import (
 BOTH, AREA, ANGULAR = 0, 1, 2
 #: What the vertex before was: one from which no lamp can be aimed at, one on a surface, one in a medium.
 NO_AIM, SURFACE, MEDIUM = 0, 1, 2
+#: Largest share of the rays from points on legs that are not aimed at a lamp.
+MET = 0.5
 #: Parts of the light: straight from where it shines, scattered once by a medium, once by a surface.
 DIRECT, SCATTERED, REFLECTED_ONCE = 0, 1, 2
 
@@ -114,19 +118,52 @@ def meeting_weight(table, k, cosine, s):
     density = meeting_density(table.shapes, lamps, k, s.at[ITEM], walk.position, s.hit[0], cosine)
     if s.at[BEFORE] == SURFACE:
         guess_at_point(lamps, guide, kept[0], kept[1], kept[2, 0] > 0.0, s.chance)
-        first, second = s.chance[k] * density * s.far[SCALE], 0.0
+        first, second, met = s.chance[k] * s.far[SCALE], 0.0, 0.0
     else:
         m, t, far = np.int64(kept[2, 0]), kept[2, 1], kept[2, 2]
         guess_on_leg(lamps, guide, m, kept[0], kept[1], far, s.chance)
         _, along, height, low, high = aim_on_leg(lamps, guide, m, k, kept[0], kept[1], far)
         near = table.guide.near if high > low else 0.0
-        density *= s.chance[k] * s.far[SCALE]
-        first = density * near * density_on_leg(guide.gathered[m], along, height, low, high, t)
-        second = density * (1.0 - near)
+        for n in range(3):
+            s.place[n] = kept[0, n] + t * kept[1, n]
+        met = share_met(guide, k, s.place)
+        weight = s.chance[k] * s.far[SCALE]
+        first = weight * near * density_on_leg(guide.gathered[m], along, height, low, high, t)
+        second = weight * (1.0 - near)
     mean = 0.0
     for i in range(walk.chance.size):
-        mean += walk.chance[i] + first * s.kept_chance[i] + second * s.kept_free[i]
+        aimed = first * s.kept_chance[i] + second * s.kept_free[i]
+        mean += walk.chance[i] + aimed * ((1.0 - met) * density + met * s.kept_phase[i])
     return mean / walk.chance.size
+
+
+@inlined
+def share_met(guide, k, x):
+    """Share of the rays to lamp k from a point in a medium that go where it scatters to, and may meet the lamp.
+
+    Half where the lamp is near for its size: points drawn on it would count by one over the square of their distance.
+    """
+    p = guide.middle[k]
+    square = (x[0] - p[0]) ** 2 + (x[1] - p[1]) ** 2 + (x[2] - p[2]) ** 2
+    return MET * min(guide.size[k] * guide.size[k] / max(square, 1e-300), 1.0) ** 2
+
+
+@kernel
+def lamp_ahead(table, k, x, d, s):
+    """What of lamp k a ray from x in direction d meets first, as `aim` tells it; whether it gets there is not asked."""
+    shapes, hit = table.shapes, s.shadow_hit
+    item = closest_hit(shapes, x, d, math.inf, np.int64(-1), hit)
+    while item >= 0:
+        body = item_body(shapes, item)
+        if shapes.lamp[body] == k:
+            cosine = -(d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3])
+            density = meeting_density(shapes, table.lamps, k, item, x, hit[0], cosine)
+            return hit[0], item, density, brightness(table.lamps, k, cosine)
+        kind = table.materials.kind[shapes.material[body]]
+        if kind != INTERFACE and kind != DIELECTRIC:
+            break
+        item = next_hit(shapes, x, d, hit[0], item, math.inf, hit)
+    return math.inf, np.int64(-1), 0.0, 0.0
 
 
 @merged
@@ -168,25 +205,33 @@ def light_leg(table, hero, sampling, first, s):
     t, near, drawn = place_on_leg(table, m, k, hero, first, s)
     if t < 0.0:
         return False
-    distance, goal, density, light = aim(
-        table.shapes, lamps, k, s.place, number(walk, order, 3) if first else uniform(walk.state),
-        number(walk, order, 4) if first else uniform(walk.state), s.aside, s.point,
-    )  # fmt: skip
+    u, v = (number(walk, order, 3), number(walk, order, 4)) if first else (uniform(walk.state), uniform(walk.state))
+    near_by = share_met(table.guide, k, s.place) if sampling == BOTH and lamps.kind[k] == SURFACE_LAMP else 0.0
+    if near_by > 0.0 and uniform(walk.state) < near_by:
+        look_at(media, m, s.start, d, s.far[LENGTH], t, s)
+        for n in range(3):
+            s.aside[n] = d[n]
+        if not draw_scattered(media, m, hero, u, v, s.media, s.aside):
+            return False
+        distance, goal, density, light = lamp_ahead(table, k, s.place, s.aside, s)
+    else:
+        distance, goal, density, light = aim(table.shapes, lamps, k, s.place, u, v, s.aside, s.point)
     if not light > 0.0 or not reaches(table, s.place, s.aside, distance, np.int64(-1), goal, s.stack, s):
         return False
     look_at(media, m, s.start, d, s.far[LENGTH], t, s)
     cosine = d[0] * s.aside[0] + d[1] * s.aside[1] + d[2] * s.aside[2]
     towards, total = s.media.towards, s.media.total
     scattering(media, m, s.media.density, cosine, s.media, towards)
-    aimed = s.chance[k] * (density if density > 0.0 else 1.0)
+    chosen, extent = s.chance[k], density if density > 0.0 else 1.0
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
     past = shares_past(table, m, s.place, s) if met > 0.0 else 0.0
-    passing = density_past(table, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
+    passing = density_past(table, m, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):
         by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
         by_flight = met * s.free[i] * s.event[i] * ((1.0 - past) * by_phase + passing) * s.onward[i]
-        mean += walk.chance[i] * (aimed * (drawn + (1.0 - near) * s.free[i]) + by_flight)
+        by_light = chosen * ((1.0 - near_by) * extent + near_by * by_phase)
+        mean += walk.chance[i] * (by_light * (drawn + (1.0 - near) * s.free[i]) + by_flight)
     if not mean > 0.0:
         return False
     mean = light * walk.chance.size / mean
@@ -217,10 +262,9 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     if not (light > 0.0 and (cosine > 0.0 or both_sides)):
         return False
     evaluate_bsdf(
-        table.materials, row, s.normal, s.back, s.aside, media.index[here], media.index[there],
-        np.bool_(False), s.factor,
-        s.density,
-    )
+        table.materials, row, s.normal, s.back, s.aside, media.index[here], media.index[there], np.bool_(False),
+        s.factor, s.density,
+    )  # fmt: skip
     bright = 0.0
     for i in range(s.factor.size):
         bright += s.factor[i]
@@ -229,9 +273,11 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
         return False
     aimed = s.chance[k] * (density if density > 0.0 else 1.0)
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
+    past = shares_from_wall(table, here, x, n, s) if met > 0.0 and not both_sides else 0.0
+    passing = density_past(table, here, x, s.aside, s.chance, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):
-        mean += walk.chance[i] * (aimed + met * s.density[i] * s.onward[i])
+        mean += walk.chance[i] * (aimed + met * ((1.0 - past) * s.density[i] + passing) * s.onward[i])
     if not mean > 0.0:
         return False
     mean = light * walk.chance.size / mean

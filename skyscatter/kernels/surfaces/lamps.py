@@ -36,6 +36,7 @@ class LampGuide(NamedTuple):
     lowest: np.ndarray  #: (lamp,) cosine around the axis below which nothing shines; -1 where light goes everywhere
     typical: np.ndarray  #: (lamp,) radiant intensity over power, evenly spread over where it shines [sr-1]
     open: bool  #: whether light comes from the surroundings
+    placed: bool  #: whether there are lamps with a place
     background: np.ndarray  #: (wavelength,) their radiance
     blind: np.ndarray  #: (lamp,) chance of every lamp that can be looked for; they sum to 1
     scatters: np.ndarray  #: (medium,) bool
@@ -45,6 +46,7 @@ class LampGuide(NamedTuple):
     points: int  #: of the camera's first leg at which lamps are looked for
     level: float  #: throughput below which roulette begins
     gathered: np.ndarray  #: (medium, angle) integral of the mean phase function over the angle up to pi (k / n)^2
+    halo: np.ndarray  #: (medium, angle) share of the light around a point lamp that is seen within such an angle of it
 
 
 @inlined

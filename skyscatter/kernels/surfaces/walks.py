@@ -18,11 +18,11 @@ import math
 
 import numpy as np
 
-from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, TRANSMITTED
+from skyscatter.kernels.codes.surfaces import DIELECTRIC
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.path import BATCHES, copy_sums, statistics
 from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
-from skyscatter.kernels.surfaces.bsdf import is_delta, sample_bsdf
+from skyscatter.kernels.surfaces.bsdf import is_delta
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
     DIVIDED,
@@ -38,17 +38,14 @@ from skyscatter.kernels.surfaces.flights import (
     VERTEX,
     WHOLE,
     draw_vertex,
-    look_at,
     measure_leg,
     weigh_vertex,
 )
 from skyscatter.kernels.surfaces.gathering import (
     ANGULAR,
-    MEDIUM,
     NO_AIM,
     REFLECTED_ONCE,
     SCATTERED,
-    SURFACE,
     Sums,
     add_light,
     glow,
@@ -57,50 +54,14 @@ from skyscatter.kernels.surfaces.gathering import (
     light_surface,
     number,
 )
-from skyscatter.kernels.surfaces.media import current_medium, scattering
-from skyscatter.kernels.surfaces.past import density_past, draw_direction
+from skyscatter.kernels.surfaces.media import current_medium
 from skyscatter.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
+from skyscatter.kernels.surfaces.turns import BEHIND, LEG, OVER, TURN, balance, scatter_at, turn_at_surface
 
-#: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
-LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
 #: Walks of each batch before the noise is judged first, and before a ray may count as quiet.
 FIRST_WALKS, SURE_WALKS = 4, 32
-#: What comes next: a leg, a vertex in the medium, what lies behind the leg, nothing.
-LEG, TURN, BEHIND, OVER = 0, 1, 2, 3
-
-
-@inlined
-def balance(walk):
-    """Divide value and chances by the mean chance, which is returned; 0 when the walk is worth nothing."""
-    mean = 0.0
-    for i in range(walk.chance.size):
-        mean += walk.chance[i]
-    mean /= walk.chance.size
-    if mean > 0.0:
-        scale = 1.0 / mean
-        for i in range(walk.chance.size):
-            walk.chance[i] *= scale
-            walk.value[i] *= scale
-    return mean
-
-
-@inlined
-def survives(walk, order, level):
-    """Russian roulette; survivors carry the weight of the fallen."""
-    largest = 0.0
-    for i in range(walk.value.size):
-        largest = max(largest, walk.value[i])
-    q = min(largest / level, 1.0)
-    if order >= LONG:
-        q = min(q, LONG_SHARE if order < ENDLESS else ENDLESS_SHARE)
-    if q < 1.0:
-        if not uniform(walk.state) < q:
-            return False
-        for i in range(walk.value.size):
-            walk.value[i] /= q
-    return True
 
 
 @inlined
@@ -217,68 +178,6 @@ def take_leg(table, hero, sampling, s, sums):
     for i in range(walk.value.size):
         walk.value[i] *= s.through[i]
     return BEHIND
-
-
-@kernel
-def scatter_at(table, hero, s):
-    """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends."""
-    walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
-    look_at(table.media, m, s.start, d, s.far[LENGTH], t, s)
-    for n in range(3):
-        s.kept[0, n], s.kept[1, n] = s.start[n], d[n]
-        walk.position[n] = s.start[n] + t * d[n]
-    s.kept[2, 0], s.kept[2, 1], s.kept[2, 2] = m, t, s.far[LENGTH]
-    order = s.at[ORDER]
-    u, v = number(walk, order, 6), number(walk, order, 7)
-    turned, past = draw_direction(table, m, hero, walk.position, u, v, s, d)
-    if not turned:
-        return OVER
-    passing = density_past(table, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
-    cosine = d[0] * s.kept[1, 0] + d[1] * s.kept[1, 1] + d[2] * s.kept[1, 2]
-    towards, total = s.media.towards, s.media.total
-    scattering(table.media, m, s.media.density, cosine, s.media, towards)
-    for i in range(walk.value.size):
-        s.kept_chance[i], s.kept_free[i] = walk.chance[i], walk.chance[i] * s.free[i]
-        by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
-        walk.value[i] *= s.halfway[i] * towards[i]
-        walk.chance[i] *= s.free[i] * s.event[i] * ((1.0 - past) * by_phase + passing)
-    mean = balance(walk)
-    s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
-    s.at[ITEM], s.at[SKIP] = -1, -1
-    if not mean > 0.0:
-        return OVER
-    s.far[SCALE] = 1.0 / mean
-    return LEG if survives(walk, order + 1, table.guide.level) else OVER
-
-
-@merged
-def turn_at_surface(table, row, hero, here, there, s):
-    """Turn where a surface was met; LEG, or OVER if the walk ends."""
-    walk, media, order = s.walk, table.media, s.at[ORDER]
-    u, v = number(walk, order, 8), number(walk, order, 9)
-    dispersive = media.dispersive[here] or media.dispersive[there]
-    event = sample_bsdf(
-        table.materials, row, hero, s.normal, s.back, u, v, uniform(walk.state), uniform(walk.state),
-        uniform(walk.state), media.index[here], media.index[there], dispersive, np.bool_(False), walk.direction,
-        s.factor, s.density,
-    )  # fmt: skip
-    if event == ABSORBED:
-        return OVER
-    for i in range(walk.value.size):
-        s.kept_chance[i] = walk.chance[i]
-        walk.value[i] *= s.factor[i]
-        walk.chance[i] *= s.density[i]
-    mean = balance(walk)
-    s.at[ORDER], s.at[LAST] = order + 1, REFLECTED_ONCE
-    s.at[BEFORE] = NO_AIM if event & DELTA else SURFACE
-    s.at[SKIP] = s.at[ITEM]
-    s.at[ITEM] = -1
-    if event & TRANSMITTED:
-        copy_stack(s.other_stack, s.stack)
-    if not mean > 0.0:
-        return OVER
-    s.far[SCALE] = 1.0 / mean
-    return LEG if survives(walk, order + 1, table.guide.level) else OVER
 
 
 @kernel

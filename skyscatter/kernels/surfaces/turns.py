@@ -1,0 +1,163 @@
+"""Turns of camera walks: at a vertex in a medium, at a surface; and the roulette that follows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, REFLECTED, TRANSMITTED
+from skyscatter.kernels.jit import inlined, kernel, merged
+from skyscatter.kernels.random import uniform
+from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf, is_delta, sample_bsdf
+from skyscatter.kernels.surfaces.flights import (
+    BEFORE,
+    IN,
+    ITEM,
+    LAST,
+    LENGTH,
+    NEARBY,
+    ORDER,
+    SCALE,
+    SKIP,
+    VERTEX,
+    look_at,
+)
+from skyscatter.kernels.surfaces.gathering import MEDIUM, NO_AIM, REFLECTED_ONCE, SCATTERED, SURFACE, number
+from skyscatter.kernels.surfaces.lamps import pick
+from skyscatter.kernels.surfaces.media import scattering
+from skyscatter.kernels.surfaces.past import density_past, draw_direction, draw_past, shares_from_wall
+from skyscatter.kernels.surfaces.shadows import copy_stack
+
+#: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
+LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
+#: How much more a walk is worth where a lamp fills all of the view, and at most where it was sent past a lamp: there
+#: roulette begins that much lower, else it would make of many dim walks a few bright ones just before they are lit.
+CLOSE_WORTH, MOST_WORTH = 30.0, 30.0
+#: What comes next: a leg, a vertex in the medium, what lies behind the leg, nothing.
+LEG, TURN, BEHIND, OVER = 0, 1, 2, 3
+
+
+@inlined
+def balance(walk):
+    """Divide value and chances by the mean chance, which is returned; 0 when the walk is worth nothing."""
+    mean = 0.0
+    for i in range(walk.chance.size):
+        mean += walk.chance[i]
+    mean /= walk.chance.size
+    if mean > 0.0:
+        scale = 1.0 / mean
+        for i in range(walk.chance.size):
+            walk.chance[i] *= scale
+            walk.value[i] *= scale
+    return mean
+
+
+@inlined
+def survives(walk, order, level):
+    """Russian roulette; survivors carry the weight of the fallen."""
+    largest = 0.0
+    for i in range(walk.value.size):
+        largest = max(largest, walk.value[i])
+    q = min(largest / level, 1.0)
+    if order >= LONG:
+        q = min(q, LONG_SHARE if order < ENDLESS else ENDLESS_SHARE)
+    if q < 1.0:
+        if not uniform(walk.state) < q:
+            return False
+        for i in range(walk.value.size):
+            walk.value[i] /= q
+    return True
+
+
+@kernel
+def scatter_at(table, hero, s):
+    """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends."""
+    walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
+    look_at(table.media, m, s.start, d, s.far[LENGTH], t, s)
+    for n in range(3):
+        s.kept[0, n], s.kept[1, n] = s.start[n], d[n]
+        walk.position[n] = s.start[n] + t * d[n]
+    s.kept[2, 0], s.kept[2, 1], s.kept[2, 2] = m, t, s.far[LENGTH]
+    order = s.at[ORDER]
+    u, v = number(walk, order, 6), number(walk, order, 7)
+    turned, past = draw_direction(table, m, hero, walk.position, u, v, s, d)
+    if not turned:
+        return OVER
+    passing = density_past(table, m, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
+    cosine = d[0] * s.kept[1, 0] + d[1] * s.kept[1, 1] + d[2] * s.kept[1, 2]
+    towards, total, more = s.media.towards, s.media.total, 1.0
+    scattering(table.media, m, s.media.density, cosine, s.media, towards)
+    for i in range(walk.value.size):
+        s.kept_chance[i], s.kept_free[i] = walk.chance[i], walk.chance[i] * s.free[i]
+        by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
+        s.kept_phase[i] = by_phase
+        walk.value[i] *= s.halfway[i] * towards[i]
+        by_all = (1.0 - past) * by_phase + passing
+        walk.chance[i] *= s.free[i] * s.event[i] * by_all
+        if i == hero and table.guide.placed:
+            more = more_often(by_all, by_phase)
+    more *= 1.0 + CLOSE_WORTH * s.far[NEARBY]
+    mean = balance(walk)
+    s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
+    s.at[ITEM], s.at[SKIP] = -1, -1
+    if not mean > 0.0:
+        return OVER
+    s.far[SCALE] = 1.0 / mean
+    return LEG if survives(walk, order + 1, table.guide.level / more) else OVER
+
+
+@inlined
+def more_often(drawn, plain):
+    """How much more often a direction is drawn than by what scatters alone: there walks are worth that much more."""
+    return min(max(drawn / plain, 1.0), MOST_WORTH) if plain > 0.0 else 1.0
+
+
+@merged
+def leave_towards(table, row, here, there, s):
+    """What a surface does to light that leaves it in the walk's direction, as `sample_bsdf` tells it."""
+    d, n, media = s.walk.direction, s.kept[1], table.media
+    if not n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0.0:
+        return ABSORBED
+    evaluate_bsdf(
+        table.materials, row, s.normal, s.back, d, media.index[here], media.index[there], np.bool_(False), s.factor,
+        s.density,
+    )  # fmt: skip
+    return REFLECTED
+
+
+@merged
+def turn_at_surface(table, row, hero, here, there, s):
+    """Turn where a surface was met; LEG, or OVER if the walk ends."""
+    walk, media, order = s.walk, table.media, s.at[ORDER]
+    u, v = number(walk, order, 8), number(walk, order, 9)
+    dispersive = media.dispersive[here] or media.dispersive[there]
+    one_side = not is_delta(table.materials, row) and table.materials.kind[row] != DIELECTRIC
+    past = shares_from_wall(table, here, walk.position, s.kept[1], s) if one_side else 0.0
+    choice = uniform(walk.state) if past > 0.0 else 1.0
+    if choice < past:
+        draw_past(table, here, pick(s.chance, choice), walk.position, u, v, walk.direction)
+        event = leave_towards(table, row, here, there, s)
+    else:
+        event = sample_bsdf(
+            table.materials, row, hero, s.normal, s.back, u, v, uniform(walk.state), uniform(walk.state),
+            uniform(walk.state), media.index[here], media.index[there], dispersive, np.bool_(False), walk.direction,
+            s.factor, s.density,
+        )  # fmt: skip
+    if event == ABSORBED:
+        return OVER
+    passing = density_past(table, here, walk.position, walk.direction, s.chance, s.aside) if past > 0.0 else 0.0
+    more = more_often((1.0 - past) * s.density[hero] + passing, s.density[hero])
+    for i in range(walk.value.size):
+        s.kept_chance[i] = walk.chance[i]
+        walk.value[i] *= s.factor[i]
+        walk.chance[i] *= (1.0 - past) * s.density[i] + passing
+    mean = balance(walk)
+    s.at[ORDER], s.at[LAST] = order + 1, REFLECTED_ONCE
+    s.at[BEFORE] = NO_AIM if event & DELTA else SURFACE
+    s.at[SKIP] = s.at[ITEM]
+    s.at[ITEM] = -1
+    if event & TRANSMITTED:
+        copy_stack(s.other_stack, s.stack)
+    if not mean > 0.0:
+        return OVER
+    s.far[SCALE] = 1.0 / mean
+    return LEG if survives(walk, order + 1, table.guide.level / more) else OVER
