@@ -433,7 +433,7 @@ def test_noise_decides_how_many_walks() -> None:
     "given",
     [
         {"sampling": "march"}, {"samples": 16, "noise": 0.1}, {"stokes": True}, {"tolerance": 1e-3},
-        {"transmittance": "ratio"}, {"photons": 100}, {"sampling": "angular"},
+        {"transmittance": "ratio"}, {"sampling": "angular"},
     ],
 )  # fmt: skip
 def test_options_without_meaning_are_refused(given: dict[str, Any]) -> None:
