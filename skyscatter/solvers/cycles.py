@@ -55,17 +55,11 @@ def all_orders(
 
     Parameters
     ----------
-    sweeper : Sweeper
-    tolerance : float
-        Relative; three tenths of it may be missing.
     guide : Solution, optional
         A coarser one at the same wavelengths, which helps.
-    progress : callable, optional
-        Called with the finished share, 0 to 1.
-    checkpoint : Checkpoint, optional
-        What has been kept there goes on, and what is finished is kept from sweep to sweep.
-    name : str
-        Of the part of the checkpoint.
+
+    The others are those of `skyscatter.solvers.series.sum_orders`: here too three tenths of the tolerance may be
+    missing.
 
     Raises
     ------
@@ -145,10 +139,8 @@ def _cycles(
             found = way.corrected(light, swept)
         except ConvergenceError:
             return None
-        before, changed = (
-            changed,
-            float(np.max(np.percentile(_changes(way.parts.weight, light, found), PLACES) / ALLOWED)),
-        )
+        changes = np.percentile(_changes(way.parts.weight, light, found), PLACES)
+        before, changed = changed, float(np.max(changes / ALLOWED))
         if not changed < min(way.slowest * before, way.most_changed):
             return None
         if cycle > 0:  # one alone does not tell how much is left

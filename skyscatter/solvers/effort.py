@@ -17,7 +17,7 @@ MOST_ORDERS, MOST_MINUTES = 1000, 60
 #: with caution.  How many orders that are summed have all moments, and what the others, which have few left, are worth.
 POINT, OF_WAVELENGTH, OF_MOMENT = 1e-6, 3e-8, 4.5e-10
 FIRST_ORDERS, LATER_SHARE = 4, 0.05
-#: Sweeps of a solution that is not a sum of orders: three to five by two grids, five to eight by diffusion.
+#: Sweeps of a solution that is not a sum of orders: three to five by two grids, five to ten by diffusion.
 CYCLES = 8
 #: Optical depth from node to node beyond which a sweep does not see what lies between.
 MOST_GAP = 1.0
