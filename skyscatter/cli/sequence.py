@@ -195,7 +195,7 @@ def run(request: Any, sequence: FrameList, look: dict[str, Any], exposure: float
     highest = max(scenes, key=lambda scene: scene.sun.elevation_deg)
     # A picture is centred on the highest Sun, and stays there.
     request, camera = composed(request, highest.observer, highest.sun.azimuth_deg, bool(sequence.times))
-    camera.directions(scenes[0].observer)
+    camera.through(0, 0, scenes[0].observer)
     frames = Frames(scenes, camera, request.wavelengths, None, _options(request))
     one_air = not sequence.models and request.solver == "orders" and "max_order" not in request.given
     if one_air:

@@ -406,7 +406,7 @@ def run(request: Request, arguments: list[str]) -> int:
     model, scene = build_scene(request)
     request, camera = composed(request, scene.observer, centre_of(scene))
     check_picture(*request.size, request.wavelengths.size)
-    camera.directions(scene.observer)  # refuses a view that this observer cannot have, before any time is spent
+    camera.through(0, 0, scene.observer)  # refuses a view that this observer cannot have, before any time is spent
     if request.scene_for is not None:
         from skyscatter.image.scenefiles import check_dome
 

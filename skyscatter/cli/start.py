@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
+import gc
 import os
 import sys
 from contextlib import suppress
 from typing import NoReturn
 
 from skyscatter.cli.stopping import answered, asked, deaf, end_now, status
+
+#: New objects after which Python looks for circles among them: loading modules makes many, and next to no garbage.
+GARBAGE = 100_000
+
+#: glibc's numbers for how much free memory it keeps and from which size on it never does, and the largest such size.
+TRIM, MAPPED, MOST = -1, -3, 32 << 20
+
+
+def keep_memory() -> None:
+    """Keep what arrays leave for the next ones: the system clears every page that it is given back, a second a GB."""
+    with suppress(OSError, AttributeError):  # another system, or another C library
+        settle = ctypes.CDLL(None).mallopt
+        settle(MAPPED, MOST)
+        settle(TRIM, 2**31 - 1)
 
 
 def leave(result: int) -> NoReturn:
@@ -23,6 +39,8 @@ def leave(result: int) -> NoReturn:
 def program() -> NoReturn:
     """Run the program and end the process with its exit status."""
     with answered():
+        gc.set_threshold(GARBAGE)
+        keep_memory()
         try:
             from skyscatter.cli.main import main
 

@@ -106,4 +106,5 @@ class Pinhole(CameraBase):
         """Solid angle [sr] at the pixel centre: f (f² + a² + b²)^(-3/2), the area of a pixel seen obliquely."""
         focal, *_ = self._view(observer)
         a, b = self._offsets(y=np.arange(self.height)[rows, None])
-        return focal / (focal**2 + a**2 + b**2) ** 1.5
+        square = focal**2 + a**2 + b**2
+        return focal / (square * np.sqrt(square))  # a power of 1.5 takes four times as long

@@ -36,16 +36,11 @@ def with_glare(exposed: Array) -> Array:
     shape = [_fast_length(side + side // 4 + 1) for side in (height, width)]
     y, x = (np.minimum(np.arange(side), side - np.arange(side)) for side in shape)
     radius = max(CORE * width, 1.0)
-    spread = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / radius**2) ** -1.5
-    spread *= SHARE / (2.0 * np.pi * radius**2)  # the integral over the plane is SHARE
-    filtered = np.fft.rfft2(spread)
-
-    def veiled(channel: int) -> Array:
-        light = np.fft.rfft2(spilt[..., channel], s=shape)
-        return np.fft.irfft2(light * filtered, s=shape)[:height, :width]
-
+    away = 1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / radius**2
+    spread = SHARE / (2.0 * np.pi * radius**2) / (away * np.sqrt(away))  # the integral over the plane is SHARE
     with Workers(processors()) as pool:
-        veil = list(pool.map(veiled, range(exposed.shape[2])))
+        *lights, filtered = pool.map(lambda plane: np.fft.rfft2(plane, s=shape), [*np.moveaxis(spilt, 2, 0), spread])
+        veil = list(pool.map(lambda light: np.fft.irfft2(light * filtered, s=shape)[:height, :width], lights))
     # Transforms leave rounding of the brightest light in the dark, some of it below zero.
     return np.asarray(exposed + np.maximum(np.stack(veil, axis=-1), 0.0))
 

@@ -21,6 +21,7 @@ from skyscatter.image import polarisation as polar
 from skyscatter.image import tone as tones
 from skyscatter.image.dataset import to_dataset
 from skyscatter.image.skyframe import SkyFrame
+from skyscatter.workers import in_parts
 
 if TYPE_CHECKING:
     import xarray
@@ -50,6 +51,8 @@ _WRITERS: dict[str, tuple[str, tuple[str, ...]]] = {
     ".zarr": ("zarrfolder", ("dtype",)),
 }
 _READERS = tuple(ext for ext in _WRITERS if ext not in (".png", ".hdr"))
+#: Rows of a picture that a thread looks through at a time.
+ROWS = 64
 _LAYER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
@@ -645,6 +648,18 @@ def _checked_cube(
         raise DomainError(name, f"shape {cube.shape}", f"must have the shape of the radiance, {shape}")
     if cube.ndim != 3 or cube.size == 0 or (bands is not None and cube.shape[2] != bands):
         raise DomainError(name, f"shape {cube.shape}", f"must be (y, x, wavelength) with {bands} wavelengths")
-    if any(np.isinf(row).any() for row in cube):
+    if _has_infinite(cube):
         raise DomainError(name, "infinite", "must be finite, or NaN outside the camera's field")
     return cube
+
+
+def _has_infinite(cube: NDArray[Any]) -> bool:
+    """Whether a picture has an infinite value; sums are quick, and rows where they are finite need no other look."""
+    found: list[bool] = []
+
+    def look(rows: slice) -> None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            found.extend(not np.isfinite(row.sum()) and np.isinf(row).any() for row in cube[rows])
+
+    in_parts(look, len(cube), ROWS)
+    return any(found)

@@ -2,17 +2,80 @@
 
 from __future__ import annotations
 
+import math
+
 from skyscatter.kernels.jit import entry, inlined
+from skyscatter.kernels.tabulated import angle_cell, cell_of
+
+
+@inlined
+def _cubic(nodes, first, last, x, number, weight):
+    """Four of the nodes from `first` to before `last` around a place, and their weights in the cubic through them."""
+    n = min(max(cell_of(nodes, first, last - 1, x) - 1, first), last - 4)
+    for k in range(4):
+        above, below = 1.0, 1.0
+        for j in range(4):
+            if j != k:
+                above *= x - nodes[n + j]
+                below *= nodes[n + k] - nodes[n + j]
+        number[k], weight[k] = n + k, above / below
+
+
+@entry
+def place_rays(directions, axes, elevation, below, horizon, turns, last, row, across, column, along, cell, share, high):
+    """Where rays lie between the nodes of a table over the sky; nothing is joined across the horizon.
+
+    Parameters
+    ----------
+    directions : (ray, 3)
+    axes : (4, 3)
+        The vertical, the horizontal direction towards the Sun, that to its left, and the direction of the Sun.
+    elevation : (node,)
+        Rising [rad]; the first `below` nodes look below the horizon.
+    below : int
+    horizon : float
+    turns : (turn + 2,)
+        Nodes of the azimuth from the Sun, 0 to pi, and one more beyond either end.
+    last : int
+        Number of the last angle of the phase functions.
+    row, column : (ray, 4) int64, output
+        Nodes of the elevation and of the azimuth beside each ray.
+    across, along : (ray, 4), output
+        Their weights.
+    cell : (ray, 2) int64, output
+        Nodes of the angle from the Sun.
+    share : (ray, 2), output
+        Their weights.
+    high : (ray,), output
+        Elevation [rad].
+    """
+    nodes, most = elevation.size, turns.size - 3
+    for ray in range(directions.shape[0]):
+        d = directions[ray]
+        x = d[0] * axes[0, 0] + d[1] * axes[0, 1] + d[2] * axes[0, 2]
+        y = d[0] * axes[1, 0] + d[1] * axes[1, 1] + d[2] * axes[1, 2]
+        z = d[0] * axes[2, 0] + d[1] * axes[2, 1] + d[2] * axes[2, 2]
+        high[ray] = math.atan2(x, math.hypot(y, z))
+        height = min(max(high[ray], elevation[0]), elevation[nodes - 1])
+        first, end = (0, below) if below == nodes or (below > 0 and height < horizon) else (below, nodes)
+        _cubic(elevation, first, end, height, row[ray], across[ray])
+        _cubic(turns, 0, turns.size, math.atan2(abs(z), y), column[ray], along[ray])
+        for k in range(4):  # the light is the same on both sides of the Sun
+            turn = abs(column[ray, k] - 1)
+            column[ray, k] = turn if turn <= most else 2 * most - turn
+        k, w = angle_cell(d[0] * axes[3, 0] + d[1] * axes[3, 1] + d[2] * axes[3, 2], last)
+        cell[ray, 0], cell[ray, 1], share[ray, 0], share[ray, 1] = k, k + 1, 1.0 - w, w
 
 
 @inlined
 def _add_nodes(table, row, across, column, along, out):
     """Add a table (node, turn, wavelength) at a place between four nodes each way, with their weights, to `out`."""
     for a in range(4):
-        for b in range(4):
-            weight, node = across[a] * along[b], table[row[a], column[b]]
-            for i in range(out.size):
-                out[i] += weight * node[i]
+        near = table[row[a]]
+        first, second, third, fourth = near[column[0]], near[column[1]], near[column[2]], near[column[3]]
+        p, q, r, s = across[a] * along[0], across[a] * along[1], across[a] * along[2], across[a] * along[3]
+        for i in range(out.size):  # four nodes at once: what is summed stays in registers
+            out[i] += p * first[i] + q * second[i] + r * third[i] + s * fourth[i]
 
 
 @entry

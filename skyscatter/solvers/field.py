@@ -801,11 +801,13 @@ class RadianceField:
             return self._solved(table, origins, directions, parts)
         found = sky.look(directions, parts)
         diffuse = found.diffuse
-        radiance, error = diffuse + found.beyond, found.error * np.abs(diffuse)
+        error = np.abs(np.multiply(found.error, diffuse, out=found.error), out=found.error)
         error += self._level_error(table, origins, directions, diffuse)
+        radiance = diffuse if found.beyond is None else diffuse + found.beyond
         layers = {}
         if parts:
-            layers = {"direct": found.beyond, "scattered": found.scattered, "ground": found.ground}
+            direct = np.zeros_like(diffuse) if found.beyond is None else found.beyond
+            layers = {"direct": direct, "scattered": found.scattered, "ground": found.ground}
             layers["multiple"] = found.multiple
         alone = np.flatnonzero(sky.alone(directions))
         if alone.size:

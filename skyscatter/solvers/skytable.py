@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.kernels.skyrows import join_rays
+from skyscatter.kernels.skyrows import join_rays, place_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import slant_columns
@@ -46,6 +46,8 @@ CLOSEST = 0.15
 FEWEST = 2.0
 #: Rays that are compared, all over the picture and beside the Sun, out to an angle [rad].
 COMPARED, BESIDE_SUN = 96, math.radians(40.0)
+#: Of so many rays, spread evenly over all.
+SORTED = 65536
 #: What may be missed, in tolerances of the solution; the error that is stated is twice as large at least.
 MISSED = 0.2
 #: And as a share of the error that is stated, where that is larger: in twilight.
@@ -157,42 +159,36 @@ class SkyTable:
         """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
         return np.asarray(self.parts.rest + np.maximum(self.parts.multiple, 0.0) + self.parts.ground)
 
+    @cached_property
+    def axes(self) -> Array:
+        """The frame's three axes and the direction of the Sun, (4, 3)."""
+        return np.array([*self.frame, self.sun])
+
     def look(self, directions: Array, parts: bool = True) -> Look:
         """Light along rays (ray, 3); without `parts` all diffuse light counts as scattered once."""
-        elevation, turn = self.frame.of(directions)
-        rows, across = self._places(np.clip(elevation, self.elevation[0], self.elevation[-1]))
-        columns, along = _cubics(_mirrored(), turn)
-        columns = np.abs(columns - 1)
-        columns = np.where(columns >= TURNS, 2 * (TURNS - 1) - columns, columns)
-        cell, share = angle_cells(directions @ self.sun, self.phase.shape[1] - 1)
-        work = np.empty((2, self.beyond.shape[1]))
+        rays, wavelengths = len(directions), self.beyond.shape[1]
+        row, column, cell = (np.empty((rays, n), np.int64) for n in (4, 4, 2))
+        across, along, share, high = np.empty((rays, 4)), np.empty((rays, 4)), np.empty((rays, 2)), np.empty(rays)
+        place_rays(
+            np.ascontiguousarray(directions), self.axes, self.elevation, self.below, self.horizon, _mirrored(),
+            self.phase.shape[1] - 1, row, across, column, along, cell, share, high,
+        )  # fmt: skip
+        work = np.empty((2, wavelengths))
         none = self.parts.lit[:0], self.phase[:0], self.lost[:0]
+        dark = high > self.top
 
         def joined(smooth: Array, lit: Array, phase: Array, lost: Array) -> Array:
-            out = np.empty((len(directions), self.beyond.shape[1]))
-            join_rays(rows, across, columns, along, cell, share, smooth, lit, phase, lost, work, out)
+            out = np.empty((rays, wavelengths))
+            join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost, work, out)
+            if dark.any():
+                out[dark] = 0.0
             return out
 
         scattered = joined(self.parts.rest if parts else self.smooth, self.parts.lit, self.phase, self.lost)
         others = (self.parts.multiple, self.parts.ground) if parts else ()
-        multiple, ground = [joined(part, *none) for part in others] or [np.zeros((0, work.shape[1]))] * 2
-        dark = elevation > self.top
-        if dark.any():
-            for part in (scattered, *((multiple, ground) if parts else ())):
-                part[dark] = 0.0
-        shines = self.beyond.any()
-        beyond = _weighted(self.beyond, rows, across) if shines else np.zeros((len(directions), work.shape[1]))
-        return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[rows[:, 1]])
-
-    def _places(self, elevation: Array) -> tuple[NDArray[np.int64], Array]:
-        """Nodes and weights over the elevation; nothing is joined across the horizon."""
-        rows, across = np.empty((elevation.size, 4), np.int64), np.empty((elevation.size, 4))
-        down = (elevation < self.horizon) & (self.below > 0) | (self.below == self.elevation.size)
-        for first, last, chosen in ((0, self.below, down), (self.below, None, ~down)):
-            if chosen.any():
-                places, across[chosen] = _cubics(self.elevation[first:last], elevation[chosen])
-                rows[chosen] = places + first
-        return rows, across
+        multiple, ground = [joined(part, *none) for part in others] or [np.zeros((0, wavelengths))] * 2
+        beyond = _weighted(self.beyond, row, across) if self.beyond.any() else None
+        return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[row[:, 1]])
 
 
 class Look(NamedTuple):
@@ -201,7 +197,7 @@ class Look(NamedTuple):
     scattered: Array
     multiple: Array
     ground: Array
-    beyond: Array  #: straight from beyond the air where the Sun is not
+    beyond: Array | None  #: straight from beyond the air where the Sun is not; None where nothing shines there
     error: Array  #: relative, of the diffuse light
 
     @property
@@ -407,6 +403,7 @@ def _checked(
     pool: Workers,
 ) -> SkyTable | None:
     """The same table, with the least angle around the Sun beyond which rays that were solved agree with it."""
+    directions = directions[:: max(len(directions) // SORTED, 1)]
     angle = 2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(directions - found.sun, axis=1), 1.0))
     order = np.argsort(angle, kind="stable")
     order = order[np.searchsorted(angle[order], found.near, side="right") :]
@@ -446,19 +443,6 @@ def _mirrored() -> Array:
     """Nodes of azimuth and one more beyond either end."""
     turn = _turns()
     return np.concatenate([[-turn[1]], turn, [2 * math.pi - turn[-2]]])
-
-
-def _cubics(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
-    """Four nodes around each place, and their weights in the cubic through them (Lagrange); (place, 4) each."""
-    first = np.clip(np.searchsorted(nodes, at, side="right") - 2, 0, nodes.size - 4)
-    number = first[:, None] + np.arange(4)
-    near = nodes[number]
-    away = at[:, None] - near
-    weights = np.empty_like(away)
-    for k in range(4):
-        others = [j for j in range(4) if j != k]
-        weights[:, k] = np.prod(away[:, others], axis=1) / np.prod(near[:, [k]] - near[:, others], axis=1)
-    return number, weights
 
 
 def angle_cells(cosine: Array, last: int) -> tuple[NDArray[np.int64], Array]:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import skyscatter
+from skyscatter.kernels.skyrows import place_rays
 from skyscatter.solvers.field import RadianceField
 from skyscatter.solvers.sequence import field_for
-from skyscatter.solvers.skytable import FAINT, MISSED, MISSED_OF_ERROR
+from skyscatter.solvers.skytable import FAINT, MISSED, MISSED_OF_ERROR, angle_cells, frame_of
 
 WAVELENGTHS = [400, 550, 700]
 #: That of the default; the fields are solved coarsely, which is quick and changes nothing here.
@@ -123,3 +124,36 @@ def test_rays_past_the_air_need_no_table() -> None:
     up = np.ascontiguousarray(grid[np.isfinite(grid[:, 0])])
     origins = np.broadcast_to(scene.observer.position, up.shape)
     assert field.sky_table(field.at(scene.sun), origins, up, 1) is None
+
+
+def test_rays_are_placed_where_cubics_hold() -> None:
+    """Cubics of both angles are joined exactly, on each side of the horizon by nodes of that side."""
+    rng = np.random.default_rng(5)
+    directions = rng.normal(size=(3000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    origin, sun = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, 0.8])
+    frame = frame_of(origin, sun)
+    below, horizon = np.linspace(-np.pi / 2, -0.1, 7), -0.05
+    elevation = np.concatenate([below, np.linspace(0.0, np.pi / 2, 9)])
+    turns = np.linspace(-0.2, np.pi + 0.2, 19)
+    turns[[1, -2]] = 0.0, np.pi
+    row, column, cell = (np.empty((3000, n), np.int64) for n in (4, 4, 2))
+    across, along, share, high = np.empty((3000, 4)), np.empty((3000, 4)), np.empty((3000, 2)), np.empty(3000)
+    place_rays(
+        directions, np.array([*frame, sun]), elevation, below.size, horizon, turns, 100,
+        row, across, column, along, cell, share, high,
+    )  # fmt: skip
+    seen, turn = frame.of(directions)
+    np.testing.assert_allclose(high, seen, rtol=0, atol=1e-14)
+    cubic = np.polynomial.Polynomial([0.3, -1.0, 0.5, 0.2])
+    at = np.clip(seen, elevation[0], elevation[-1])
+    np.testing.assert_allclose((across * cubic(elevation)[row]).sum(axis=1), cubic(at), rtol=0, atol=1e-12)
+    assert np.all((row < below.size) == (seen < horizon)[:, None])
+    # A cubic of the azimuth that is even at both ends does not change where nodes beyond them are mirrored.
+    inner = (turn > turns[2]) & (turn < turns[-3])
+    np.testing.assert_allclose((along * cubic(turns[1:-1])[column]).sum(axis=1)[inner], cubic(turn[inner]), atol=1e-12)
+    assert column.min() == 0
+    assert column.max() == turns.size - 3
+    number, weight = angle_cells(directions @ sun, 100)
+    np.testing.assert_array_equal(cell, number)
+    np.testing.assert_allclose(share, weight, rtol=0, atol=1e-9)
