@@ -15,10 +15,13 @@ from common import WAVELENGTHS, machine, median_seconds, parser, processors, rep
 
 import skyscatter
 from skyscatter.media.fields import Tabulated
+from skyscatter.optics.particles import Particles
+from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.optics.rayleigh import RayleighPowerLaw
 
 RADIUS, SCALE_HEIGHT, TOP, OBSERVER = 6371e3, 8e3, 80e3, 2.0  # [m]; the observer stands just above the ground
 COEFFICIENT, ALBEDO = 1.16e-5, 0.3  # scattering at 550 nm on the ground [m-1]; of the ground
+ASYMMETRY, HAZE_HEIGHT = 0.7, 2e3  # of a haze by Henyey and Greenstein; its scale height [m]
 #: Settings of sasktran2 that are tried: its own, and finer ones.
 SETTINGS: dict[str, dict[str, int]] = {
     "as it comes": {},
@@ -29,13 +32,20 @@ SETTINGS: dict[str, dict[str, int]] = {
 }  # fmt: skip
 
 
+def haze_at(altitudes: Any, depth: float) -> Any:
+    """Extinction of the haze [m-1], (altitude,): linear between nodes 1 km apart on an exponential, of such a depth."""
+    nodes = np.arange(0.0, TOP + 1.0, 1000.0)
+    density = np.exp(-nodes / HAZE_HEIGHT)
+    return depth / np.trapezoid(density, nodes) * np.interp(altitudes, nodes, density)
+
+
 def peer(
     nodes: Any, cos_view: Any, azimuth: Any, cos_sun: float, threads: int, settings: dict[str, Any],
-    source: str = "SuccessiveOrders", density: Any = None,
+    source: str = "SuccessiveOrders", density: Any = None, haze: float = 0.0,
 ) -> Any:  # fmt: skip
     """Radiance by sasktran2, shape (ray, wavelength); everything from an empty configuration on is part of the time.
 
-    The density at the nodes is exponential unless given.
+    The density at the nodes is exponential unless given; `haze` is an optical depth.
     """
     import sasktran2 as sk
 
@@ -57,19 +67,29 @@ def peer(
     moments = np.zeros((config.num_singlescatter_moments, *extinction.shape))
     moments[0], moments[2] = 1.0, 0.5  # 3/4 (1 + mu^2) = P0 + P2 / 2
     air["air"] = sk.constituent.Manual(extinction, np.ones_like(extinction), moments)
+    if haze > 0.0:
+        degree = np.arange(len(moments), dtype=float)[:, None, None]
+        peaked = np.broadcast_to((2 * degree + 1) * ASYMMETRY**degree, moments.shape).copy()
+        spectral = np.repeat(haze_at(nodes, haze)[:, None], WAVELENGTHS.size, axis=1)
+        air["haze"] = sk.constituent.Manual(spectral, np.ones_like(spectral), peaked)
     air["ground"] = sk.constituent.LambertianSurface(ALBEDO)
     found = sk.Engine(config, geometry, view).calculate_radiance(air)["radiance"]
     return np.asarray(found.isel(stokes=0).transpose("los", "wavelength") if "stokes" in found.dims else found)
 
 
-def our_scene(nodes: Any, sun_zenith: float) -> skyscatter.Scene:
+def our_scene(nodes: Any, sun_zenith: float, haze: float = 0.0) -> skyscatter.Scene:
     """The same scene for skyscatter."""
     density = Tabulated(altitudes=tuple(nodes), densities=tuple(np.exp(-nodes / SCALE_HEIGHT)), interpolation="linear")
     air = skyscatter.Component(
         name="air", density=density, optics=RayleighPowerLaw(coefficient=COEFFICIENT, wavelength=550.0)
     )
+    components = [air]
+    if haze > 0.0:
+        layer = Tabulated(altitudes=tuple(nodes), densities=tuple(haze_at(nodes, 1.0)), interpolation="linear")
+        optics = Particles(optical_depth=haze, phase=HenyeyGreenstein(g=ASYMMETRY), angstrom_exponent=0.0)
+        components.append(skyscatter.Component(name="haze", density=layer, optics=optics))
     return skyscatter.Scene(
-        medium=skyscatter.Medium(components=(air,), planet_radius=RADIUS),
+        medium=skyscatter.Medium(components=tuple(components), planet_radius=RADIUS),
         ground=skyscatter.Ground(albedo=ALBEDO),
         star=skyscatter.Star(spectrum=1.0, radius=0.0),
         sun=skyscatter.Sun(elevation_deg=90.0 - sun_zenith, azimuth_deg=0.0),
