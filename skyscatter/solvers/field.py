@@ -97,12 +97,10 @@ def seen_zenith(origins: Array, directions: Array, sun: Array, radius: float, to
     end = np.where(hits, -np.sqrt(np.maximum(radius**2 - square, 0.0)), half)
     start = np.maximum(along, -half)
     share = np.linspace(0, 1, 9)[:, None]
-    t = start + share * np.maximum(end - start, 0.0) - along
-    points = o + t[..., None] * d
-    mu = points @ sun / np.linalg.norm(points, axis=-1)
-    angle = np.arccos(np.clip(mu, -1, 1))
+    t = start + share * np.maximum(end - start, 0.0)  # from the point that is nearest to the planet's centre
+    mu = (o @ sun + (t - along) * (d @ sun)) / np.sqrt(square + t * t)
     low, high = np.full((2, len(origins)), np.nan)
-    low[inside], high[inside] = angle.min(axis=0), angle.max(axis=0)
+    low[inside], high[inside] = (np.arccos(np.clip(extreme, -1, 1)) for extreme in (mu.max(axis=0), mu.min(axis=0)))
     return low, high
 
 
