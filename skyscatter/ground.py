@@ -87,8 +87,8 @@ class Ground(Record):
         Cells with other albedos around the point below the observer; `albedo` then is that of everything outside
         them.  For the solvers ``path`` and ``single``.
     material : material, optional
-        What the ground does to light, in place of `albedo` and `map`: such as `skyscatter.surfaces.Rpv` for land and
-        `skyscatter.surfaces.Sea`.  For the solver ``path``.
+        What the ground does to light, in place of `albedo` and `map`: such as `skyscatter.surfaces.Rpv` or
+        `skyscatter.surfaces.RossLi` for land and `skyscatter.surfaces.Sea`.  For the solver ``path``.
 
     Notes
     -----

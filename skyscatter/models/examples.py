@@ -109,6 +109,7 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "dielectric": '{ kind = "dielectric", roughness = 0.1 }',
         "conductor": '{ kind = "conductor", metal = "gold" }',
         "rpv": '{ kind = "rpv", amplitude = 0.07, exponent = 0.65, asymmetry = -0.29 }',
+        "ross-li": '{ kind = "ross-li", isotropic = 0.09, volumetric = 0.05, geometric = 0.02 }',
         "sea": '{ kind = "sea", wind_speed = "8 m/s", upwelling = 0.02 }',
     },
     "shapes": {

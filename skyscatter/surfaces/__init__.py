@@ -37,6 +37,7 @@ _HOME = {
     "Plane": "skyscatter.surfaces.shapes",
     "PointLamp": "skyscatter.surfaces.lamps",
     "Rectangle": "skyscatter.surfaces.shapes",
+    "RossLi": "skyscatter.surfaces.grounds",
     "Rpv": "skyscatter.surfaces.grounds",
     "Sea": "skyscatter.surfaces.grounds",
     "Sphere": "skyscatter.surfaces.shapes",
@@ -59,6 +60,7 @@ __all__ = list(_HOME)
 
 if TYPE_CHECKING:
     from skyscatter.models.surfaces import SurfaceModel as SurfaceModel
+    from skyscatter.surfaces.grounds import RossLi as RossLi
     from skyscatter.surfaces.grounds import Rpv as Rpv
     from skyscatter.surfaces.grounds import Sea as Sea
     from skyscatter.surfaces.indices import refractive_index as refractive_index

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, Self
 
 import numpy as np
@@ -116,21 +117,114 @@ class Rpv(Record):
 
     def albedo(self, wavelengths_nm: ArrayLike) -> Array:
         """Share of an even sky's light that it reflects, shape (wavelength,)."""
-        x, weight = np.polynomial.legendre.leggauss(_ZENITHS)
-        # Cosines m = x^4: towards the horizon the formula goes with a power of them.
-        x, weight = 0.5 * (x + 1), 0.5 * weight
-        m, weight = x**4, weight * 4 * x**3
-        angle = np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
-        sine = np.sqrt(1 - m**2)
-        light = np.stack([sine, 0 * m, m], axis=-1)[:, None, None]
-        viewer = np.stack(
-            np.broadcast_arrays(
-                sine[:, None] * np.cos(angle), sine[:, None] * np.sin(angle), m[:, None]
-            ),
-            axis=-1,
-        )  # fmt: skip
-        factor = self.factor(light, viewer, wavelengths_nm).mean(axis=2)
-        return np.asarray(np.einsum("i,j,ijw->w", 2 * m * weight, 2 * m * weight, factor))
+        return _albedo(self.factor, wavelengths_nm)
+
+
+class RossLi(Record):
+    """Land by three weights, as satellites report it: even, of a layer of leaves, and of crowns with their shadows.
+
+    Parameters
+    ----------
+    isotropic : float or SpectralTable
+        Weight of what is bright alike from everywhere.
+    volumetric : float or SpectralTable
+        Weight of the kernel of Ross for thick layers: a bowl, brighter towards the horizon.
+    geometric : float or SpectralTable
+        Weight of the reciprocal kernel of Li for sparse crowns: a hot spot where the light comes from, and shadows.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A ValueError: if it would reflect more than all of an even sky's light.
+
+    Notes
+    -----
+    Lucht, Schaaf & Strahler (2000), IEEE Trans. Geosci. Remote Sens. 38, 977: the model of the albedo products of MODIS
+    (MCD43) and VIIRS, whose weights may be given as they are.  It was fitted to angles up to some 75 degrees from the
+    zenith; both kernels grow without bounds towards the horizon.  Where their sum is below 0 nothing is reflected.
+
+    Examples
+    --------
+    Cropland in red light, seen from the side of the Sun and from the other:
+
+    >>> import numpy as np
+    >>> from skyscatter import surfaces
+    >>> field = surfaces.RossLi(isotropic=0.09, volumetric=0.05, geometric=0.02)
+    >>> a = np.radians(45)
+    >>> sun, back, forward = [np.sin(a), 0, np.cos(a)], [0.5, 0, 0.866], [-0.5, 0, 0.866]
+    >>> field.factor(sun, [back, forward], [645])[:, 0].round(3).tolist()
+    [0.095, 0.053]
+    >>> field.albedo([645]).round(3).tolist()  # under an even sky
+    [0.073]
+    """
+
+    kind: Literal["ross-li"] = "ross-li"
+    isotropic: SpectralShare = default(0.1)
+    volumetric: SpectralShare = default(0.0)
+    geometric: SpectralShare = default(0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        nodes = _nodes(self.isotropic, self.volumetric, self.geometric)
+        highest = float(self.albedo(nodes).max())
+        if highest > 1:
+            rule = f"reflects {highest:.3g} of an even sky's light, more than all of it; lower it"
+            raise DomainError("isotropic", float(np.max(evaluate(self.isotropic, nodes))), rule)
+        return self
+
+    def parameters(self, wavelengths_nm: ArrayLike) -> Array:
+        """The weights in their order, shape (3, wavelength)."""
+        return np.stack([evaluate(v, wavelengths_nm) for v in (self.isotropic, self.volumetric, self.geometric)])
+
+    def factor(self, towards_light: ArrayLike, towards_viewer: ArrayLike, wavelengths_nm: ArrayLike) -> Array:
+        """Bidirectional reflectance factor: how bright it is compared to white Lambertian ground.
+
+        Parameters and result are those of `Rpv.factor`.
+
+        Examples
+        --------
+        >>> from skyscatter import surfaces
+        >>> surfaces.RossLi(isotropic=0.2).factor([0, 0, 1], [0.6, 0, 0.8], [550]).tolist()
+        [0.2]
+        """
+        light, viewer = np.broadcast_arrays(np.asarray(towards_light, float), np.asarray(towards_viewer, float))
+        m, n, g = light[..., 2:], viewer[..., 2:], np.sum(light * viewer, axis=-1, keepdims=True)
+        angle = np.arccos(np.clip(g, -1, 1))
+        leaves = ((np.pi / 2 - angle) * g + np.sin(angle)) / (m + n) - np.pi / 4
+        tangents, others = (x[..., :2] / x[..., 2:] for x in (light, viewer))
+        between = np.sum((tangents - others) ** 2, axis=-1, keepdims=True)
+        turned = (tangents[..., :1] * others[..., 1:] - tangents[..., 1:] * others[..., :1]) ** 2
+        both = 1 / m + 1 / n
+        t = np.arccos(np.minimum(2 * np.sqrt(between + turned) / both, 1))
+        crowns = (t - np.sin(t) * np.cos(t)) * both / np.pi - both + (1 + g) / (2 * m * n)
+        even, layer, shadows = self.parameters(wavelengths_nm)
+        return np.maximum(even + layer * leaves + shadows * crowns, 0.0)
+
+    def albedo(self, wavelengths_nm: ArrayLike) -> Array:
+        """Share of an even sky's light that it reflects, shape (wavelength,).
+
+        Examples
+        --------
+        >>> from skyscatter import surfaces
+        >>> surfaces.RossLi(isotropic=0.2).albedo([550]).round(3).tolist()
+        [0.2]
+        """
+        return _albedo(self.factor, wavelengths_nm)
+
+
+def _albedo(factor: Callable[[Array, Array, ArrayLike], Array], wavelengths_nm: ArrayLike) -> Array:
+    """Share of an even sky's light that ground with a reflectance factor reflects, shape (wavelength,)."""
+    x, weight = np.polynomial.legendre.leggauss(_ZENITHS)
+    # Cosines m = x^4: towards the horizon the formulas go with a power of them.
+    x, weight = 0.5 * (x + 1), 0.5 * weight
+    m, weight = x**4, weight * 4 * x**3
+    angle = np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+    sine = np.sqrt(1 - m**2)
+    light = np.stack([sine, 0 * m, m], axis=-1)[:, None, None]
+    across, beside = sine[:, None] * np.cos(angle), sine[:, None] * np.sin(angle)
+    viewer = np.stack(np.broadcast_arrays(across, beside, m[:, None]), axis=-1)
+    seen = factor(light, viewer, wavelengths_nm).mean(axis=2)
+    return np.asarray(np.einsum("i,j,ijw->w", 2 * m * weight, 2 * m * weight, seen))
 
 
 def _nodes(*values: Spectral | None) -> Array:

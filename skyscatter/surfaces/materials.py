@@ -19,7 +19,7 @@ from skyscatter.spectra.table import (
     SpectralShare,
     evaluate,
 )
-from skyscatter.surfaces.grounds import Rpv, Sea
+from skyscatter.surfaces.grounds import RossLi, Rpv, Sea
 from skyscatter.surfaces.indices import check_metal, metal_index
 from skyscatter.units import Number, default
 
@@ -203,5 +203,5 @@ class Conductor(Record):
         return evaluate(self.n, wavelengths_nm), evaluate(self.k, wavelengths_nm)
 
 
-Material = Interface | Lambert | Mirror | Dielectric | Conductor | Rpv | Sea
+Material = Interface | Lambert | Mirror | Dielectric | Conductor | Rpv | RossLi | Sea
 AnyMaterial = Annotated[Material, Field(discriminator="kind")]

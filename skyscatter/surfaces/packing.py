@@ -13,7 +13,7 @@ from skyscatter.kernels.codes import surfaces as codes
 from skyscatter.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table
-from skyscatter.surfaces.grounds import Rpv, Sea
+from skyscatter.surfaces.grounds import RossLi, Rpv, Sea
 from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
 from skyscatter.surfaces.meshes import Faceted
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
@@ -141,7 +141,7 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     Parameters
     ----------
     materials : sequence of records
-        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`, `Rpv`, `Sea`.
+        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`, `Rpv`, `RossLi`, `Sea`.
     wavelengths_nm : array_like, shape (wavelength,)
     """
     wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
@@ -164,6 +164,8 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
             index[k], absorption[k] = material.index(wl)
         elif isinstance(material, Rpv):
             kind[k], (reflectance[k], *bowl[k]) = codes.RPV, material.parameters(wl)
+        elif isinstance(material, RossLi):
+            kind[k], (reflectance[k], *bowl[k, :2]) = codes.ROSS_LI, material.parameters(wl)
         elif isinstance(material, Sea):
             kind[k], roughness[k] = codes.SEA, material.slope
             index[k], reflectance[k] = material.refractive_index(wl), material.diffuse(wl)

@@ -12,7 +12,7 @@ from significance import assert_agrees
 
 import skyscatter
 from skyscatter import fields
-from skyscatter.surfaces import Body, Box, Dielectric, Lambert, PointLamp, Rpv, Sea
+from skyscatter.surfaces import Body, Box, Dielectric, Lambert, PointLamp, RossLi, Rpv, Sea
 
 WAVELENGTHS = [450.0, 550.0, 650.0]
 #: Out of sight and out of the way of all light, so that the sky stays as it is.
@@ -153,7 +153,14 @@ def test_land_that_is_lambertian() -> None:
     assert_agrees(found.radiance, solved.radiance, found.error, slack=3 * (solved.error / solved.radiance).max())
 
 
-@pytest.mark.parametrize("material", [Rpv(amplitude=0.15, exponent=0.8, asymmetry=-0.1), Sea(wind_speed=7)])
+@pytest.mark.parametrize(
+    "material",
+    [
+        Rpv(amplitude=0.15, exponent=0.8, asymmetry=-0.1),
+        RossLi(isotropic=0.2, volumetric=0.1, geometric=0.03),
+        Sea(wind_speed=7),
+    ],
+)
 def test_a_ground_in_the_sun(material: Any) -> None:
     """What it reflects of the Sun once, against its formula times the columns."""
     scene = sky("earth-simple", 50.0, ground=skyscatter.Ground(material=material), altitude=500.0)
@@ -171,7 +178,7 @@ def test_a_ground_in_the_sun(material: Any) -> None:
 
 def reflectance_factor(material: Any, light: Any, viewer: Any) -> Any:
     """pi times the BRDF (wavelength,), written down from the literature once more."""
-    if isinstance(material, Rpv):
+    if isinstance(material, Rpv | RossLi):
         return material.factor(light, viewer, WAVELENGTHS)
     # Cox & Munk (1954), equations 5-9: the slopes that mirror, their probability, Fresnel at half the angle.
     m, n = light[2], viewer[2]

@@ -24,6 +24,7 @@ from skyscatter.kernels.codes.surfaces import (
     LAMBERT,
     MIRROR,
     REFLECTED,
+    ROSS_LI,
     RPV,
     SEA,
     TRANSMITTED,
@@ -38,7 +39,7 @@ from skyscatter.kernels.surfaces.facets import (
 )
 from skyscatter.kernels.surfaces.fresnel import fresnel_conductor, fresnel_dielectric
 from skyscatter.kernels.surfaces.ggx import draw_normal, reflected_lobe, refracted_lobe, smith_lambda
-from skyscatter.kernels.surfaces.grounds import draw_sea, ground_density, ground_value, mirror_share
+from skyscatter.kernels.surfaces.grounds import LEVEL_SHARE, draw_sea, ground_density, ground_value, mirror_share
 
 
 @inlined
@@ -50,7 +51,7 @@ def dot(a, b):
 @inlined
 def is_delta(materials, k):
     """Whether a material has no directions but those that are no matter of chance."""
-    return materials.kind[k] != LAMBERT and materials.kind[k] != RPV and materials.roughness[k] == 0.0
+    return materials.kind[k] != LAMBERT and materials.kind[k] < RPV and materials.roughness[k] == 0.0
 
 
 @inlined
@@ -339,8 +340,9 @@ def sample_bsdf(
             draw_sea(materials, k, n, side, wo, u, v, wi)
         else:
             draw_around(n, side, math.sqrt(max(u, 1e-18)), v, wi)
-    elif kind == LAMBERT or kind == RPV:
-        draw_around(n, side, math.sqrt(max(u, 1e-18)), v, wi)
+    elif kind == LAMBERT or kind == RPV or kind == ROSS_LI:
+        level = kind == ROSS_LI and w < LEVEL_SHARE
+        draw_around(n, side, max(u, 1e-9) if level else math.sqrt(max(u, 1e-18)), v, wi)
     else:
         draw_facet(alpha, n, side, wo, u, v, wi)
         cosine = min(max(dot(wi, wo), 0.0), 1.0)

@@ -1,11 +1,19 @@
-"""Grounds under a sky: land by the formula of Rahman, Pinty and Verstraete, and the sea by the slopes of its waves.
+"""Grounds under a sky: land by Rahman, Pinty and Verstraete or by Ross and Li, and the sea by the slopes of its waves.
 
 Values are those of f |cos(n, wi)|, see `kernels.surfaces.bsdf`; both look the same from both sides of their surface.
 
-*Land* (Rahman, Pinty & Verstraete 1993, J. Geophys. Res. 98, 20791, equations 1-5), with the zenith cosines m and m',
-the cosine g of the angle between both directions and the distance G of their tangents:
+*Land* by one formula (Rahman, Pinty & Verstraete 1993, J. Geophys. Res. 98, 20791, equations 1-5), with the zenith
+cosines m and m', the cosine g of the angle between both directions and the distance G of their tangents:
 
     f = a / pi (m m' (m + m'))^(k - 1) (1 - b^2) / (1 + b^2 + 2 b g)^(3/2) (1 + (1 - c) / (1 + G)).
+
+By kernels (Roujean, Leroy & Deschamps 1992, J. Geophys. Res. 97, 20455; Wanner, Li & Strahler 1995, J. Geophys. Res.
+100, 21077; Lucht, Schaaf & Strahler 2000, IEEE Trans. Geosci. Remote Sens. 38, 977, equations 37-44),
+
+    f = max(a + v K + w L, 0) / pi,
+
+with K of a layer of leaves (Ross, thick) and L of crowns and their shadows (Li, sparse, reciprocal: height over radius
+b/r = 1 and h/b = 2).
 
 *Sea* (Cox & Munk 1954, J. Opt. Soc. Am. 44, 838): facets whose slopes are normally distributed, equally in all
 directions, with the variance alpha^2 of both components together, each a mirror by Fresnel; of those the share
@@ -17,7 +25,7 @@ from __future__ import annotations
 
 import math
 
-from skyscatter.kernels.codes.surfaces import RPV, SEA
+from skyscatter.kernels.codes.surfaces import ROSS_LI, RPV, SEA
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.surfaces.fresnel import fresnel_dielectric
 
@@ -25,6 +33,9 @@ from skyscatter.kernels.surfaces.fresnel import fresnel_dielectric
 STRAIGHT_DOWN = 1.0 - 1e-12
 #: Least share of the draws that look for the mirrors, where foam shines too.
 LEAST_MIRROR = 0.1
+#: Share of the draws on land by kernels that are the same in all directions: towards the horizon the kernels of crowns
+#: grow as 1 / m, and the variance of draws by the cosine has no bound.
+LEVEL_SHARE = 0.25
 #: Slopes beyond so many standard deviations are not drawn: one in 1e18.
 STEEPEST = 9.0
 
@@ -34,6 +45,24 @@ def land_bowl(exponent, asymmetry, hot, m, n, g, tangents):
     """The shape of the formula for land, without the amplitude and 1 / pi."""
     lobe = (1.0 - asymmetry * asymmetry) / (1.0 + asymmetry * asymmetry + 2.0 * asymmetry * g) ** 1.5
     return (m * n * (m + n)) ** (exponent - 1.0) * lobe * (1.0 + (1.0 - hot) / (1.0 + tangents))
+
+
+@inlined
+def leaves(m, n, g):
+    """The kernel of a layer of leaves: zenith cosines, and the cosine of the angle between both directions."""
+    angle = math.acos(min(max(g, -1.0), 1.0))
+    return ((0.5 * math.pi - angle) * g + math.sin(angle)) / (m + n) - 0.25 * math.pi
+
+
+@inlined
+def crowns(m, n, g, tangents):
+    """The kernel of crowns and their shadows; `tangents` is the distance of the directions' tangents."""
+    both = 1.0 / m + 1.0 / n
+    along = g / (m * n) - 1.0
+    across = max((1.0 / (m * m) - 1.0) * (1.0 / (n * n) - 1.0) - along * along, 0.0)
+    cosine = min(2.0 * math.sqrt(tangents * tangents + across) / both, 1.0)
+    shared = (math.acos(cosine) - cosine * math.sqrt(1.0 - cosine * cosine)) * both / math.pi
+    return shared - both + 0.5 * (1.0 + g) / (m * n)
 
 
 @inlined
@@ -84,13 +113,19 @@ def ground_value(materials, k, n, side, wo, wi, index_here, out):
     if not (cos_o > 0.0 and cos_i > 0.0):
         for i in range(out.size):
             out[i] = 0.0
-    elif materials.kind[k] == RPV:
+    elif materials.kind[k] != SEA:
         g = wo[0] * wi[0] + wo[1] * wi[1] + wo[2] * wi[2]
         across = 1.0 / (cos_o * cos_o) + 1.0 / (cos_i * cos_i) - 2.0 * g / (cos_o * cos_i)
         tangents, bowl = math.sqrt(max(across, 0.0)), materials.bowl[k]
-        for i in range(out.size):
-            shape = land_bowl(bowl[0, i], bowl[1, i], bowl[2, i], cos_o, cos_i, g, tangents)
-            out[i] = materials.reflectance[k, i] * shape * cos_i / math.pi
+        if materials.kind[k] == RPV:
+            for i in range(out.size):
+                shape = land_bowl(bowl[0, i], bowl[1, i], bowl[2, i], cos_o, cos_i, g, tangents)
+                out[i] = materials.reflectance[k, i] * shape * cos_i / math.pi
+        else:
+            layer, shadows = leaves(cos_o, cos_i, g), crowns(cos_o, cos_i, g, tangents)
+            for i in range(out.size):
+                factor = materials.reflectance[k, i] + bowl[0, i] * layer + bowl[1, i] * shadows
+                out[i] = max(factor, 0.0) * cos_i / math.pi
     else:
         lobe, _, facet = mirror_lobe(materials.roughness[k], side, n, wo, wi, cos_o, cos_i)
         for i in range(out.size):
@@ -103,6 +138,8 @@ def ground_density(materials, k, n, side, wo, wi, index_here, out):
     """Density [sr-1] with which `wi` is drawn under each hero, into `out` (wavelength,)."""
     cos_o, cos_i = cosines(side, n, wo, wi)
     even = max(cos_i, 0.0) / math.pi
+    if cos_i > 0.0 and materials.kind[k] == ROSS_LI:
+        even = (1.0 - LEVEL_SHARE) * even + LEVEL_SHARE / (2.0 * math.pi)
     for i in range(out.size):
         out[i] = even
     if cos_o > 0.0 and cos_i > 0.0 and materials.kind[k] == SEA:

@@ -45,7 +45,9 @@ class MaterialTable(NamedTuple):
     reflectance: np.ndarray  #: (material, wavelength) albedo of LAMBERT, MIRROR; amplitude of RPV; foam of SEA
     index: np.ndarray  # type: ignore[assignment]  #: (material, wavelength) real part n of a CONDUCTOR's or SEA's
     absorption: np.ndarray  #: (material, wavelength) imaginary part k
-    bowl: np.ndarray  #: (material, 3, wavelength) exponent, asymmetry, hot spot of RPV; of SEA the share without foam
+    #: (material, 3, wavelength) exponent, asymmetry, hot spot of RPV; weights of both kernels of ROSS_LI; of SEA the
+    #: share without foam
+    bowl: np.ndarray
     lost: np.ndarray  #: (material, ratio, node) share that facets throw on others, see `facets.ratio_at`
     lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
 
