@@ -180,8 +180,7 @@ SPHERES = ((0.0, 60.0), (0.3, 60.0), (0.3, 85.0), (0.3, 90.0))
 EQUAL = 0.2
 #: Moments of a phase function that hold its peak, and what cuts it.
 PEAKED = {"num_singlescatter_moments": 64}
-#: Name, distance of the nodes [m], source of multiple scattering, and settings of sasktran2: in air alone, in haze by
-#: day, and where the Sun is low, for which it has to be told so.
+#: Name, distance of the nodes [m], source of multiple scattering, and settings of sasktran2: in air alone and in haze.
 IN_AIR: tuple[tuple[str, float, str, dict[str, Any]], ...] = (
     ("discrete ordinates, 1 km", 1000.0, "DiscreteOrdinates", {}),
     ("discrete ordinates, 500 m", 500.0, "DiscreteOrdinates", {}),
@@ -200,7 +199,16 @@ IN_HAZE: tuple[tuple[str, float, str, dict[str, Any]], ...] = (
         **PEAKED, "num_successive_orders_incoming": 302, "num_successive_orders_outgoing": 302,
     }),
 )  # fmt: skip
-LOW = {"num_sza": 5}
+#: Under a low Sun it has to be told so, and takes five times as long.
+LOW_SUN = {**PEAKED, "num_sza": 5}
+AT_LOW_SUN: tuple[tuple[str, float, str, dict[str, Any]], ...] = (
+    ("discrete ordinates, 1 km, delta-M", 1000.0, "DiscreteOrdinates", {**LOW_SUN, "delta_m_scaling": True}),
+    ("discrete ordinates, 250 m, delta-M", 250.0, "DiscreteOrdinates", {**LOW_SUN, "delta_m_scaling": True}),
+    ("successive orders, 1 km", 1000.0, "SuccessiveOrders", LOW_SUN),
+    ("successive orders, 1 km, 302 directions", 1000.0, "SuccessiveOrders", {
+        **LOW_SUN, "num_successive_orders_incoming": 302, "num_successive_orders_outgoing": 302,
+    }),
+)  # fmt: skip
 
 
 def sasktran(given: Any) -> list[str]:
@@ -210,7 +218,7 @@ def sasktran(given: Any) -> list[str]:
         "between nodes 1 km apart (for all, whatever their own nodes), albedo 0.3, scalar, "
         f"{given.threads} threads. Haze: white, asymmetry 0.7 by Henyey and Greenstein, scale height 2 km. Errors are "
         f"root mean squares relative to `path`, {given.reference} walks per ray, whose noise is taken off in "
-        "quadrature; they are judged down to a third of it. Where the Sun is low, sasktran2 has 5 Sun angles."
+        "quadrature; they are judged down to a third of it. Under a low Sun sasktran2 has 5 Sun angles."
     ]
     for haze, sun in SPHERES:
         blocks += _sphere(given, haze, sun)
@@ -252,13 +260,11 @@ def _sphere(given: Any, haze: float, sun: float) -> list[str]:
     ]
     walked = line("skyscatter path, 1024 walks", lambda: ours("path", samples=1024).radiance)
     theirs = []
-    for name, step, source, settings in IN_HAZE if haze > 0 else IN_AIR:
-        fine, known = np.arange(0.0, sphere.TOP + 1.0, step), settings | (LOW if sun > 80 else {})
+    for name, step, source, settings in IN_AIR if haze == 0 else IN_HAZE if sun < 80 else AT_LOW_SUN:
+        fine = np.arange(0.0, sphere.TOP + 1.0, step)
         density = np.interp(fine, nodes, np.exp(-nodes / sphere.SCALE_HEIGHT))
-        theirs.append(line(f"sasktran2, {name}", partial(
-            sphere.peer, fine, cosine, azimuth, float(np.cos(np.radians(sun))), given.threads, known, source, density,
-            haze,
-        )))  # fmt: skip
+        run = partial(sphere.peer, fine, cosine, azimuth, float(np.cos(np.radians(sun))), given.threads, settings)
+        theirs.append(line(f"sasktran2, {name}", partial(run, source, density, haze)))
     title = f"**{f'Haze of depth {haze:g}' if haze else 'Air alone'}, Sun at a zenith angle of {sun:g} degrees.**"
     header = [
         "solver",
