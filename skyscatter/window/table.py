@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -298,7 +299,9 @@ class SkyTableFile:
 
 def fingerprint(scene: Scene) -> str:
     """A scene, wherever its Sun is, in few letters: equal for equal ones."""
-    return hashlib.sha256(scene.model_dump_json(exclude={"sun"}).encode()).hexdigest()[:16]
+    # Not the record's own text: in which form it writes a number depends on the release of its library.
+    text = json.dumps(scene.model_dump(mode="json", exclude={"sun"}), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _on_lines(values: Array, axis: int, nodes: Array, points: Array) -> Array:
