@@ -48,15 +48,19 @@ def share_through_fog(table: WalkTable, place: Array) -> float:
     inside = np.flatnonzero(table.shapes.inside == m)
     reach = max((_extent(table, int(body)) for body in inside), default=np.inf) if m > 0 else np.inf
     depth = min(max(float(away.min()), 0.0), reach) * media.extinction[m]
-    albedo = np.where(media.extinction[m] > 0, media.scattering[m] / np.maximum(media.extinction[m], 1e-300), 0.0)
-    g = _mean_cosine(table, m)
-    k = np.sqrt(3 * np.clip(1 - albedo, 0, 1) * np.clip(1 - albedo * g, 0, None))
+    g, k = diffusion(media, m)
     return float((np.exp(-k * depth) / (1 + depth * (1 - g))).max())
 
 
-def _mean_cosine(table: WalkTable, m: int) -> Array:
-    """Mean cosine of a medium that is the same everywhere, (wavelength,)."""
-    media, mu = table.media, phase_cosines()
+def diffusion(media: MediaTable, m: int) -> tuple[Array, Array]:
+    """Mean cosine g of a medium that is the same everywhere, and its rate k over a free path, (wavelength,)."""
+    albedo = np.where(media.extinction[m] > 0, media.scattering[m] / np.maximum(media.extinction[m], 1e-300), 0.0)
+    g = _mean_cosine(media, m)
+    return g, np.sqrt(3 * np.clip(1 - albedo, 0, 1) * np.clip(1 - albedo * g, 0, None))
+
+
+def _mean_cosine(media: MediaTable, m: int) -> Array:
+    mu = phase_cosines()
     own = slice(media.first[m], media.first[m + 1])
     weight = media.density[own, None] * media.sigma_s[own]
     phase = np.einsum("cw,caw->aw", weight / np.maximum(weight.sum(axis=0), 1e-300), media.phase[own]) * mu[:, None]

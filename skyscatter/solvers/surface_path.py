@@ -33,7 +33,7 @@ from skyscatter.kernels.surfaces.tables import MediaTable, SurfaceTable
 from skyscatter.kernels.surfaces.walks import surface_path_rays
 from skyscatter.solvers.base import Answer, Asked, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.far_lamps import warn_of_far_lamps, warn_of_small_lamps
+from skyscatter.solvers.far_lamps import diffusion, warn_of_far_lamps, warn_of_small_lamps
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
 
@@ -166,6 +166,7 @@ def guided(table: SurfaceTable) -> WalkTable:
     found = lamps.kind != SURROUNDINGS
     mean = lamps.power.mean(axis=1)
     scatters, shines, gathered = _media(table)
+    turning, fading = diffusing(media)
     size[lamps.kind == PARALLEL_LAMP] = SUNWARD * max(forwardness(table.media), 0.0)
     guide = LampGuide(
         middle=middle,
@@ -181,6 +182,9 @@ def guided(table: SurfaceTable) -> WalkTable:
         scatters=scatters,
         shines=shines,
         extinction=media.extinction.mean(axis=1),
+        drift=turning * (scatters & ~shines),
+        fade=fading,
+        everywhere=float(mean[lamps.kind == PARALLEL_LAMP].sum() + 4 * np.pi * mean[~found].sum()),
         near=NEAR_SHARE,
         points=FIRST_POINTS,
         level=ROULETTE_LEVEL,
@@ -188,6 +192,20 @@ def guided(table: SurfaceTable) -> WalkTable:
         halo=halo(gathered),
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide)
+
+
+def diffusing(media: MediaTable) -> tuple[Array, Array]:
+    """Extinction that turns light, and the rate at which diffuse light falls with the distance [m-1], (medium,).
+
+    Means over the wavelengths; 0 where a medium is not the same everywhere, or absorbs so much that the light goes
+    straight before it diffuses.
+    """
+    turning, fading = np.zeros((2, len(media.constant)))
+    for m in np.flatnonzero(media.constant):
+        g, k = diffusion(media, int(m))
+        if k.mean() < 1:
+            turning[m], fading[m] = (media.extinction[m] * (1 - g)).mean(), (media.extinction[m] * k).mean()
+    return turning, fading
 
 
 def halo(gathered: Array) -> Array:

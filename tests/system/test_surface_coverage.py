@@ -15,8 +15,13 @@ from surface_rooms import room_scene
 import skyscatter
 from skyscatter import Path
 
-#: Thin fog that scatters forwards, and one that walks diffuse through: extinction [m-1], albedo, mean cosine.
-FOGS = {"thin": Fog(0.1, 0.99, 0.85), "fog": Fog(0.5, 0.99, 0.85), "even": Fog(1.0, 0.99, 0.0)}
+#: Thin fog that scatters forwards, and such that walks diffuse through: extinction [m-1], albedo, mean cosine.
+FOGS = {
+    "thin": Fog(0.1, 0.99, 0.85),
+    "fog": Fog(0.5, 0.99, 0.85),
+    "even": Fog(1.0, 0.99, 0.0),
+    "dense": Fog(2.0, 0.99, 0.5),
+}
 #: Looks from the eye: a wall, the floor beneath the lamp, a corner, along the ceiling.
 LOOKS = np.array([[-0.6, 0.7, 0.0], [0.1, 0.7, -0.4], [0.6, 0.75, -0.3], [0.0, 0.95, 0.3]])
 EYE = (2.0, 0.15, 1.5)
@@ -38,14 +43,17 @@ def pairs_of_walks(fog: Fog, pairs: int) -> Any:
     return answer.radiance.reshape(len(LOOKS), pairs)
 
 
-@pytest.mark.parametrize(("name", "spread", "skew"), [("thin", 0.7, 3.5), ("fog", 1.8, 6.0)])
-def test_no_few_walks_carry_the_light(name: str, spread: float, skew: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "pairs", "spread", "skew"),
+    [("thin", 15_000, 0.7, 3.5), ("fog", 15_000, 1.8, 6.0), ("dense", 4000, 1.6, 4.0)],
+)
+def test_no_few_walks_carry_the_light(name: str, pairs: int, spread: float, skew: float) -> None:
     """Spread and skewness of pairs of walks, the worst look's; bounds are a third to a half above those measured.
 
     With walls that turn walks by their reflectance alone, and roulette by throughput alone, they were 0.94 and 13.8 in
-    thin fog, 2.4 and 8.0 in fog.
+    thin fog, 2.4 and 8.0 in fog.  With walks that are not split near lamps they were 2.46 and 7.7 in dense fog.
     """
-    light = pairs_of_walks(FOGS[name], 15_000)
+    light = pairs_of_walks(FOGS[name], pairs)
     mean, deviation = light.mean(axis=1), light.std(axis=1)
     skewness = np.mean(((light - mean[:, None]) / deviation[:, None]) ** 3, axis=1)
     assert np.max(deviation / mean) < spread
@@ -66,18 +74,30 @@ def test_error_bars_cover_in_thin_fog() -> None:
     assert np.mean(np.array(off) < 2.0) > 0.936 - 3 * 0.012
 
 
-@pytest.mark.parametrize("name", FOGS)
-def test_light_is_what_plain_walks_find(name: str) -> None:
-    """With a large lamp, for plain walks only meet it by chance, and an eye close to it, where lamps are met most."""
+@pytest.mark.parametrize(
+    ("name", "eye", "known"),
+    [
+        ("thin", (1.2, 1.0, 2.2), 0.005),
+        ("fog", (1.2, 1.0, 2.2), 0.005),
+        ("even", (1.2, 1.0, 2.2), 0.005),
+        ("dense", (0.3, 0.2, 0.2), 0.012),
+    ],
+)
+def test_light_is_what_plain_walks_find(name: str, eye: tuple[float, float, float], known: float) -> None:
+    """With a large lamp, for plain walks only meet it by chance, and an eye close to it, where lamps are met most.
+
+    From an eye in a corner far from it walks are split on their way to it; plain walks find less there.  The sum is
+    `known` to so much.
+    """
     albedos: dict[str, Any] = dict.fromkeys(("x-", "x+", "y-", "y+", "z-", "z+", "lamp"), 0.6)
     pieces = radiosity.room((3.0, 2.0, 2.5), albedos, (0.5, 0.4, 2.5, 1.6), [1.0])
     directions = np.concatenate([LOOKS, -LOOKS]) / np.linalg.norm(np.concatenate([LOOKS, -LOOKS]), axis=1)[:, None]
-    origins = np.tile([1.2, 1.0, 2.2], (len(directions), 1))
+    origins = np.tile(eye, (len(directions), 1))
     value, error = plain_rooms.walk(pieces, FOGS[name], origins, directions, 0, 20_000, 1)
     scene = room_scene(pieces, [550.0], FOGS[name])
     answer = skyscatter.radiance(scene, origins, directions, [550.0], solver=Path(samples=4096, seed=2))
     both = np.hypot(answer.standard_error[:, 0], error)
     assert_agrees(answer.radiance[:, 0], value, both)
     spread = np.sqrt((both**2).sum()) / value.sum()
-    assert spread < 0.005
+    assert spread < known
     assert_agrees(answer.radiance.sum() / value.sum(), 1.0, spread)

@@ -36,11 +36,14 @@ from skyscatter.kernels.surfaces.media import (
 
 #: Numbers in ``Scratch.at``: interactions so far; what the last was; what the vertex before was; the item that ends the
 #: leg, -1 where it does not end; the item on which the ray starts; the leg's medium; whether the walk has been divided
-#: or may be; the most interactions.
-ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST = 0, 1, 2, 3, 4, 5, 6, 7, 8
+#: or may be; the most interactions; how many splits have parts left, see `kernels.surfaces.splits`.
+ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST, SPLITS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 #: Numbers in ``Scratch.far``: where on the ray the leg begins; its length; what the chances kept were divided by since,
-#: inverted; the vertex that was drawn on the leg; how much of the view lamps fill at the vertex turned at.
-NEAR, LENGTH, SCALE, VERTEX, NEARBY = 0, 1, 2, 3, 4
+#: inverted; the vertex that was drawn on the leg; how much of the view lamps fill at the vertex turned at; what
+#: the walk was worth where it began, 0 before.
+NEAR, LENGTH, SCALE, VERTEX, NEARBY, BEGUN = 0, 1, 2, 3, 4, 5
+#: Splits of a walk that may have parts left.
+MOST_SPLITS = 12
 
 
 @by_address
@@ -49,8 +52,8 @@ class Scratch(NamedTuple):
 
     walk: Walk
     media: MediaWork
-    at: np.ndarray  #: (9,) int64 state of the walk, see `ORDER` and so on
-    far: np.ndarray  #: (5,) state of the walk, see `NEAR` and so on
+    at: np.ndarray  #: (10,) int64 state of the walk, see `ORDER` and so on
+    far: np.ndarray  #: (6,) state of the walk, see `NEAR` and so on
     first_stack: np.ndarray  #: (STACK,) media in which the camera's ray begins
     stack: np.ndarray  #: (STACK,) media that the walk is inside of
     other_stack: np.ndarray  #: (STACK,) beyond a surface
@@ -85,6 +88,10 @@ class Scratch(NamedTuple):
     kept_phase: np.ndarray  #: (wavelength,) density of the direction that was drawn there, by what scatters [sr-1]
     saved_value: np.ndarray  #: (wavelength,)
     saved_chance: np.ndarray  #: (wavelength,)
+    parts: np.ndarray  #: (split, 3) int64 parts of the walk that are left, their order and medium
+    parted_stack: np.ndarray  #: (split, STACK) media that they are inside of
+    parted: np.ndarray  #: (split, 8) start, direction, length and vertex of their leg
+    parted_spectra: np.ndarray  #: (split, 4, wavelength) value, chances, q, 1 - T
     sums: np.ndarray  #: (batch, wavelength)
     shift: np.ndarray  #: (batch, dimension) uint32
 
@@ -96,8 +103,10 @@ def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) ->
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
     return Scratch._make([
-        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(9, np.int64), np.zeros(5), *stacks,
+        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(10, np.int64), np.zeros(6), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
+        np.zeros((MOST_SPLITS, 3), np.int64), np.full((MOST_SPLITS, STACK), -1, np.int64), np.zeros((MOST_SPLITS, 8)),
+        np.zeros((MOST_SPLITS, 4, wavelengths)),
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     ])  # fmt: skip

@@ -42,6 +42,9 @@ class LampGuide(NamedTuple):
     scatters: np.ndarray  #: (medium,) bool
     shines: np.ndarray  #: (medium,) bool
     extinction: np.ndarray  #: (medium,) mean over the wavelengths of constant media, 0 of others [m-1]
+    drift: np.ndarray  #: (medium,) extinction that turns light, of media in which it diffuses; 0 of others [m-1]
+    fade: np.ndarray  #: (medium,) rate at which diffuse light falls with the distance [m-1]
+    everywhere: float  #: fluence of what shines from far away
     near: float  #: share of the points on legs that are drawn by where the lamp is near
     points: int  #: of the camera's first leg at which lamps are looked for
     level: float  #: throughput below which roulette begins

@@ -26,6 +26,7 @@ from skyscatter.kernels.surfaces.lamps import pick
 from skyscatter.kernels.surfaces.media import scattering
 from skyscatter.kernels.surfaces.past import density_past, draw_direction, draw_past, shares_from_wall
 from skyscatter.kernels.surfaces.shadows import copy_stack
+from skyscatter.kernels.surfaces.splits import split, wanted_weight
 
 #: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
 LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
@@ -69,8 +70,11 @@ def survives(walk, order, level):
 
 
 @kernel
-def scatter_at(table, hero, s):
-    """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends."""
+def scatter_at(table, hero, part, s):
+    """Move to the vertex on the leg and turn there; LEG, or OVER if the walk ends.
+
+    A `part` of a walk is not split again there.
+    """
     walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
     look_at(table.media, m, s.start, d, s.far[LENGTH], t, s)
     for n in range(3):
@@ -78,7 +82,10 @@ def scatter_at(table, hero, s):
         walk.position[n] = s.start[n] + t * d[n]
     s.kept[2, 0], s.kept[2, 1], s.kept[2, 2] = m, t, s.far[LENGTH]
     order = s.at[ORDER]
-    u, v = number(walk, order, 6), number(walk, order, 7)
+    wanted = wanted_weight(table, m, walk.position, s)
+    # Parts have numbers of their own.
+    apart = part or split(wanted, s)
+    u, v = number(walk, 1 if apart else order, 6), number(walk, 1 if apart else order, 7)
     turned, past = draw_direction(table, m, hero, walk.position, u, v, s, d)
     if not turned:
         return OVER
@@ -95,7 +102,7 @@ def scatter_at(table, hero, s):
         walk.chance[i] *= s.free[i] * s.event[i] * by_all
         if i == hero and table.guide.placed:
             more = more_often(by_all, by_phase)
-    more *= 1.0 + CLOSE_WORTH * s.far[NEARBY]
+    more = max(more * (1.0 + CLOSE_WORTH * s.far[NEARBY]), 1.0 / wanted)
     mean = balance(walk)
     s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
     s.at[ITEM], s.at[SKIP] = -1, -1
@@ -146,6 +153,7 @@ def turn_at_surface(table, row, hero, here, there, s):
         return OVER
     passing = density_past(table, here, walk.position, walk.direction, s.chance, s.aside) if past > 0.0 else 0.0
     more = more_often((1.0 - past) * s.density[hero] + passing, s.density[hero])
+    more = max(more, 1.0 / wanted_weight(table, here, walk.position, s))
     for i in range(walk.value.size):
         s.kept_chance[i] = walk.chance[i]
         walk.value[i] *= s.factor[i]

@@ -25,6 +25,7 @@ from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream,
 from skyscatter.kernels.surfaces.bsdf import is_delta
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
+    BEGUN,
     DIVIDED,
     IN,
     ITEM,
@@ -35,6 +36,7 @@ from skyscatter.kernels.surfaces.flights import (
     ORDER,
     SCALE,
     SKIP,
+    SPLITS,
     VERTEX,
     WHOLE,
     draw_vertex,
@@ -58,6 +60,7 @@ from skyscatter.kernels.surfaces.media import current_medium
 from skyscatter.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
+from skyscatter.kernels.surfaces.splits import next_part
 from skyscatter.kernels.surfaces.turns import BEHIND, LEG, OVER, TURN, balance, scatter_at, turn_at_surface
 
 #: Walks of each batch before the noise is judged first, and before a ray may count as quiet.
@@ -223,15 +226,19 @@ def wander(table, max_order, sampling, s, sums):
         walk.value[i], walk.chance[i] = 1.0, 1.0
     at[ORDER], at[LAST], at[BEFORE], at[ITEM], at[SKIP] = 0, SCATTERED, NO_AIM, -1, -1
     at[DIVIDED], at[WHOLE], at[MOST] = 0, 1, max_order
-    s.far[SCALE] = 1.0
-    coming = LEG
+    at[SPLITS] = 0
+    s.far[SCALE], s.far[BEGUN] = 1.0, 0.0
+    coming, part = LEG, False
     while True:
         if coming == LEG:
             coming = take_leg(table, hero, sampling, s, sums)
         elif coming == TURN:
-            coming = scatter_at(table, hero, s)
+            coming, part = scatter_at(table, hero, part, s), False
         elif coming == BEHIND:
             coming = meet(table, hero, sampling, s, sums)
+        elif at[SPLITS] > 0:
+            next_part(s)
+            coming, part = TURN, True
         elif at[DIVIDED] == 1:
             go_back(s)
             coming = BEHIND
