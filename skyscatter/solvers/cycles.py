@@ -34,10 +34,11 @@ LEAST_LEFT = 0.4
 #: Shares of the places [%] that are looked at, and what may be missing there in units of what may be missing: the worst
 #: places are at the ends of the range of Suns, where few rays look.
 PLACES, ALLOWED = np.array([95.0, 100.0]), np.array([1.0, 3.0])
-#: Cycles after which orders are summed instead; how much each may have of the change before; and of which change the
-#: first one may be: a coarse solution that is wrong by more, as in the depth of night, is no help.  Diffusion begins
-#: with nothing, and its cycles do not fall evenly.
-MOST_CYCLES, SLOWEST, MOST_CHANGED, UNEVEN = 40, 0.9, 1.0, 30.0
+#: Cycles after which orders are summed instead, and how much each may have of the change before.  Diffusion begins with
+#: nothing, and its cycles do not fall evenly.  The first change may be of any size: in the depth of night the coarse
+#: solution is wrong by factors somewhere, and yet cycles settle.  A sum of orders misses more there: each is dark
+#: beyond its own shadow's edge, which no cubic over the Suns follows, while the light of all of them is smooth.
+MOST_CYCLES, SLOWEST, UNEVEN = 40, 0.9, 30.0
 #: Orders that are expected from which a medium counts as thick: what the coarse grid cannot see falls by a twentieth
 #: there with each sweep, and what is missing diffuses.
 THICK = 4.0
@@ -89,7 +90,6 @@ class _Way(NamedTuple):
     begun: Callable[[Light], Light]  #: from the first order
     corrected: Callable[[Light, Light], Light]  #: from a light and what a sweep made of it
     parts: Parts  #: which moments tell
-    most_changed: float  #: by the first cycle, relatively, before orders are summed instead
     slowest: float  #: what a cycle may change at most in units of the one before, before orders are summed instead
 
 
@@ -100,10 +100,10 @@ def _way(sweeper: Sweeper, guide: Solution | None, tolerance: float, pool: Threa
         # Diffusion knows nothing of moments beyond the first, and of azimuth: they have to settle by themselves.
         diffusion, parts = Diffusion(sweeper.problem), Parts.of(sweeper.problem)
         begun = diffusion.begun if grids is None else grids.whole
-        return _Way(begun, diffusion.corrected, parts, np.inf, UNEVEN)
+        return _Way(begun, diffusion.corrected, parts, UNEVEN)
     assert grids is not None
     parts = Parts.of_the_mean(sweeper.problem.moments.degree.size)
-    return _Way(grids.begun, grids.corrected, parts, MOST_CHANGED, SLOWEST)
+    return _Way(grids.begun, grids.corrected, parts, SLOWEST)
 
 
 def _cycles(
@@ -141,7 +141,7 @@ def _cycles(
             return None
         changes = np.percentile(_changes(way.parts.weight, light, found), PLACES)
         before, changed = changed, float(np.max(changes / ALLOWED))
-        if not changed < min(way.slowest * before, way.most_changed):
+        if not changed < way.slowest * before:
             return None
         if cycle > 0:  # one alone does not tell how much is left
             left = max(changed / before, LEAST_LEFT) * changed

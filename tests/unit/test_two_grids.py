@@ -44,6 +44,7 @@ def swept_to_the_end(sweeper: Sweeper, goal: float) -> Any:
         ("earth-simple", 60.0),
         ("earth-simple", -3.0),
         ("earth-hazy", 30.0),
+        ("earth-simple", -18.0),
         pytest.param("mars", 5.0, marks=pytest.mark.slow),
         pytest.param("earth-hazy", -6.0, marks=pytest.mark.slow),
     ],
