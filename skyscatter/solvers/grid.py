@@ -27,6 +27,9 @@ STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
 TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
+#: Twilight's spacing at most [degree]: on a small planet with deep air a scale height sinks within 12 degrees, and yet
+#: light changes over fewer, for phase functions are as narrow as elsewhere.
+MOST_TWILIGHT = 2.4
 #: Directions above the horizontal, between it and the horizon, and on the ground, at the base tolerance.
 DIRECTIONS = (11, 5, 6)
 #: Azimuths over half a turn at the base tolerance.
@@ -139,7 +142,7 @@ def sun_nodes(
     low, high = _in_steps(max(low, 0.0), min(high, np.pi))
     f = fineness(tolerance)
     angle = np.linspace(low, high, 4001)
-    dusk = fineness(twilight * tolerance) * TWILIGHT_STEP * sinking
+    dusk = min(fineness(twilight * tolerance) * TWILIGHT_STEP * sinking, f * np.radians(MOST_TWILIGHT))
     away = np.maximum(np.pi / 2 - 2 * sinking - angle, angle - np.pi / 2 - NIGHT * sinking)
     step = dusk + f * DAY_GROWTH * np.maximum(away, 0.0)
     step = np.minimum(step, f * np.radians(DAY_STEP))
