@@ -135,16 +135,17 @@ def test_tasks_that_kill_every_worker_are_given_up() -> None:
 
 
 def test_few_tasks_wait_at_a_time() -> None:
-    begun, lock, most = [0], threading.Lock(), [0]
+    done, lock, most = [0], threading.Lock(), [0]
 
     def source() -> Any:
         for k in range(50):
-            begun[0] += 1
+            with lock:  # a thread may stand still for as long as it likes
+                most[0] = max(most[0], k + 1 - done[0])
             yield Task(work, (k,), None, k)
 
     def work(number: int) -> int:
         with lock:
-            most[0] = max(most[0], begun[0] - number)
+            done[0] += 1
         return number
 
     with engine_for(threads=2) as engine:
