@@ -83,11 +83,7 @@ class Rpv(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        nodes = _nodes(self.amplitude, self.exponent, self.asymmetry, self.hot_spot)
-        highest = float(self.albedo(nodes).max())
-        if highest > 1:
-            rule = f"reflects {highest:.3g} of an even sky's light, more than all of it; lower it"
-            raise DomainError("amplitude", float(np.max(evaluate(self.amplitude, nodes))), rule)
+        _refuse_gain(self.albedo, "amplitude", self.amplitude, self.exponent, self.asymmetry, self.hot_spot)
         return self
 
     def parameters(self, wavelengths_nm: ArrayLike) -> Array:
@@ -165,11 +161,7 @@ class RossLi(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        nodes = _nodes(self.isotropic, self.volumetric, self.geometric)
-        highest = float(self.albedo(nodes).max())
-        if highest > 1:
-            rule = f"reflects {highest:.3g} of an even sky's light, more than all of it; lower it"
-            raise DomainError("isotropic", float(np.max(evaluate(self.isotropic, nodes))), rule)
+        _refuse_gain(self.albedo, "isotropic", self.isotropic, self.volumetric, self.geometric)
         return self
 
     def parameters(self, wavelengths_nm: ArrayLike) -> Array:
@@ -225,6 +217,15 @@ def _albedo(factor: Callable[[Array, Array, ArrayLike], Array], wavelengths_nm: 
     viewer = np.stack(np.broadcast_arrays(across, beside, m[:, None]), axis=-1)
     seen = factor(light, viewer, wavelengths_nm).mean(axis=2)
     return np.asarray(np.einsum("i,j,ijw->w", 2 * m * weight, 2 * m * weight, seen))
+
+
+def _refuse_gain(albedo: Callable[[ArrayLike], Array], name: str, level: Spectral, *others: Spectral | None) -> None:
+    """Refuse ground that would reflect more than all of an even sky's light; its level has a name."""
+    nodes = _nodes(level, *others)
+    highest = float(albedo(nodes).max())
+    if highest > 1:
+        rule = f"reflects {highest:.3g} of an even sky's light, more than all of it; lower it"
+        raise DomainError(name, float(np.max(evaluate(level, nodes))), rule)
 
 
 def _nodes(*values: Spectral | None) -> Array:
