@@ -62,8 +62,8 @@ EVEN_SAMPLES, CELL_SAMPLES = 2001, 4
 #: miss what several grids miss alike.
 DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 1.0
 DEEP_DIRECTIONS, DEEP_SUNS, MOST_DEEP = 0.25, 0.5, 0.00125
-#: What is far, in units of the angle under which a scale height sinks below the horizon.
-DEEP = 4.5
+#: What is far, in units of the angle under which a scale height sinks below the horizon: for directions, for Suns.
+DEEP = 3.5, 4.5
 #: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth
 #: of what is left of the day's light at the end of astronomical twilight.
 FLOOR, FAINTEST = 1e-35, 1e-10
@@ -312,13 +312,10 @@ def make_grid(
     scale = float(np.interp(-0.01 * mean[0], -mean, altitude)) / np.log(100) if mean[0] > 0 else columns.top
     sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
     below = (sun_zenith[1] - np.pi / 2) / sinking
-    if below > DEEP:
-        for_directions, for_suns = DEEP_DIRECTIONS, DEEP_SUNS
-    elif below > 1:
-        for_directions, for_suns = DUSK_DIRECTIONS, DUSK_SUNS
-    else:
-        for_directions, for_suns = 1.0, 1.0
-    finer = min(tolerance * for_directions, MOST_DEEP if below > DEEP else 1.0)
+    deep, night = (below > most for most in DEEP)
+    for_directions = DEEP_DIRECTIONS if deep else DUSK_DIRECTIONS if below > 1 else 1.0
+    for_suns = DEEP_SUNS if night else DUSK_SUNS if below > 1 else 1.0
+    finer = min(tolerance * for_directions, MOST_DEEP if deep else 1.0)
     coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, for_suns)
     quadrature, azimuths = grids.directions(nodes, columns.radius, degree, finer), grids.azimuths(degree, finer)
     return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths, finer)
