@@ -82,6 +82,18 @@ def test_dusk_is_seen_from_enough_directions(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_allclose(usual, skyscatter.radiance(there, *rays, [700.0]).radiance, rtol=2 * DEFAULT_TOLERANCE)
 
 
+@pytest.mark.parametrize("elevation", [-4.0, -9.0, -14.0])
+def test_a_veil_over_dusk_keeps_its_forward_light(elevation: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thin haze high up lights the shadow by what it turns by a few degrees, again and again."""
+    there = skyscatter.load_model("earth-observatory").scene(sun_elevation_deg=elevation, sun_azimuth_deg=0.0)
+    rays = there.observer.position, np.array([[0.0, 0.0, 1.0], [0.0, 0.96, 0.28], [0.0, -0.96, 0.28]])
+    usual = skyscatter.radiance(there, *rays, [550.0, 880.0], solver="orders")
+    monkeypatch.setattr(sweeps, "kept_degree", lambda *_: 24)
+    right = skyscatter.radiance(there, *rays, [550.0, 880.0], solver="orders").radiance
+    np.testing.assert_array_less(np.abs(usual.radiance - right), usual.estimated_error)
+    np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
+
+
 @pytest.mark.slow
 def test_a_limb_by_day_is_the_same_for_one_sun_and_for_all() -> None:
     """High air is lit by the ground as far as it sees it, under Suns that differ by many degrees."""
