@@ -33,7 +33,7 @@ from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
-from skyscatter.solvers.sweeps import Problem, Solution, Sums, Sweeper, bundles, make_problem, view
+from skyscatter.solvers.sweeps import Problem, Solution, Sums, Sweeper, bundles, make_problem, reach, view
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ COMPARED = 4
 #: Rays evaluated together: a sixteenth of all, whatever the threads, within these.
 CHUNKS, CHUNK = 16, (1024, 8192)
 #: Version of the file layout.
-FILE_VERSION = 2
+FILE_VERSION = 3
 
 
 def solve_once(
@@ -118,11 +118,6 @@ def highest_sight(origins: Array, directions: Array, radius: float, top: float) 
     # A ray that passes above the top sees nothing; one that begins there and looks down sees its own lowest point.
     lowest = np.where(lowest < top, np.maximum(lowest, 0.0), 0.0)
     return float(lowest.max(initial=0.0))
-
-
-def reach(radius: float, top: float) -> float:
-    """Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad]."""
-    return float(np.arccos(radius / (radius + top)))
 
 
 def scattering_top(table: SceneTable) -> float:
@@ -249,11 +244,15 @@ def solve_range(
     threads: int,
     progress: Callable[[float], None] | None = None,
     checkpoint: Checkpoint | None = None,
+    darkest: float | None = None,
 ) -> RadianceField:
-    """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere."""
+    """As `solve`, for a range of zenith angles of the Sun [rad], wherever it is in the atmosphere.
+
+    `darkest` is as for `make_problem`.
+    """
     expect("orders")
     zenith = (max(zenith[0], 0.0), min(zenith[1], np.pi))
-    made = _Making(scene, wavelengths, zenith, stokes, max_order, threads, progress, checkpoint)
+    made = _Making(scene, wavelengths, zenith, stokes, max_order, threads, progress, checkpoint, darkest)
     return made.field(min(tolerance, LOOSEST))
 
 
@@ -269,11 +268,12 @@ class _Making:
     threads: int
     progress: Callable[[float], None] | None = None
     checkpoint: Checkpoint | None = None
+    darkest: float | None = None
 
     def field(self, tolerance: float, coarse: Solution | None = None) -> RadianceField:
         """The solution to a tolerance, and the coarser one, which may be known already."""
         air = self.scene, self.wavelengths, self.zenith
-        problem = make_problem(*air, tolerance, self.stokes, cut_peaks=self.max_order != 1)
+        problem = make_problem(*air, tolerance, self.stokes, cut_peaks=self.max_order != 1, darkest=self.darkest)
         check_effort(problem, self.wavelengths, tolerance, self.max_order)
         check_memory(problem)
         if coarse is None:
@@ -281,7 +281,7 @@ class _Making:
                 say("orders of scattering, coarser, for the error")
             coarse = solve_once(
                 *air, COARSER * tolerance, self.stokes, self.max_order, self.threads,
-                checkpoint=self.checkpoint, name="coarse",
+                degree=problem.coarser_degree, checkpoint=self.checkpoint, name="coarse",
             )  # fmt: skip
         if self.progress is not None:
             say("orders of scattering", anew=False)
@@ -723,8 +723,10 @@ class RadianceField:
             "max_order": 0 if self.max_order is None else self.max_order,
         }  # fmt: skip
         for name in ("fine", "coarse"):
-            sums = getattr(self, name).sums
+            solution = getattr(self, name)
+            sums, degree = solution.sums, solution.problem.degree
             content |= {f"{name}_moments": sums.moments, f"{name}_flux": sums.flux, f"{name}_orders": sums.orders}
+            content[f"{name}_degree"] = degree
         arrays: dict[str, Any] = {name: np.asarray(value) for name, value in content.items()}
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             np.savez(file, **arrays)
@@ -762,7 +764,8 @@ class RadianceField:
             max_order = int(content["max_order"]) or None
             solutions = []
             for name, factor in (("fine", 1.0), ("coarse", COARSER)):
-                problem = make_problem(scene, wl, zenith, factor * tolerance, stokes, cut_peaks=max_order != 1)
+                degree, air = int(content[f"{name}_degree"]), (scene, wl, zenith, factor * tolerance, stokes)
+                problem = make_problem(*air, degree=degree, cut_peaks=max_order != 1)
                 sums = Sums(content[f"{name}_moments"], content[f"{name}_flux"], int(content[f"{name}_orders"]))
                 grid = problem.grid
                 if sums.moments.shape[:3] != (grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size):

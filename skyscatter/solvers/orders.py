@@ -21,13 +21,14 @@ from skyscatter.solvers.field import (
     RadianceField,
     highest_sight,
     needed_zenith,
-    reach,
     scattering_top,
+    seen_zenith,
     solve_range,
 )
 from skyscatter.solvers.options import Orders
 from skyscatter.solvers.skytable import SkyTable
 from skyscatter.solvers.state import Checkpoint
+from skyscatter.solvers.sweeps import reach
 
 #: Rays in a tile at most.  Those of a picture's row share their geometry, and few rows shall be cut in two: tiles of
 #: 1024 rays took a third more for a picture 1280 pixels wide.
@@ -96,6 +97,13 @@ def window_of(scene: Scene, table: SceneTable, origins: Array, directions: Array
     return window(low, high, reach(medium.radius, top), reach(medium.radius, above))
 
 
+def darkest_sun(scene: Scene, table: SceneTable, origins: Array, directions: Array) -> float:
+    """Zenith angle of the Sun [rad] in the best lit air along the ray that sees the darkest; 0 if none sees air."""
+    top = scattering_top(table)
+    best, _ = seen_zenith(origins, directions, scene.sun.direction, scene.medium.radius, top)
+    return float(np.max(best, initial=0.0, where=best == best))
+
+
 def prepare(
     scene: Scene,
     rays: Rays,
@@ -110,11 +118,12 @@ def prepare(
 
     table = compile_scene(scene, wavelengths)
     some = slice(None, None, max(len(rays.origins) // WINDOW_RAYS, 1))
-    zenith = window_of(scene, table, rays.origins[some], rays.directions[some])
+    seen = scene, table, rays.origins[some], rays.directions[some]
     tolerance = DEFAULT_TOLERANCE if asked.how.tolerance is None else asked.how.tolerance
     field = solve_range(
-        scene, wavelengths, zenith, tolerance, asked.stokes, asked.how.max_order, threads, progress, checkpoint
-    )
+        scene, wavelengths, window_of(*seen), tolerance, asked.stokes, asked.how.max_order, threads, progress,
+        checkpoint, darkest_sun(*seen),
+    )  # fmt: skip
     if progress is not None:
         say("nodes over the sky")
     return Context(field, table, field.sky_table(table, rays.origins, rays.directions, threads))

@@ -87,13 +87,15 @@ def field_for(
         if not same_air(scenes[0], scene):
             raise DomainError("scenes", "different air, ground or star", "one field is for one air; solve them apart")
     small = smaller(camera)
-    ranges = []
+    ranges, darkest = [], []
     for scene in scenes:
         directions = small.directions(scene.observer).reshape(-1, 3)
         directions = np.ascontiguousarray(directions[np.isfinite(directions[:, 0])])
         origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
         if skylights.sun_shines(scene):
-            ranges.append(orders.window_of(scene, compile_scene(scene, wl), origins, directions))
+            seen = scene, compile_scene(scene, wl), origins, directions
+            ranges.append(orders.window_of(*seen))
+            darkest.append(orders.darkest_sun(*seen))
         heavens = skylights.heavens_of(scene, wl)
         window = None if heavens is None else skylights.light_window(scene, heavens, directions)
         ranges += [] if window is None else [window]
@@ -101,7 +103,7 @@ def field_for(
     zenith = min((low for low, _ in ranges), default=0.0), max((high for _, high in ranges), default=0.1)
     return solve_range(
         scenes[0], wl, zenith, DEFAULT_TOLERANCE if tolerance is None else tolerance, stokes, None,
-        worker_count(threads), progress, checkpoint,
+        worker_count(threads), progress, checkpoint, max(darkest, default=None),
     )  # fmt: skip
 
 

@@ -43,6 +43,11 @@ PEAK_SHARE = 1.5
 #: What cut peaks may take, in units of the tolerance and at most, from sunlight that comes in nearly level.  Delta-M
 #: lets it go on as if it had not been scattered; but where its way is long, a few degrees lead out of a layer.
 LEVEL_PEAK_SHARE, MOST_LEVEL_PEAK = 10.0, 0.05
+#: The first of these shrinks to one as the Sun sinks under a scale height: what lies in shadow is lit by light that was
+#: turned by a few degrees, once or several times.  A veil in clear air then leaves out six times what it cuts.  Where
+#: more than the number below, in units of the tolerance, is cut then, a solution that tells the error keeps fewer
+#: degrees.
+TOLD_PEAK = 0.1
 #: Coefficients below this count as zero.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
@@ -62,8 +67,8 @@ EVEN_SAMPLES, CELL_SAMPLES = 2001, 4
 #: miss what several grids miss alike.
 DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 1.0
 DEEP_DIRECTIONS, DEEP_SUNS, MOST_DEEP = 0.25, 0.5, 0.00125
-#: What is far, in units of the angle under which a scale height sinks below the horizon.
-DEEP = 4.5
+#: What is far, in units of the angle under which a scale height sinks below the horizon: for directions, for Suns.
+DEEP = 3.5, 4.5
 #: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth
 #: of what is left of the day's light at the end of astronomical twilight.
 FLOOR, FAINTEST = 1e-35, 1e-10
@@ -93,6 +98,8 @@ class Problem:
     stokes: int  #: Stokes parameters: 1, 3 or 4
     tolerance: float  #: for which the grid was made
     level_peaks: Array  #: share of level sunlight that delta-M takes for unscattered; (wavelength,)
+    degree: int  #: to which phase functions are kept
+    coarser_degree: int | None  #: to which a solution that tells the error keeps phase functions; None: as it likes
 
 
 @dataclass(frozen=True)
@@ -122,7 +129,7 @@ def matrices(scene: Scene, table: SceneTable, wavelengths: Array, stokes: bool) 
     return matrix_tables(scene.medium, tuple(float(w) for w in wavelengths))
 
 
-def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float = 0.0) -> int:
+def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float = 0.0, shadow: float = 0.0) -> int:
     """Degree to which phase functions are kept.
 
     Parameters
@@ -134,6 +141,8 @@ def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float
     tolerance : float
     level : (component, wavelength), optional
         Share of level sunlight that is scattered on its way.
+    shadow : float, optional
+        How far a scale height lies in the planet's shadow, 0 to 1.
 
     Returns
     -------
@@ -147,7 +156,7 @@ def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float
     allowed = [degree for degree, may, _ in DEGREES if tolerance < may and degree >= least]
     for degree in allowed:
         peak = np.abs(chi[:, 0, degree + 1])
-        most = min(LEVEL_PEAK_SHARE * tolerance, MOST_LEVEL_PEAK)
+        most = min(LEVEL_PEAK_SHARE ** (1 - shadow) * tolerance, MOST_LEVEL_PEAK)
         level_enough = (peak * level).sum(axis=0).max() < most
         if level_enough and (peak * depth).sum(axis=0).max() < PEAK_SHARE * tolerance:
             return max(min(needed, degree), 2)
@@ -166,6 +175,29 @@ def level_share(table: SceneTable, sun_zenith: float) -> Array:
     return np.asarray(how_level * -np.expm1(-longest[:, None] * sigma_s))
 
 
+def sinking(columns: ColumnTable, altitude: Array, depth: Array) -> float:
+    """Angle under which a scale height sinks below the horizon [rad], from vertical optical depths above altitudes.
+
+    Of the two decades from the ground: haze near it says little of where light comes from after sunset.
+    """
+    scale = float(np.interp(-0.01 * depth[0], -depth, altitude)) / np.log(100) if depth[0] > 0 else columns.top
+    return float(np.arccos(columns.radius / (columns.radius + scale)))
+
+
+def shadow_share(table: SceneTable, darkest: float) -> float:
+    """How far a scale height lies in the planet's shadow, 0 to 1, for a zenith angle of the Sun [rad]."""
+    if darkest <= np.pi / 2:
+        return 0.0
+    altitude = sample_altitudes(table.columns)
+    depth = (outward_profile(table.columns, altitude) @ table.optics.sigma_t).mean(axis=1)
+    return min((darkest - np.pi / 2) / sinking(table.columns, altitude, depth), 1.0)
+
+
+def reach(radius: float, top: float) -> float:
+    """Angle at the planet's centre between the ground and where its horizontal leaves the atmosphere [rad]."""
+    return float(np.arccos(radius / (radius + top)))
+
+
 def make_problem(
     scene: Scene,
     wavelengths: Array,
@@ -176,11 +208,13 @@ def make_problem(
     degree: int | None = None,
     cut_peaks: bool = True,
     grid: grids.Grid | None = None,
+    darkest: float | None = None,
 ) -> Problem:
     """Tables and grid for a scene with the Sun between two zenith angles [rad].
 
     Without `cut_peaks` forward peaks stay where they are: right for the first order alone.  A grid that is given must
-    have been made for the same top, Suns and degree.
+    have been made for the same top, Suns and degree.  What is seen is lit best by a Sun at the zenith angle `darkest`
+    [rad] or higher; if that is not given, by one that is two reaches of the horizon above the lowest.
     """
     if scene.ground.map is not None:
         raise DomainError("ground.map", "a map", "the solver orders knows a uniform ground only; use solver path")
@@ -192,8 +226,10 @@ def make_problem(
     scatters = np.asarray((optics.sigma_s > 0).any(axis=1))
     chi = chi * scatters[:, None, None, None]
     column = outward_profile(table.columns)[0]
-    level = level_share(table, sun_zenith[1])
-    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance, level) if degree is None else degree
+    if darkest is None:
+        darkest = sun_zenith[1] - 2 * reach(table.columns.radius, table.columns.top)
+    level, shadow = level_share(table, sun_zenith[1]), shadow_share(table, darkest)
+    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance, level, shadow) if degree is None else degree
     peak = chi[:, 0, kept + 1]
     peak = np.where((peak > LEAST_PEAK) & cut_peaks, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
@@ -216,7 +252,10 @@ def make_problem(
     )  # fmt: skip
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
     level_peaks = (peak * level).sum(axis=0)
-    return Problem(table, diffuse, grid, moments, cut, whole, kinds, tolerance, level_peaks)
+    coarser = None
+    if shadow > 0 and level_peaks.max() > TOLD_PEAK * tolerance:
+        coarser = max((lower for lower, _, _ in DEGREES if lower < kept), default=None)
+    return Problem(table, diffuse, grid, moments, cut, whole, kinds, tolerance, level_peaks, kept, coarser)
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:
@@ -308,18 +347,13 @@ def make_grid(
     depth = outward_profile(columns, altitude) @ sigma_t
     nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance)
     mean = depth.mean(axis=1)
-    # Of the two decades from the ground: haze near it says little of where light comes from after sunset.
-    scale = float(np.interp(-0.01 * mean[0], -mean, altitude)) / np.log(100) if mean[0] > 0 else columns.top
-    sinking = float(np.arccos(columns.radius / (columns.radius + scale)))
-    below = (sun_zenith[1] - np.pi / 2) / sinking
-    if below > DEEP:
-        for_directions, for_suns = DEEP_DIRECTIONS, DEEP_SUNS
-    elif below > 1:
-        for_directions, for_suns = DUSK_DIRECTIONS, DUSK_SUNS
-    else:
-        for_directions, for_suns = 1.0, 1.0
-    finer = min(tolerance * for_directions, MOST_DEEP if below > DEEP else 1.0)
-    coarse, fine, index = grids.sun_nodes(*sun_zenith, sinking, tolerance, for_suns)
+    sink = sinking(columns, altitude, mean)
+    below = (sun_zenith[1] - np.pi / 2) / sink
+    deep, night = (below > most for most in DEEP)
+    for_directions = DEEP_DIRECTIONS if deep else DUSK_DIRECTIONS if below > 1 else 1.0
+    for_suns = DEEP_SUNS if night else DUSK_SUNS if below > 1 else 1.0
+    finer = min(tolerance * for_directions, MOST_DEEP if deep else 1.0)
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sink, tolerance, for_suns)
     quadrature, azimuths = grids.directions(nodes, columns.radius, degree, finer), grids.azimuths(degree, finer)
     return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths, finer)
 

@@ -120,7 +120,7 @@ class CorrectionTerms:
         #: the ground unpolarised, and polarisation on its way changes the diffuse part of T_up by a thousandth.
         self.shining: Solution = solve_once(
             dark, self.wavelengths, (0.5, 0.5), SHINING_SHARE * tolerance, False, None, workers, ground_radiance=1.0,
-            degree=self.black.problem.diffuse.greek.shape[2] - 1, orders_tolerance=orders_tolerance or tolerance,
+            degree=self.black.problem.degree, orders_tolerance=orders_tolerance or tolerance,
             grid=grids[1],
         )  # fmt: skip
 

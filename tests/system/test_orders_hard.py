@@ -14,6 +14,7 @@ from skyscatter import Component, Ground, Medium, Scene, Star, Sun
 from skyscatter.media.fields import Exponential, Uniform
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein, Isotropic, Rayleigh
+from skyscatter.solvers import sweeps
 from skyscatter.solvers.field import DEFAULT_TOLERANCE
 from skyscatter.solvers.fluxes import sphere_rule
 
@@ -69,6 +70,28 @@ def test_twilight_is_the_same_for_one_sun_and_for_all() -> None:
 @pytest.mark.parametrize("model", ["earth", "earth-hazy", "earth-maritime", "mars", "titan"])
 def test_twilight_of_shipped_planets_is_the_same_for_one_sun_and_for_all(model: str) -> None:
     assert_one_answer(model, (90.0, 60.0, 20.0, 5.0, 0.0, -3.0, -6.0, -8.0, -10.0, -12.0, -14.0, -16.0, -18.0), [550.0])
+
+
+def test_dusk_is_seen_from_enough_directions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red light of the zenith comes from low over the sunset; grids of few directions miss it."""
+    there = skyscatter.load_model("earth-observatory").scene(sun_elevation_deg=-9.27, sun_azimuth_deg=0.0)
+    rays = there.observer.position, np.array([0.0, 0.0, 1.0])
+    usual = skyscatter.radiance(there, *rays, [700.0]).radiance
+    for name in ("DUSK_DIRECTIONS", "DEEP_DIRECTIONS"):
+        monkeypatch.setattr(sweeps, name, 0.05)
+    np.testing.assert_allclose(usual, skyscatter.radiance(there, *rays, [700.0]).radiance, rtol=2 * DEFAULT_TOLERANCE)
+
+
+@pytest.mark.parametrize("elevation", [-4.0, -9.0, -14.0])
+def test_a_veil_over_dusk_keeps_its_forward_light(elevation: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thin haze high up lights the shadow by what it turns by a few degrees, again and again."""
+    there = skyscatter.load_model("earth-observatory").scene(sun_elevation_deg=elevation, sun_azimuth_deg=0.0)
+    rays = there.observer.position, np.array([[0.0, 0.0, 1.0], [0.0, 0.96, 0.28], [0.0, -0.96, 0.28]])
+    usual = skyscatter.radiance(there, *rays, [550.0, 880.0], solver="orders")
+    monkeypatch.setattr(sweeps, "kept_degree", lambda *_: 24)
+    right = skyscatter.radiance(there, *rays, [550.0, 880.0], solver="orders").radiance
+    np.testing.assert_array_less(np.abs(usual.radiance - right), usual.estimated_error)
+    np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
 
 
 @pytest.mark.slow

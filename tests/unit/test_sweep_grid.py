@@ -235,6 +235,8 @@ def test_degrees_follow_the_tolerance_the_depth_and_what_is_there() -> None:
     # Unless sunlight comes in level, through much of it.
     level = np.ones((1, 1))
     assert kept_degree(chi, deep / 1e4, 0.005, level) > kept_degree(chi, deep / 1e4, 0.005)
+    # The same little of it matters more in the planet's shadow.
+    assert kept_degree(chi, deep / 1e4, 0.005, 0.1 * level, 1.0) > kept_degree(chi, deep / 1e4, 0.005, 0.1 * level)
     chi[0, 0, 4:] = 0.0
     assert kept_degree(chi, deep, 1e-4) == 3
     assert kept_degree(np.zeros((1, 1, 26, 1)), deep, 1e-4) == 2
