@@ -129,9 +129,10 @@ def test_walks_and_photons_agree_in_a_room_of_fog() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_walks_and_both_estimators_agree_finely(name: str) -> None:
-    agree(CASES[name](), walks=1024, seeds=16, samples=32, photons=20_000, least=0.004)
+@pytest.mark.parametrize(("name", "seeds"), [("room", 16), ("star", 16), ("slab", 32)])
+def test_walks_and_both_estimators_agree_finely(name: str, seeds: int) -> None:
+    # Few photons reach the slab: with 16 runs the error of points is as large as is allowed.
+    agree(CASES[name](), walks=1024, seeds=seeds, samples=32, photons=20_000, least=0.004)
 
 
 def test_path_in_a_room_of_fog_agrees_with_plain_walks() -> None:
