@@ -14,7 +14,7 @@ from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium
 from skyscatter.media.structures import Slab
 from skyscatter.media.voxels import VoxelGrid
-from skyscatter.solvers.diffusion import guess_correction
+from skyscatter.solvers.diffusion import Cells, guess_correction
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.run import radiance
 from skyscatter.solvers.volume import compile_volume
@@ -101,6 +101,24 @@ def test_a_star_in_an_opaque_cell_ends(depth: float, albedo: float) -> None:
     with pytest.warns(UserWarning, match="'dust'"):
         answer = radiance(scene, *parallel_rays(np.array([0.02])), WAVELENGTH, solver=Path(samples=2))
     assert np.all(np.isfinite(answer.radiance))
+
+
+@pytest.mark.parametrize("albedo", [0.6, 0.9, 0.97, 0.99, 0.999])
+def test_the_guess_follows_the_light_into_the_dark(albedo: float) -> None:
+    """Around a star in a dusty sphere it falls as exp(-decay tau) / r, through forty e-foldings and more."""
+    depth = 100.0
+    table = compile_volume(dusty_sphere(depth, albedo), WAVELENGTH)
+    correction = guess_correction(table)[..., 0]
+    cells = Cells(table)
+    middle = correction.shape[0] // 2
+    outward = slice(middle + 2, middle + 3 * correction.shape[0] // 8)
+    r = np.linalg.norm(cells.centres[middle, middle, outward] - table.place[0], axis=-1)
+    guess = (0.1 + depth * r) * np.exp(-table.decay[0] * depth * r) / r**2
+    found = correction[middle, middle, outward] + np.log(guess)
+    expected = -table.decay[0] * depth * r - np.log(r)
+    fall = expected[0] - expected
+    # A twentieth of an e-folding in each, for cells are one to six free paths of diffusion wide; near the star half.
+    np.testing.assert_allclose(found[0] - found, fall, rtol=0.05, atol=0.5)
 
 
 def test_the_guess_is_that_of_diffusion() -> None:
