@@ -69,9 +69,9 @@ DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 1.0
 DEEP_DIRECTIONS, DEEP_SUNS, MOST_DEEP = 0.25, 0.5, 0.00125
 #: What is far, in units of the angle under which a scale height sinks below the horizon: for directions, for Suns.
 DEEP = 3.5, 4.5
-#: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a hundredth
+#: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a thousandth
 #: of what is left of the day's light at the end of astronomical twilight.
-FLOOR, FAINTEST = 1e-35, 1e-10
+FLOOR, FAINTEST = 1e-35, 1e-11
 #: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow;
 #: and the slowest decay from order to order that is reckoned with.
 LEAST_STRENGTH, SLOWEST = 0.1, 0.99
