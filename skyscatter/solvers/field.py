@@ -276,12 +276,13 @@ class _Making:
         problem = make_problem(*air, tolerance, self.stokes, cut_peaks=self.max_order != 1, darkest=self.darkest)
         check_effort(problem, self.wavelengths, tolerance, self.max_order)
         check_memory(problem)
-        if coarse is None:
+        told = problem.coarser_degree
+        if coarse is None or (told is not None and coarse.problem.degree > told):  # what both leave out tells nothing
             if self.progress is not None:
                 say("orders of scattering, coarser, for the error")
             coarse = solve_once(
                 *air, COARSER * tolerance, self.stokes, self.max_order, self.threads,
-                degree=problem.coarser_degree, checkpoint=self.checkpoint, name="coarse",
+                degree=told, checkpoint=self.checkpoint, name="coarse",
             )  # fmt: skip
         if self.progress is not None:
             say("orders of scattering", anew=False)
