@@ -19,7 +19,7 @@ from skyscatter.solvers.effort import check_sum, expected_orders
 from skyscatter.solvers.mixing import Parts, Past
 from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, sum_orders
 from skyscatter.solvers.state import Checkpoint
-from skyscatter.solvers.sweeps import FAINTEST, Solution, Sums, Sweeper
+from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, per_light
 from skyscatter.solvers.synthetic import Diffusion
 from skyscatter.solvers.transfer import Light, added
 from skyscatter.solvers.twogrid import TwoGrids
@@ -160,19 +160,11 @@ def _swept(sweeper: Sweeper, pool: ThreadPoolExecutor, first: Light, light: Ligh
 
 
 def _changes(weight: Array, before: Light, now: Light) -> Array:
-    """Greatest change over moments and wavelengths, (node, sun), each by its weight and in units of the mean radiance.
-
-    0 in the deep night.
-    """
+    """Greatest change over moments and wavelengths, (node, sun), each by its weight and per light."""
     mean = now.moments[:, :, 0]
-    per_mean = np.where(_visible(mean), 1.0, 0.0) / np.where(mean > 0, mean, 1.0)
+    per_mean = per_light(mean)
     out = np.zeros(mean.shape[:2])
     for k in np.flatnonzero(weight):
         change = weight[k] * np.abs(now.moments[:, :, k] - before.moments[:, :, k]) * per_mean
         out = np.maximum(out, change.max(axis=2))
     return out
-
-
-def _visible(mean: Array) -> Mask:
-    """Where a mean radiance (node, sun, wavelength) is worth the name."""
-    return np.asarray(mean > FAINTEST * mean.max(axis=(0, 1)))

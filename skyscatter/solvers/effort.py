@@ -71,7 +71,7 @@ def check_memory(problem: Problem) -> None:
     """
     grid, wavelengths = problem.grid, problem.diffuse.sigma_t.shape[1]
     needed = field_bytes(
-        grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size, wavelengths, grid.rows.size
+        grid.altitudes.size, grid.sun_zenith.size, problem.moments.degree.size, wavelengths, grid.seen.size
     )
     check_fits(
         needed, "wavelengths", wavelengths, f"a solution by orders to {problem.tolerance:g} takes",

@@ -804,7 +804,7 @@ class RadianceField:
         found = sky.look(directions, parts)
         diffuse = found.diffuse
         error = np.abs(np.multiply(found.error, diffuse, out=found.error), out=found.error)
-        error += self._level_error(table, origins, directions, diffuse)
+        error += self._alike(table, origins, directions, diffuse)
         radiance = diffuse if found.beyond is None else diffuse + found.beyond
         layers = {}
         if parts:
@@ -864,15 +864,16 @@ class RadianceField:
             members = order[group[k] : group[k + 1]]
             error[members] = share * np.abs(diffuse[members])
             error[rays] = np.maximum(error[rays], error_share(self.tolerance) * np.abs(coarse[mine] - fine[mine]))
-        return np.asarray(error + self._level_error(table, origins, directions, diffuse))
+        return np.asarray(error + self._alike(table, origins, directions, diffuse))
 
-    def _level_error(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array | float:
-        """What is added for level sunlight in cut peaks."""
+    def _alike(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:
+        """Error that both solutions have alike: of level sunlight in cut peaks, and of the night that neither sees."""
+        error = np.where(diffuse == 0.0, 0.0, self.fine.unseen)
         if not self.fine.problem.level_peaks.any():
-            return 0.0
+            return error
         low, high = seen_zenith(origins, directions, table.optics.disk_axis, table.columns.radius, table.columns.top)
         level = level_error(np.nan_to_num(0.5 * (low + high)), self.fine.problem.level_peaks)
-        return np.asarray(level * np.abs(diffuse))
+        return np.asarray(level * np.abs(diffuse) + error)
 
     def _diffuse(self, solution: Solution, table: SceneTable, origins: Array, directions: Array) -> Array:
         """Radiance of all orders but the direct light; (ray, wavelength)."""

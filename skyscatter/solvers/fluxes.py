@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 #: Directions over which fluxes are integrated: above the horizontal, between it and the horizon, and on the ground, at
 #: the base tolerance; and azimuths over half a turn beyond the degree to which phase functions are kept.
-DIRECTIONS, MORE_AZIMUTHS = (28, 48, 20), 8
+DIRECTIONS, BETWEEN, MORE_AZIMUTHS = (28, 20), 48, 8
 #: Zenith offsets that stand for the Sun's disk in the direct beam, which sets edge first.
 DISK_NODES = 8
 #: Rays looked along together.
@@ -165,7 +165,8 @@ def integrals(
     heights, place = np.unique(altitude, return_inverse=True)
     problem = _smooth(solution.problem)
     degree = problem.diffuse.greek.shape[2] - 1
-    rules = grids.directions(heights, problem.table.columns.radius, degree, problem.tolerance, DIRECTIONS)
+    between = np.where(heights > 0, int(np.ceil(BETWEEN / grids.fineness(problem.tolerance))), 0)
+    rules = grids.directions(heights, problem.table.columns.radius, degree, problem.tolerance, between, DIRECTIONS)
     azimuths = max(problem.grid.azimuths.size, degree + MORE_AZIMUTHS)
     points, share = np.argsort(place, kind="stable"), max(RAYS // (rules.shape[1] * azimuths), 1)
     out, done = np.zeros((3, altitude.size, problem.diffuse.sigma_t.shape[1])), 0
@@ -235,9 +236,12 @@ def fluxes(
         errors += [np.full_like(fine.down, np.nan)] * 3
     else:
         coarse = fluxes(other, h, z, None, work, f"{name}, coarser")
-        pairs = zip(values[1:], (coarse.diffuse_down, coarse.diffuse_up, coarse.actinic), strict=True)
+        other_values, solid_angle = (coarse.diffuse_down, coarse.diffuse_up, coarse.actinic), (np.pi, np.pi, 4 * np.pi)
         level = level_error(z, problem.level_peaks)
-        errors += [stated_error(value, rough, problem.tolerance) + level * np.abs(value) for value, rough in pairs]
+        errors += [
+            stated_error(value, rough, problem.tolerance) + level * np.abs(value) + angle * solution.unseen
+            for value, rough, angle in zip(values[1:], other_values, solid_angle, strict=True)
+        ]
     shape = (*altitude.shape, fine.down.shape[-1])
     return Fluxes(*(np.reshape(a, shape) for a in (*values, *errors)))
 

@@ -21,7 +21,7 @@ HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
 #: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
 DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
-#: Cosine of the Sun's zenith angle below which steps shrink with it, and how far: those in optical depth, in height.
+#: Cosine of the Sun's zenith angle below which steps shrink with it, and how far; the last for those in height at dusk.
 STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
@@ -30,15 +30,20 @@ TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
 #: Twilight's spacing at most [degree]: on a small planet with deep air a scale height sinks within 12 degrees, and yet
 #: light changes over fewer, for phase functions are as narrow as elsewhere.
 MOST_TWILIGHT = 2.4
-#: Directions above the horizontal, between it and the horizon, and on the ground, at the base tolerance.
-DIRECTIONS = (11, 5, 6)
+#: Directions above the horizontal and on the ground, at the base tolerance.
+DIRECTIONS = 11, 6
+#: Directions between the horizontal and the horizon, per angle under which a scale height sinks; the second from sunset
+#: on, when a band along the horizon lights the high air; and up to how many of these that is counted: near the
+#: ground next to nothing is seen there, and from above all air the same band.
+BETWEEN, BETWEEN_AT_DUSK, LEAST_BETWEEN, COUNTED = 2.3, 3.5, 2, 2.8
 #: Azimuths over half a turn at the base tolerance.
 AZIMUTHS = 7
 #: Steps between node heights, fewest and most; breaks that become nodes, at most; and how much longer than wanted the
 #: steps between two breaks may be, in all.
 LEAST_NODES, MOST_NODES, MOST_BREAKS, SPARE = 6, 160, 12, 0.2
-#: Rows between two node heights.
-ROW_REFINEMENT = 2
+#: Rows between two node heights, at least; and how far apart those are at most along which rays are seen under level
+#: sunlight, in units of the local scale height: a limb above the planet's shadow is lit over a part of it.
+ROW_REFINEMENT, SEEN_STEP = 2, 0.13
 #: Sum of the absolute weights of a cubic beyond which it is none: 1.6 at most for even nodes, 4 beside a gap of 3 to 1.
 WILDEST = 8.0
 #: Steps in the table of Sun nodes over the Sun's zenith angle.
@@ -56,9 +61,11 @@ class Grid:
     ----------
     altitudes : (node,) heights at which moments are computed, from the ground to the top [m].
     rows : (row,) heights to which they are interpolated, the nodes among them [m].
+    seen : (row,) the same, as rays to an observer read them [m].
     sun_zenith : (sun,) zenith angles of the Sun at the nodes [rad], rising.
     fine_sun_zenith : (fine sun,) those at which sunlight is computed for the first order [rad].
     index : (step,) number of the Sun node, with fraction, over the Sun's zenith angle from 0 to pi.
+    between : (node,) how many of the directions are between the horizontal and the horizon.
     directions : (node, direction, 2) zenith cosines and weights; weights sum to 2.
     azimuths : (angle,) midpoints of equal steps over half a turn [rad].
     angular : tolerance for which directions and azimuths were chosen.
@@ -66,9 +73,11 @@ class Grid:
 
     altitudes: Array
     rows: Array
+    seen: Array
     sun_zenith: Array
     fine_sun_zenith: Array
     index: Array
+    between: NDArray[np.int64]
     directions: Array
     azimuths: Array
     angular: float
@@ -79,7 +88,18 @@ def fineness(tolerance: float) -> float:
     return float(np.clip(sqrt(tolerance / BASE_TOLERANCE), 0.25, 6.5))
 
 
-def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float, tolerance: float) -> Array:
+def scale_heights(altitude: Array, depth: Array, slope: Array) -> Array:
+    """Local scale heights [m] at altitudes (sample,), from optical depths above and their slopes (sample, wavelength).
+
+    The least among the wavelengths, between a fiftieth and a fifth of the atmosphere.
+    """
+    scale = np.where(slope > 0, depth / np.where(slope > 0, slope, 1.0), np.inf).min(axis=1)
+    return np.asarray(np.clip(scale, altitude[-1] / 50, altitude[-1] / 5))
+
+
+def height_nodes(
+    altitude: Array, depth: Array, breaks: Array, lowest_sun: float, tolerance: float, night: bool = False
+) -> Array:
     """Node heights [m].
 
     Parameters
@@ -93,14 +113,15 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float
     lowest_sun : float
         Cosine of the largest zenith angle of the Sun: a slanting beam fades over less height.
     tolerance : float
+    night : bool, optional
+        Whether what is seen may lie deep in the planet's shadow.
     """
     f = fineness(tolerance)
     top = altitude[-1]
     slope = -np.gradient(depth, altitude, axis=0)
-    scale = np.where(slope > 0, depth / np.where(slope > 0, slope, 1.0), np.inf).min(axis=1)
-    scale = np.clip(scale, top / 50, top / 5)
+    scale = scale_heights(altitude, depth, slope)
     slant = float(np.clip(lowest_sun / STEEP_SUN, LEAST_SLANT, 1.0))
-    step = f * max(slant, LEAST_RISE) * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
+    step = f * max(slant, LEAST_SLANT if night else LEAST_RISE) * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
     by_depth = f * slant * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
@@ -118,10 +139,27 @@ def height_nodes(altitude: Array, depth: Array, breaks: Array, lowest_sun: float
     return nodes
 
 
-def rows_between(nodes: Array) -> Array:
-    """Rows: the nodes, and evenly spaced ones between them."""
-    inside = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(ROW_REFINEMENT) / ROW_REFINEMENT
-    return np.append(inside.ravel(), nodes[-1])
+def rows_between(nodes: Array, wanted: ArrayLike = 0.0) -> Array:
+    """Rows: the nodes, and evenly spaced ones between them: in each gap (gap,) about as many steps as are `wanted`.
+
+    Their number is even, for light is integrated along parabolas through pairs of steps, which no node should part.
+    """
+    pairs = np.rint(0.5 * np.asarray(wanted)).astype(int)
+    parts = np.maximum(np.broadcast_to(2 * pairs, nodes.size - 1), ROW_REFINEMENT)
+    lower = np.repeat(np.arange(nodes.size - 1), parts)
+    share = (np.arange(lower.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[lower]
+    return np.append(nodes[lower] + np.diff(nodes)[lower] * share, nodes[-1])
+
+
+def seen_rows(nodes: Array, altitude: Array, depth: Array, level: float, tolerance: float) -> Array:
+    """Rows along which rays are seen, where a share of the sunlight comes in level.
+
+    `altitude` and `depth` are those of `height_nodes`.
+    """
+    scale = scale_heights(altitude, depth, -np.gradient(depth, altitude, axis=0))
+    density = level / (SEEN_STEP * fineness(tolerance) * scale)
+    number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
+    return rows_between(nodes, np.diff(np.interp(nodes, altitude, number)))
 
 
 def sun_nodes(
@@ -207,32 +245,57 @@ def _gauss(count: int) -> tuple[Array, Array]:
     return 0.5 * (x + 1), 0.5 * w
 
 
-def directions(
-    altitudes: Array, radius: float, degree: int, tolerance: float, counts: tuple[int, int, int] = DIRECTIONS
-) -> Array:
-    """Quadrature over the zenith cosine at every height: above, between the horizontal and the horizon, on the ground.
+def between_counts(altitudes: Array, radius: float, sink: float, tolerance: float, dusk: bool) -> NDArray[np.int64]:
+    """How many directions there are between the horizontal and the horizon at every height, on the ground none.
 
-    Gauss-Legendre on each; above and between, cosines go as the square of the variable, since the light of a thin
-    atmosphere changes fastest near the horizontal.  Shape (height, direction, 2): cosines and weights, the latter 0
-    where there is nothing to be seen.
+    Parameters
+    ----------
+    altitudes : (height,)
+        [m]
+    radius : float
+        Of the planet [m].
+    sink : float
+        Angle under which a scale height sinks below the horizon [rad].
+    tolerance : float
+    dusk : bool
+        Whether the Sun may be below the horizon.
+    """
+    dip = np.arccos(radius / (radius + altitudes))
+    wanted = np.ceil((BETWEEN_AT_DUSK if dusk else BETWEEN) / fineness(tolerance) * np.minimum(dip / sink, COUNTED))
+    return np.where(dip > 0, np.maximum(wanted, LEAST_BETWEEN), 0).astype(np.int64)
+
+
+def directions(
+    altitudes: Array,
+    radius: float,
+    degree: int,
+    tolerance: float,
+    between: NDArray[np.int64],
+    counts: tuple[int, int] = DIRECTIONS,
+) -> Array:
+    """Quadrature over the zenith cosine at every height: above, `between` horizontal and horizon, on the ground.
+
+    Gauss-Legendre on each; above, cosines go as the square of the variable, since the light of a thin atmosphere
+    changes fastest near the horizontal.  Shape (height, direction, 2): cosines and weights, the latter 0 where there
+    are fewer directions than elsewhere.
     """
     f = fineness(tolerance)
-    above, between, below = (int(np.ceil(n / f)) for n in counts)
+    above, below = (int(np.ceil(n / f)) for n in counts)
     # Above the horizontal, where the aureole is, the light is as uneven as the moments that it is taken into.
     above, below = max(above, degree // 2 + 4, degree), max(below, degree // 2 + 3)
 
-    out = []
-    for h in altitudes:
+    out = np.zeros((len(altitudes), above + int(between.max()) + below, 2))
+    for h, count, rule in zip(altitudes, between, out, strict=True):
         ratio = radius / (radius + h)
         dip = sqrt(max((1 - ratio) * (1 + ratio), 0.0))
         x, w = _gauss(above)
-        parts = [(x * x, 2 * x * w)]
-        x, w = _gauss(between)
-        parts.append((-dip * x * x, 2 * dip * x * w))
+        rule[:above] = np.stack([x * x, 2 * x * w], axis=-1)
         x, w = _gauss(below)
-        parts.append((-(dip + (1 - dip) * x), (1 - dip) * w))
-        out.append(np.stack([np.concatenate([p[k] for p in parts]) for k in (0, 1)], axis=-1))
-    return np.array(out)
+        rule[above : above + below] = np.stack([-(dip + (1 - dip) * x), (1 - dip) * w], axis=-1)
+        if count:
+            x, w = _gauss(count)
+            rule[above + below : above + below + count] = np.stack([-dip * x, dip * w], axis=-1)
+    return out
 
 
 def azimuths(degree: int, tolerance: float, fewest: float = AZIMUTHS) -> Array:

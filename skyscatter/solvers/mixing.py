@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.series import greatest_change
-from skyscatter.solvers.sweeps import FAINTEST, Problem, moment_weights
+from skyscatter.solvers.sweeps import Problem, moment_weights, per_light
 from skyscatter.solvers.transfer import Light
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ class Past:
 
     def _mixed(self, last: Light, mean: Array) -> Light:
         """The last image with what several steps make of it, by parts and wavelengths."""
-        scale = np.where(_visible(mean), 1.0, 0.0) / np.maximum(mean, 1e-300)
+        scale = per_light(mean)
         moments, flux = last.moments.copy(), last.flux.copy()
         for part in np.unique(self.parts.part):
             mine = np.flatnonzero(self.parts.part == part)
@@ -149,7 +149,7 @@ def _shares(rows: Array) -> Array:
 def _rate(light: Light, next_light: Light, image: Light, next_image: Light) -> float:
     """What a step makes of the difference of two lights, in units of it, at the wavelength where it makes most."""
     mean = image.moments[:, :, 0]
-    scale = np.where(_visible(mean), 1.0, 0.0) / np.maximum(mean, 1e-300)
+    scale = per_light(mean)
     before, now = (
         np.linalg.norm(((b.moments[:, :, 0] - a.moments[:, :, 0]) * scale).reshape(-1, mean.shape[-1]), axis=0)
         for a, b in ((light, next_light), (image, next_image))
@@ -162,10 +162,6 @@ def _believed(image: Light, light: Light) -> Light:
     dark = image.moments[:, :, 0] < DARKEST * light.moments[:, :, 0]
     moments = np.where(dark[:, :, None], DARKEST * light.moments, image.moments)
     return Light(moments, np.maximum(image.flux, DARKEST * light.flux))
-
-
-def _visible(mean: Array) -> Mask:
-    return np.asarray(mean > FAINTEST * mean.max())
 
 
 def _tame(found: Array, last: Array) -> Mask:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.state import Checkpoint
-from skyscatter.solvers.sweeps import FAINTEST, Sums, Sweeper
+from skyscatter.solvers.sweeps import Sums, Sweeper, per_light
 from skyscatter.workers import Workers
 
 Array = NDArray[np.float64]
@@ -76,8 +76,7 @@ class Series(NamedTuple):
         Sidi 2017, Vector Extrapolation Methods, chapter 2), in units of the light that is there.
         """
         mean = self.total[:, :, 0]
-        scale = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, 1e-300)
-        steps = (self.recent[:, :, :, 0] * scale).reshape(len(self.recent), -1, mean.shape[-1])
+        steps = (self.recent[:, :, :, 0] * per_light(mean)).reshape(len(self.recent), -1, mean.shape[-1])
         out = np.empty((len(steps), mean.shape[-1]))
         for w in range(mean.shape[-1]):
             norm = np.linalg.norm(steps[:, :, w], axis=1).max()
@@ -168,13 +167,9 @@ def _settling(change: float, before: Array) -> tuple[float, float, float]:
 def greatest_change(before: tuple[Array, Array], now: tuple[Array, Array]) -> float:
     """Greatest relative change of mean radiance or fluxes, where there is light worth the name."""
     mean, flux = now
-    visible = mean > FAINTEST * mean.max()
-    change = float(np.max(np.abs(mean - before[0]) / np.where(visible, mean, np.inf)))
+    change = float(np.max(np.abs(mean - before[0]) * per_light(mean)))
     # Where the ground shines, what comes down on it is a small part of the light there: fluxes count too.
-    # Not those of the deep night, which never settle and which nobody sees.
-    most = flux.max(axis=0)
-    most = np.where(most > FAINTEST * most.max(), most, np.inf)
-    return max(change, float(np.max(np.abs(flux - before[1]) / most)))
+    return max(change, float(np.max(np.abs(flux - before[1]) * per_light(flux.max(axis=0)))))
 
 
 def finished(kept: Mapping[str, Array]) -> Sums | None:

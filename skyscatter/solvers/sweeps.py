@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
@@ -69,9 +69,9 @@ DUSK_DIRECTIONS, DUSK_SUNS = 0.5, 1.0
 DEEP_DIRECTIONS, DEEP_SUNS, MOST_DEEP = 0.25, 0.5, 0.00125
 #: What is far, in units of the angle under which a scale height sinks below the horizon: for directions, for Suns.
 DEEP = 3.5, 4.5
-#: Radiances that count as none; and the share of the brightest below which they do not hold a solution up: a thousandth
-#: of what is left of the day's light at the end of astronomical twilight.
-FLOOR, FAINTEST = 1e-35, 1e-11
+#: Radiances that count as none; the share of the brightest about which more and more may be missing relatively, a
+#: hundredth of what is left of the day's light at the end of astronomical twilight; and that which is not promised.
+FLOOR, DIM, FAINTEST = 1e-35, 1e-10, 1e-13
 #: Share of the tolerance below which a moment, against all light at its place, is left out of the orders that follow;
 #: and the slowest decay from order to order that is reckoned with.
 LEAST_STRENGTH, SLOWEST = 0.1, 0.99
@@ -100,6 +100,12 @@ class Problem:
     level_peaks: Array  #: share of level sunlight that delta-M takes for unscattered; (wavelength,)
     degree: int  #: to which phase functions are kept
     coarser_degree: int | None  #: to which a solution that tells the error keeps phase functions; None: as it likes
+
+    @property
+    def seen(self) -> Problem:
+        """The same as rays to an observer meet it: with more rows under a low Sun."""
+        rows = self.grid.seen
+        return replace(self, grid=replace(self.grid, rows=rows), diffuse=self.diffuse._replace(shell=rows))
 
 
 @dataclass(frozen=True)
@@ -239,7 +245,7 @@ def make_problem(
     greek = chi * optics.sigma_s[:, None, None, :] * ((2 * np.arange(kept + 1) + 1) / (4 * np.pi))[:, None]
     sigma_t = optics.sigma_t - peak * optics.sigma_s
     whole, cut = _first_tables(matrix, greek, optics.sigma_s)
-    grid = grid or make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance)
+    grid = grid or make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance, darkest)
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
@@ -339,23 +345,27 @@ def sample_altitudes(columns: ColumnTable) -> Array:
 
 
 def make_grid(
-    scene: Scene, table: SceneTable, sigma_t: Array, sun_zenith: tuple[float, float], degree: int, tolerance: float
-) -> grids.Grid:
-    """The grid for a medium and a range of zenith angles of the Sun."""
+    scene: Scene, table: SceneTable, sigma_t: Array, sun_zenith: tuple[float, float], degree: int, tolerance: float,
+    darkest: float,
+) -> grids.Grid:  # fmt: skip
+    """The grid for a medium and a range of zenith angles of the Sun; `darkest` as for `make_problem`."""
     columns = table.columns
     altitude = sample_altitudes(columns)
     depth = outward_profile(columns, altitude) @ sigma_t
-    nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance)
-    mean = depth.mean(axis=1)
-    sink = sinking(columns, altitude, mean)
+    sink = sinking(columns, altitude, depth.mean(axis=1))
+    in_shadow = (darkest - np.pi / 2) / sink > DEEP[1]
+    nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance, bool(in_shadow))
     below = (sun_zenith[1] - np.pi / 2) / sink
     deep, night = (below > most for most in DEEP)
     for_directions = DEEP_DIRECTIONS if deep else DUSK_DIRECTIONS if below > 1 else 1.0
     for_suns = DEEP_SUNS if night else DUSK_SUNS if below > 1 else 1.0
     finer = min(tolerance * for_directions, MOST_DEEP if deep else 1.0)
     coarse, fine, index = grids.sun_nodes(*sun_zenith, sink, tolerance, for_suns)
-    quadrature, azimuths = grids.directions(nodes, columns.radius, degree, finer), grids.azimuths(degree, finer)
-    return grids.Grid(nodes, grids.rows_between(nodes), coarse, fine, index, quadrature, azimuths, finer)
+    between = grids.between_counts(nodes, columns.radius, sink, finer, bool(below > 0))
+    quadrature = grids.directions(nodes, columns.radius, degree, finer, between)
+    seen = grids.seen_rows(nodes, altitude, depth, float(levelness(sun_zenith[1])), tolerance)
+    rows, azimuths = grids.rows_between(nodes), grids.azimuths(degree, finer)
+    return grids.Grid(nodes, rows, seen, coarse, fine, index, between, quadrature, azimuths, finer)
 
 
 @dataclass(frozen=True)
@@ -380,7 +390,8 @@ class Stage:
         directions = grid.directions
         azimuths = grid.azimuths
         if degree < int(all_of_them.degree.max()):
-            directions = grids.directions(grid.altitudes, problem.table.columns.radius, degree, grid.angular)
+            radius = problem.table.columns.radius
+            directions = grids.directions(grid.altitudes, radius, degree, grid.angular, grid.between)
         if order < int(all_of_them.order.max()):
             azimuths = grids.azimuths(order, grid.angular)
         m = np.arange(order + 1)[:, None]
@@ -415,6 +426,11 @@ def moment_weights(problem: Problem) -> Array:
     return np.where(table.order == 0, 1.0, 2.0) * gives
 
 
+def per_light(mean: Array) -> Array:
+    """One over a light, by which its changes count; less where it is dim, for deep night does not hold a day up."""
+    return np.asarray(1.0 / (np.maximum(mean, 0.0) + max(DIM * float(mean.max()), FLOOR)))
+
+
 def strengths(problem: Problem, moments: Array, total: Array) -> Array:
     """Greatest share that moments of one order have in the light that all orders so far scatter at a place.
 
@@ -430,7 +446,7 @@ def strengths(problem: Problem, moments: Array, total: Array) -> Array:
         0 for those that are not scattered at all.
     """
     mean = total[:, :, 0]
-    per_mean = np.where(mean > FAINTEST * mean.max(), 1.0, 0.0) / np.maximum(mean, FLOOR)
+    per_mean = per_light(mean)
     largest = [float(np.max(np.abs(moments[:, :, k]) * per_mean)) for k in range(moments.shape[2])]
     return moment_weights(problem) * largest
 
@@ -534,10 +550,15 @@ class Solution:
     problem: Problem
     sums: Sums
 
+    @property
+    def unseen(self) -> float:
+        """Radiance of which nothing is promised [W m-2 sr-1 nm-1]."""
+        return FAINTEST * float(self.sums.moments[:, :, 0].max())
+
     @cached_property
     def loaded(self) -> Field:
-        """Moments on rows and fine Sun nodes."""
-        sweeper = Sweeper(self.problem, 1)
+        """Moments on the rows and Sun nodes that `view` reads."""
+        sweeper = Sweeper(self.problem.seen, 1)
         with ThreadPoolExecutor(1) as pool:
             return sweeper.load(pool, self.sums.moments, self.sums.flux)
 
@@ -559,6 +580,7 @@ def view(
     scattered, multiple : (ray, stokes, wavelength), reflected, direct : (ray, wavelength)
         See `skyscatter.kernels.orders.look`.
     """
+    problem = problem.seen
     if problem.stokes > 1:
         directions = off_vertical(origins, directions)
     order, group = bundles(origins, directions, table.columns.radius)

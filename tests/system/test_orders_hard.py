@@ -14,7 +14,7 @@ from skyscatter import Component, Ground, Medium, Scene, Star, Sun
 from skyscatter.media.fields import Exponential, Uniform
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein, Isotropic, Rayleigh
-from skyscatter.solvers import sweeps
+from skyscatter.solvers import grid, sweeps
 from skyscatter.solvers.field import DEFAULT_TOLERANCE
 from skyscatter.solvers.fluxes import sphere_rule
 
@@ -92,6 +92,48 @@ def test_a_veil_over_dusk_keeps_its_forward_light(elevation: float, monkeypatch:
     right = skyscatter.radiance(there, *rays, [550.0, 880.0], solver="orders").radiance
     np.testing.assert_array_less(np.abs(usual.radiance - right), usual.estimated_error)
     np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
+
+
+@pytest.mark.parametrize("model", ["earth", "earth-simple"])
+def test_a_limb_at_dusk_is_that_of_walks(model: str) -> None:
+    """From orbit: air above the planet's shadow, lit by a band along the horizon, beside the Sun and away from it."""
+    described = skyscatter.load_model(model)
+    there = described.scene(sun_elevation_deg=-9.0, sun_azimuth_deg=0.0, altitude="400 km")
+    tangent, azimuth = np.array([10e3, 25e3, 40e3, 60e3]), np.array([0.0, 70.0, 90.0])
+    dip = np.degrees(np.arccos((R + tangent) / (R + 400e3)))
+    rays = there.observer.position, sights(-np.tile(dip, 3), np.repeat(azimuth, 4))
+    found = skyscatter.radiance(there, *rays, [550.0], solver="orders")
+    judge = skyscatter.radiance(there, *rays, [550.0], solver=skyscatter.Path(samples=65536, seed=3))
+    told = judge.standard_error < 0.02 * judge.radiance
+    assert told.sum() >= 9
+    deviation = np.abs(found.radiance - judge.radiance)
+    np.testing.assert_array_less(deviation[told], (found.estimated_error + 3 * judge.standard_error)[told])
+    np.testing.assert_array_less(deviation[told], (0.01 * judge.radiance + 3 * judge.standard_error)[told])
+
+
+def test_a_limb_at_dusk_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
+    described = skyscatter.load_model("earth")
+    there = described.scene(sun_elevation_deg=-8.0, sun_azimuth_deg=0.0, altitude="400 km")
+    tangent, azimuth = np.array([20e3, 40e3, 60e3]), np.array([10.0, 70.0, 90.0, 110.0])
+    dip = np.degrees(np.arccos((R + tangent) / (R + 400e3)))
+    rays = there.observer.position, sights(-np.tile(dip, 4), np.repeat(azimuth, 3))
+    usual = skyscatter.radiance(there, *rays, [550.0], solver="orders")
+    for name, value in (("SEEN_STEP", 0.03), ("BETWEEN_AT_DUSK", 10.0)):
+        monkeypatch.setattr(grid, name, value)
+    right = skyscatter.radiance(there, *rays, [550.0], solver="orders").radiance
+    np.testing.assert_array_less(np.abs(usual.radiance - right), usual.estimated_error)
+    np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
+
+
+def test_the_night_limb_is_told_as_well_as_it_is_known() -> None:
+    """The limb away from the Sun has a hundred thousand millionth of the light of the day that is solved with it."""
+    there = skyscatter.load_model("earth").scene(sun_elevation_deg=-9.0, sun_azimuth_deg=180.0, altitude="400 km")
+    dip = np.degrees(np.arccos((R + np.array([25e3, 60e3])) / (R + 400e3)))
+    rays = there.observer.position, sights(-dip, [0.0, 0.0])
+    usual = skyscatter.radiance(there, *rays, [550.0], solver="orders")
+    finer = skyscatter.radiance(there, *rays, [550.0], solver=skyscatter.Orders(tolerance=0.003)).radiance
+    np.testing.assert_array_less(np.abs(usual.radiance - finer), usual.estimated_error)
+    np.testing.assert_allclose(usual.radiance, finer, rtol=2 * DEFAULT_TOLERANCE)
 
 
 @pytest.mark.slow

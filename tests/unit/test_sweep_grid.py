@@ -49,6 +49,18 @@ def test_heights_increase_and_fill_the_atmosphere(depth: float, tolerance: float
     np.testing.assert_array_equal(rows[:: grids.ROW_REFINEMENT], nodes)
 
 
+def test_rows_are_close_in_height_where_a_limb_is_seen_under_a_low_sun() -> None:
+    altitude, above = profile(0.3)
+    nodes = grids.height_nodes(altitude, above, np.zeros(0), 0.0, 0.005)
+    by_day, at_dusk = (grids.seen_rows(nodes, altitude, above, level, 0.005) for level in (0.0, 1.0))
+    np.testing.assert_array_equal(by_day, grids.rows_between(nodes))
+    assert set(nodes) <= set(at_dusk)
+    step, high = np.diff(at_dusk), at_dusk[1:] > 3e4
+    # By rounding there are up to a third fewer than wanted.
+    assert np.all(step[high & (at_dusk[1:] < 8e4)] < 1.34 * grids.SEEN_STEP * grids.fineness(0.005) * 8e3)
+    assert np.diff(by_day).max() > 2 * step.max()
+
+
 def test_many_breaks_are_left_out_and_those_at_the_ends_too() -> None:
     altitude, above = profile(0.3)
     plain = grids.height_nodes(altitude, above, np.zeros(0), 0.5, 0.005)
@@ -143,21 +155,25 @@ def test_beside_a_sheet_what_is_interpolated_keeps_between_its_nodes() -> None:
 @pytest.mark.parametrize("radius", [6.371e6, 1e10], ids=["earth", "flat"])
 def test_directions_integrate_polynomials(degree: int, radius: float) -> None:
     altitudes = np.array([0.0, 100.0, 1e4, 1e5])
-    for rule in grids.directions(altitudes, radius, degree, 0.005):
+    between = grids.between_counts(altitudes, radius, np.sqrt(2 * 8e3 / radius), 0.005, True)
+    for rule in grids.directions(altitudes, radius, degree, 0.005, between):
         mu, weight = rule.T
         assert np.all(weight >= 0)
         assert np.all((mu > -1) & (mu < 1))
         assert weight.sum() == pytest.approx(2.0, abs=1e-12)
         for power in range(degree + 1):
-            # Above and between, cosines are squares of the variable: n + 4 Gauss points for powers up to n / 2 of a
-            # degree n fall two short of exact for the highest power, which costs 4e-8.
+            # Above, cosines are squares of the variable: n / 2 + 4 Gauss points for powers up to n / 2 of a degree n
+            # fall two short of exact for the highest power, which costs 4e-8.
             assert weight @ mu**power == pytest.approx((1 + (-1) ** power) / (power + 1), abs=1e-7)
         assert np.pi * (weight * mu)[mu > 0].sum() * 2 == pytest.approx(np.pi, rel=1e-12)
 
 
 def test_no_direction_lies_across_the_horizon() -> None:
     altitudes = np.array([0.0, 1e3, 1e5])
-    for h, rule in zip(altitudes, grids.directions(altitudes, R, 8, 0.005), strict=True):
+    between = grids.between_counts(altitudes, R, 0.05, 0.005, True)
+    assert between[0] == 0
+    assert 0 < between[1] < between[2]
+    for h, rule in zip(altitudes, grids.directions(altitudes, R, 8, 0.005, between), strict=True):
         horizon = -np.sqrt(1 - (R / (R + h)) ** 2)
         mu, weight = rule.T
         assert weight[mu < horizon].sum() == pytest.approx(1 + horizon, rel=1e-9)
