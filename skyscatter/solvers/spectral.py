@@ -36,7 +36,7 @@ FIRST = 4
 #: is a few hundredths of that pattern, and more only where light has fallen by many times.
 MISSED = 6.0
 #: Weights that make up for less than this of the pattern, in units of the tolerance, are not worth their size.
-NOISE = 0.6
+NOISE = 0.3
 #: Weight of the rule that a change that is the same at all wavelengths is carried as it is.
 SAME = 1e3
 #: Share of the wavelengths beyond which all are solved for.
@@ -93,7 +93,7 @@ def _pattern(coarse: Solution) -> Array:
     """What the solution looks like at each wavelength, whatever the star's spectrum, (value, wavelength)."""
     moments = coarse.sums.moments
     level = np.log(np.maximum(moments[:, :, 0], FLOOR)).reshape(-1, moments.shape[3])
-    seen = level > level.max(axis=0) - 18.0
+    seen = level > level.max(axis=0) - 20.0
     level = level - np.where(seen, level, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     rest = (moments[:, :, 1:] / np.maximum(moments[:, :, :1], FLOOR)).reshape(-1, moments.shape[3])
     both = np.concatenate([level[seen.all(axis=1)], np.clip(rest, -1.0, 1.0)])
