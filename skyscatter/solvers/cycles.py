@@ -26,7 +26,6 @@ from skyscatter.solvers.twogrid import TwoGrids
 from skyscatter.workers import Workers
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: What a cycle leaves of what it changed, at least, where the light is rough and the coarse grid cannot see it: a sweep
 #: takes away a fifth to a half.
