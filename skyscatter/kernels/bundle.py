@@ -16,6 +16,7 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
+from skyscatter.kernels.stations import OPEN
 
 #: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
 MOST_SUNS = 128
@@ -56,7 +57,7 @@ class Bundle(NamedTuple):
     step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
     many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
     sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
-    lit: np.ndarray  #: (3, fine sun, component, wavelength) float32 sunlight at three stations, by what scatters it
+    lit: np.ndarray  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters it
     phase: np.ndarray  #: (component, wavelength)
     functions: np.ndarray  #: (3, order, degree) angular functions at a point
     active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
@@ -67,9 +68,9 @@ class Bundle(NamedTuple):
     relative: np.ndarray  #: (block, degree) greatest weight of a degree at a point, in units of that
     mean: np.ndarray  #: (sun, wavelength) float32 size of the source at a point
     fourier: np.ndarray  #: (sun, order, stokes, wavelength) float32 source at a point
-    level: np.ndarray  #: (3, sun, wavelength) float32 size of the source at three stations, or its logarithm
-    source: np.ndarray  #: (3, sun, order, stokes, wavelength) float32 source at three stations
-    reach: np.ndarray  #: (3, 3) int64 first and last Sun node of a station, number of its orders
+    level: np.ndarray  #: (station, sun, wavelength) float32 size of the source at open stations, or its logarithm
+    source: np.ndarray  #: (station, sun, order, stokes, wavelength) float32 source at open stations
+    reach: np.ndarray  #: (station, 3) int64 first and last Sun node of a station, number of its orders
     between: np.ndarray  #: (order, stokes, wavelength) float32 source of a station between four Sun nodes
     turns: np.ndarray  #: (2, order) float32 cosines and sines of multiples of an azimuth
     sum: np.ndarray  #: (stokes, wavelength) float32 source of a station in the direction of a ray
@@ -90,14 +91,15 @@ def make_bundle(
         np.zeros((components, wavelengths), np.float32),
         np.zeros((rays, components, wavelengths), np.float32),
         np.zeros((max(SUN_REFINEMENT * suns, MOST_SUNS), wavelengths), np.float32),
-        np.zeros((3, SUN_REFINEMENT * suns, components, wavelengths), np.float32),
+        np.zeros((OPEN, SUN_REFINEMENT * suns, components, wavelengths), np.float32),
         np.zeros((components, wavelengths)),
         np.zeros((3, orders, known)), np.zeros(moments, np.int64), np.zeros(orders + 1, np.int64),
         np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
         np.zeros(wavelengths, np.float32), np.zeros(wavelengths, np.float32), np.zeros((blocks, degrees)),
         np.zeros((suns, wavelengths), np.float32), np.zeros((suns, orders, stokes, wavelengths), np.float32),
-        np.zeros((3, suns, wavelengths), np.float32), np.zeros((3, suns, orders, stokes, wavelengths), np.float32),
-        np.zeros((3, 3), np.int64), np.zeros((orders, stokes, wavelengths), np.float32),
+        np.zeros((OPEN, suns, wavelengths), np.float32),
+        np.zeros((OPEN, suns, orders, stokes, wavelengths), np.float32),
+        np.zeros((OPEN, 3), np.int64), np.zeros((orders, stokes, wavelengths), np.float32),
         np.zeros((2, orders), np.float32), np.zeros((stokes, wavelengths), np.float32),
     )  # fmt: skip
 

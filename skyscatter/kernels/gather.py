@@ -23,9 +23,10 @@ from skyscatter.kernels.rows import (
     set_sum_of_four,
 )
 from skyscatter.kernels.stations import (
+    OPEN,
     first_station,
     lay_stations,
-    reach_of_three,
+    reach_of_open,
     station_number,
     station_place,
     station_weight,
@@ -195,7 +196,7 @@ def _open_station(diffuse, line, stations, b, suns, rays, bundle):
     """Make room for what is put together at station b."""
     t, r = station_place(stations, line, b)
     low, high = sun_reach(diffuse, line, t, r, 1, suns, rays, bundle)
-    to = b % 3
+    to = b % OPEN
     bundle.reach[to, 0], bundle.reach[to, 1], bundle.reach[to, 2] = low, high, 1
     wavelengths = bundle.source.shape[4]
     block = bundle.source.shape[2] * bundle.source.shape[3] * wavelengths
@@ -206,7 +207,7 @@ def _open_station(diffuse, line, stations, b, suns, rays, bundle):
 @inlined
 def _add_to_station(b, weight, orders, bundle):
     """Add a share of what a point scatters to station b."""
-    to = b % 3
+    to = b % OPEN
     f = np.float32(weight)
     size = abs(f)
     suns, wavelengths = bundle.source.shape[1], bundle.source.shape[4]
@@ -282,7 +283,7 @@ def _give_to_rays(diffuse, line, stations, b, suns, rays, bundle):
     """Give what was put together at station b to the rays."""
     t, r = station_place(stations, line, b)
     place_rays(diffuse, line, t, r, 1, suns, rays, bundle)
-    to = b % 3
+    to = b % OPEN
     _take_logarithms(to, bundle)
     stokes, wavelengths = bundle.gathered.shape[1], bundle.gathered.shape[2]
     for ray in range(rays):
@@ -305,14 +306,14 @@ def gather(diffuse, field, line, n, rays, course, bundle):
     for s in range(n):
         x = station_number(stations, line, course.t[s])
         base = first_station(stations, x)
-        while opened < min(base + 3, stations.many):
-            if opened >= 3:
-                _give_to_rays(diffuse, line, stations, opened - 3, suns, rays, bundle)
+        while opened < min(base + OPEN, stations.many):
+            if opened >= OPEN:
+                _give_to_rays(diffuse, line, stations, opened - OPEN, suns, rays, bundle)
             _open_station(diffuse, line, stations, opened, suns, rays, bundle)
             opened += 1
-        low, high = reach_of_three(bundle.reach, base, stations)
+        low, high = reach_of_open(bundle.reach, base, stations)
         orders = _source_at(field, course, s, low, high, line.hits_ground and s == n - 1, bundle)
-        for b in range(base, min(base + 3, stations.many)):
+        for b in range(base, min(base + OPEN, stations.many)):
             _add_to_station(b, station_weight(stations, x - base, b - base), orders, bundle)
-    for b in range(max(opened - 3, 0), opened):
+    for b in range(max(opened - OPEN, 0), opened):
         _give_to_rays(diffuse, line, stations, b, suns, rays, bundle)

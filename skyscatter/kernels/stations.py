@@ -2,11 +2,12 @@
 
 Along a course the local vertical turns, and with it the Sun's zenith angle and azimuth, by the angle psi at the
 planet's centre between a point and the first one: on nothing else do they depend.  So what the points of a course give
-is not handed to the rays point by point, but put together at a few stations, even in psi, as a parabola through three
-of them takes it.  Where a course climbs steeply they are far fewer than its points; straight up one serves all.
+is not handed to the rays point by point, but put together at a few stations, even in psi, as a cubic through four of
+them takes it, or a parabola through three on short courses.  Where a course climbs steeply they are far fewer than its
+points; straight up one serves all.
 
-Points come one after the other, and three stations are open at a time: station b is kept at place b % 3, and given to
-the rays when station b + 3 is opened there.
+Points come one after the other, and four stations are open at a time: station b is kept at place b % 4, and given to
+the rays when station b + 4 is opened there.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ from typing import NamedTuple
 
 from skyscatter.kernels.jit import inlined
 
+#: Stations that are open at a time.
+OPEN = 4
 #: Angle at the planet's centre [rad] below which a course has one station.
 NARROW = 1e-7
-#: Share of the distance of stations below which two are enough for a whole course.
-SHORT = 0.25
+#: Lengths of a course, in distances of stations, up to which two and three are enough: a parabola through three that
+#: stand half as far apart misses what a cubic does.
+SHORT, MIDDLE = 0.25, 1.0
 
 
 class Stations(NamedTuple):
@@ -38,7 +42,9 @@ def lay_stations(line, start, end, distance):
     width = math.atan2(end, line.p) - first
     count = 1
     if width >= NARROW:
-        count = 2 if width < SHORT * distance else max(int(math.ceil(width / distance)) + 1, 3)
+        count = max(int(math.ceil(width / distance)) + 1, OPEN)
+        if width < MIDDLE * distance:
+            count = 2 if width < SHORT * distance else 3
     return Stations(start, first, width / (count - 1) if count > 1 else 1.0, count)
 
 
@@ -59,8 +65,8 @@ def station_number(stations, line, t):
 
 @inlined
 def first_station(stations, x):
-    """The first of the stations, three if there are so many, that share what stands at number x."""
-    return min(max(int(x + 0.5) - 1, 0), max(stations.many - 3, 0))
+    """The first of the stations, four if there are so many, that share what stands at number x."""
+    return min(max(int(x) - 1, 0), max(stations.many - OPEN, 0))
 
 
 @inlined
@@ -70,15 +76,21 @@ def station_weight(stations, x, k):
         return 1.0
     if stations.many == 2:
         return 1.0 - x if k == 0 else x
+    if stations.many == 3:
+        if k == 1:
+            return x * (2.0 - x)
+        return 0.5 * (1.0 - x) * (2.0 - x) if k == 0 else 0.5 * x * (x - 1.0)
+    if k == 0:
+        return (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
     if k == 1:
-        return x * (2.0 - x)
-    return 0.5 * (1.0 - x) * (2.0 - x) if k == 0 else 0.5 * x * (x - 1.0)
+        return x * (2.0 - x) * (3.0 - x) / 2.0
+    return x * (x - 1.0) * (3.0 - x) / 2.0 if k == 2 else x * (x - 1.0) * (x - 2.0) / 6.0
 
 
 @inlined
-def reach_of_three(reach, base, stations):
-    """First and last Sun node of the open stations from `base` on; ``reach[b % 3]`` begins with those of station b."""
-    low, high = reach[base % 3, 0], reach[base % 3, 1]
-    for b in range(base + 1, min(base + 3, stations.many)):
-        low, high = min(low, reach[b % 3, 0]), max(high, reach[b % 3, 1])
+def reach_of_open(reach, base, stations):
+    """First and last Sun node of the open stations from `base` on; ``reach[b % OPEN]`` begins with those of station b."""
+    low, high = reach[base % OPEN, 0], reach[base % OPEN, 1]
+    for b in range(base + 1, min(base + OPEN, stations.many)):
+        low, high = min(low, reach[b % OPEN, 0]), max(high, reach[b % OPEN, 1])
     return low, high

@@ -13,9 +13,10 @@ from skyscatter.kernels.lookup import columns_to_light
 from skyscatter.kernels.optics import phase_at, transmittance
 from skyscatter.kernels.rows import add_product, add_sum_of_four, clear
 from skyscatter.kernels.stations import (
+    OPEN,
     first_station,
     lay_stations,
-    reach_of_three,
+    reach_of_open,
     station_number,
     station_place,
     station_weight,
@@ -205,7 +206,7 @@ def _open_lit(diffuse, line, stations, b, suns, rays, bundle):
     """Make room for the sunlight at station b."""
     t, r = station_place(stations, line, b)
     low, high = sun_reach(diffuse, line, t, r, SUN_REFINEMENT, suns, rays, bundle)
-    to = b % 3
+    to = b % OPEN
     bundle.reach[to, 0], bundle.reach[to, 1] = low, high
     components, wavelengths = bundle.lit.shape[2:]
     block = components * wavelengths
@@ -215,7 +216,7 @@ def _open_lit(diffuse, line, stations, b, suns, rays, bundle):
 @inlined
 def _add_to_lit(diffuse, k, b, weight, course, bundle):
     """Add what Gauss point k makes of a share of ``bundle.sunlight`` to station b."""
-    to = b % 3
+    to = b % OPEN
     components, wavelengths = bundle.lit.shape[2:]
     for c in range(components):
         if diffuse.scatters[c]:
@@ -234,7 +235,7 @@ def _give_lit(diffuse, line, stations, b, suns, rays, bundle):
     t, r = station_place(stations, line, b)
     place_rays(diffuse, line, t, r, SUN_REFINEMENT, suns, rays, bundle)
     block = bundle.lit.shape[2] * bundle.lit.shape[3]
-    first = (b % 3) * bundle.lit.shape[1]
+    first = (b % OPEN) * bundle.lit.shape[1]
     for ray in range(rays):
         add_sum_of_four(
             bundle.many_lit, ray * block,
@@ -260,17 +261,17 @@ def light_node(columns, diffuse, sun_mu, distance, line, n, rays, course, bundle
     for k in range(points):
         x = station_number(stations, line, course.gauss[k, 0])
         base = first_station(stations, x)
-        while opened < min(base + 3, stations.many):
-            if opened >= 3:
-                _give_lit(diffuse, line, stations, opened - 3, suns, rays, bundle)
+        while opened < min(base + OPEN, stations.many):
+            if opened >= OPEN:
+                _give_lit(diffuse, line, stations, opened - OPEN, suns, rays, bundle)
             _open_lit(diffuse, line, stations, opened, suns, rays, bundle)
             opened += 1
-        low, high = reach_of_three(bundle.reach, base, stations)
+        low, high = reach_of_open(bundle.reach, base, stations)
         for j in range(low, high + 1):
             _sunlight(columns, diffuse, course.gauss[k, 1], sun_mu[j], work, bundle.sunlight[j])
-        for b in range(base, min(base + 3, stations.many)):
+        for b in range(base, min(base + OPEN, stations.many)):
             _add_to_lit(diffuse, k, b, station_weight(stations, x - base, b - base), course, bundle)
-    for b in range(max(opened - 3, 0), opened):
+    for b in range(max(opened - OPEN, 0), opened):
         _give_lit(diffuse, line, stations, b, suns, rays, bundle)
 
 
