@@ -32,10 +32,13 @@ JOBS: dict[str, dict[str, Any]] = {
     "orders": {"solver": "orders"},
     "photons": {"solver": "photons", "samples": 6, "photons": 2000},
 }
+#: Where other programs find this file, and what it imports.
+HERE = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+
 MPI = """
 import sys
 import numpy as np
-sys.path.insert(0, {here!r})
+sys.path[:0] = {here!r}
 from test_workers import JOBS, made
 if __name__ == "__main__":
     from mpi4py.futures import MPIPoolExecutor
@@ -103,7 +106,7 @@ def test_mpi(plain: dict[str, Any], tmp_path: Path) -> None:
     if launcher is None:
         pytest.skip("mpiexec is not installed")
     script = tmp_path / "job.py"
-    script.write_text(MPI.format(here=str(Path(__file__).parent), there=str(tmp_path)))
+    script.write_text(MPI.format(here=HERE, there=str(tmp_path)))
     words = [launcher, "-n", "3", sys.executable, "-m", "mpi4py.futures", str(script)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr[-2000:]
@@ -131,7 +134,7 @@ def test_a_worker_process_is_killed(plain: dict[str, Any]) -> None:
 #: A program that renders into a store and counts what it made and found.
 CLIENT = """
 import json, sys
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = json.loads(sys.argv[1])
 from test_workers import made
 from skyscatter.tasks.store import Store
 put, made_here = Store.put, []
@@ -146,7 +149,7 @@ print("done")
 
 
 def client(name: str, store: Path, log: Path) -> subprocess.Popen[str]:
-    words = [sys.executable, "-c", CLIENT, str(Path(__file__).parent), str(store), name, str(log)]
+    words = [sys.executable, "-c", CLIENT, json.dumps(HERE), str(store), name, str(log)]
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
