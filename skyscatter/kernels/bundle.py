@@ -57,7 +57,9 @@ class Bundle(NamedTuple):
     step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
     many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
     sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
-    lit: np.ndarray  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters it
+    lit: (
+        np.ndarray
+    )  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters it
     phase: np.ndarray  #: (component, wavelength)
     functions: np.ndarray  #: (3, order, degree) angular functions at a point
     active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
@@ -76,9 +78,7 @@ class Bundle(NamedTuple):
     sum: np.ndarray  #: (stokes, wavelength) float32 source of a station in the direction of a ray
 
 
-def make_bundle(
-    rays: int, field: Field, stokes: int, components: int, blocks: int, degrees: int, peaks: int
-) -> Bundle:
+def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: int, degrees: int, peaks: int) -> Bundle:
     """An empty bundle for a field and courses with weights of so many blocks and degrees."""
     suns = field.moments.shape[1]
     moments, wavelengths = field.moments.shape[2:]

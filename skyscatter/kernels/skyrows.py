@@ -21,8 +21,35 @@ def _cubic(nodes, first, last, x, number, weight):
         number[k], weight[k] = n + k, above / below
 
 
+#: Share of the elevation in `below_place`: of low observers, whose way to the ground is short, nodes need some of it.
+UPRIGHT = 0.2
+
+
+@inlined
+def below_place(elevation, slant):
+    """What light from below the horizon is smooth in: the logarithm of the way to the ground, and some of the angle.
+
+    Over the elevation it is not: the way grows like the root of the angle to the horizon there, and by many times
+    within a degree or two where the observer stands low.
+
+    Parameters
+    ----------
+    elevation : float
+        Below the horizon [rad].
+    slant : (4,)
+        Distance from the planet's centre r [m], r^2 less the ground's square, r^2 less that of the top of the air or 0
+        where the observer is within [m2], and the way through air that counts as short [m].
+    """
+    down, way = -slant[0] * math.sin(elevation), 0.0
+    if down > 0.0:
+        way = slant[1] / (down + math.sqrt(max(down * down - slant[1], 0.0)))
+        way -= slant[2] / (down + math.sqrt(max(down * down - slant[2], 0.0)))
+    return math.log(1.0 + way / slant[3]) + UPRIGHT * elevation
+
+
 @entry
-def place_rays(directions, axes, elevation, below, horizon, turns, last, row, across, column, along, cell, share, high):
+def place_rays(directions, axes, places, low, top, below, horizon, slant, turns, last,
+               row, across, column, along, cell, share, high):  # fmt: skip
     """Where rays lie between the nodes of a table over the sky; nothing is joined across the horizon.
 
     Parameters
@@ -30,10 +57,15 @@ def place_rays(directions, axes, elevation, below, horizon, turns, last, row, ac
     directions : (ray, 3)
     axes : (4, 3)
         The vertical, the horizontal direction towards the Sun, that to its left, and the direction of the Sun.
-    elevation : (node,)
-        Rising [rad]; the first `below` nodes look below the horizon.
+    places : (node,)
+        Of the elevations, rising: `below_place` of the first `below` nodes, which look below the horizon, and for the
+        others the elevation itself [rad].
+    low, top : float
+        Elevations of the first node and of the last [rad].
     below : int
     horizon : float
+    slant : (4,)
+        As for `below_place`.
     turns : (turn + 2,)
         Nodes of the azimuth from the Sun, 0 to pi, and one more beyond either end.
     last : int
@@ -49,16 +81,18 @@ def place_rays(directions, axes, elevation, below, horizon, turns, last, row, ac
     high : (ray,), output
         Elevation [rad].
     """
-    nodes, most = elevation.size, turns.size - 3
+    nodes, most = places.size, turns.size - 3
     for ray in range(directions.shape[0]):
         d = directions[ray]
         x = d[0] * axes[0, 0] + d[1] * axes[0, 1] + d[2] * axes[0, 2]
         y = d[0] * axes[1, 0] + d[1] * axes[1, 1] + d[2] * axes[1, 2]
         z = d[0] * axes[2, 0] + d[1] * axes[2, 1] + d[2] * axes[2, 2]
         high[ray] = math.atan2(x, math.hypot(y, z))
-        height = min(max(high[ray], elevation[0]), elevation[nodes - 1])
-        first, end = (0, below) if below == nodes or (below > 0 and height < horizon) else (below, nodes)
-        _cubic(elevation, first, end, height, row[ray], across[ray])
+        height = min(max(high[ray], low), top)
+        if below == nodes or (below > 0 and height < horizon):
+            _cubic(places, 0, below, below_place(height, slant), row[ray], across[ray])
+        else:
+            _cubic(places, below, nodes, height, row[ray], across[ray])
         _cubic(turns, 0, turns.size, math.atan2(abs(z), y), column[ray], along[ray])
         for k in range(4):  # the light is the same on both sides of the Sun
             turn = abs(column[ray, k] - 1)

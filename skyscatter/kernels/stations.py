@@ -89,7 +89,7 @@ def station_weight(stations, x, k):
 
 @inlined
 def reach_of_open(reach, base, stations):
-    """First and last Sun node of the open stations from `base` on; ``reach[b % OPEN]`` begins with those of station b."""
+    """First and last Sun node of the open stations from `base` on; ``reach[b % OPEN]`` begins with those of one."""
     low, high = reach[base % OPEN, 0], reach[base % OPEN, 1]
     for b in range(base + 1, min(base + OPEN, stations.many)):
         low, high = min(low, reach[b % OPEN, 0]), max(high, reach[b % OPEN, 1])

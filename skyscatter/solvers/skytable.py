@@ -2,10 +2,11 @@
 
 For an observer the diffuse light of a spherical atmosphere depends on the elevation, and on the azimuth from the Sun
 evenly to both sides.  It is solved at nodes that crowd at the horizon, where it has an edge, and at the Sun; between
-them go cubics through four nodes each way.  Of light scattered once only the sunlight on each component is joined; its
-phase functions, with all their peaks and bows, are exact, for the angle from the Sun is one along a ray.  Some rays
-that a picture asks for are then solved themselves and compared: close to the Sun, out to where the cubics hold, rays
-are solved one by one, and where they hold nowhere there is no table.
+them go cubics through four nodes each way, below the horizon in the way to the ground (`below_place`).  Of light
+scattered once only the sunlight on each component is joined; its phase functions, with all their peaks and bows, are
+exact, for the angle from the Sun is one along a ray.  Some rays that a picture asks for are then solved themselves and
+compared: close to the Sun, out to where the cubics hold, rays are solved one by one, and where they hold nowhere there
+is no table.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.kernels.skyrows import join_rays, place_rays
+from skyscatter.kernels.skyrows import below_place, join_rays, place_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import slant_columns
@@ -31,9 +32,13 @@ from skyscatter.workers import Workers
 if TYPE_CHECKING:
     from skyscatter.kernels.optics import SceneTable
 
-#: Nodes of elevation on each side of the horizon, which crowd there by a power, and on each side of the Sun, at
-#: squares.
-BELOW, ABOVE, CROWDED, BESIDE = 24, 64, 2.2, 20
+#: Nodes of elevation below the horizon, even in `below_place`, which is tabulated at so many angles to find them.
+BELOW, SOUGHT = 24, 400
+#: Optical depth of a way to the ground that counts as short, by the mean extinction below the observer, who stands so
+#: high at least [m].
+SHORT, LOWEST = 0.01, 1.0
+#: Nodes of elevation above the horizon, which crowd there by a power, and on each side of the Sun, at squares.
+ABOVE, CROWDED, BESIDE = 64, 2.2, 20
 #: More of them for observers aloft, who see layers from the side.
 ALOFT = 2
 #: Nodes between the horizon and the top of the atmosphere, for those who see it from outside.
@@ -134,6 +139,8 @@ class SkyTable:
         What comes straight from beyond the air where the Sun is not.
     error : ndarray, shape (node, wavelength)
         Estimated relative error of the diffuse light.
+    slant : ndarray, shape (4,)
+        As for `skyscatter.kernels.skyrows.below_place`.
     disk : float
         Rays within this angle of the Sun's middle are solved themselves in any case [rad].
     near, band : float
@@ -152,6 +159,7 @@ class SkyTable:
     parts: Parts
     beyond: Array
     error: Array
+    slant: Array
     disk: float
     near: float
     band: float = 0.0
@@ -178,13 +186,19 @@ class SkyTable:
         """The frame's three axes and the direction of the Sun, (4, 3)."""
         return np.array([*self.frame, self.sun])
 
+    @cached_property
+    def places(self) -> Array:
+        """What the cubics of the elevation are of, (node,)."""
+        return np.concatenate([_below_places(self.elevation[: self.below], self.slant), self.elevation[self.below :]])
+
     def look(self, directions: Array, parts: bool = True) -> Look:
         """Light along rays (ray, 3); without `parts` all diffuse light counts as scattered once."""
         rays, wavelengths = len(directions), self.beyond.shape[1]
         row, column, cell = (np.empty((rays, n), np.int64) for n in (4, 4, 2))
         across, along, share, high = np.empty((rays, 4)), np.empty((rays, 4)), np.empty((rays, 2)), np.empty(rays)
         place_rays(
-            np.ascontiguousarray(directions), self.axes, self.elevation, self.below, self.horizon, _mirrored(self.turn),
+            np.ascontiguousarray(directions), self.axes, self.places, float(self.elevation[0]),
+            float(self.elevation[-1]), self.below, self.horizon, self.slant, _mirrored(self.turn),
             self.phase.shape[1] - 1, row, across, column, along, cell, share, high,
         )  # fmt: skip
         work = np.empty((2, wavelengths))
@@ -285,7 +299,9 @@ def _table(sight: _Sight, share: float, pool: Workers) -> SkyTable | None:
     disk = DISK * float(table.optics.disk_radius)
     lost = lost_peaks(fine, table, origin, elevation, below, kept)
     solved = _solved(fine, coarse, table, origin, frame.rays(elevation, turn), lost, tolerance, pool)
-    found = SkyTable(frame, sun, elevation, below, turn, edges.horizon, edges.top, phase, lost, *solved, disk, disk)
+    found = SkyTable(
+        frame, sun, elevation, below, turn, edges.horizon, edges.top, phase, lost, *solved, edges.slant, disk, disk
+    )
     return _checked(found, fine, table, origin, directions, tolerance, pool)
 
 
@@ -295,32 +311,44 @@ class _Edges(NamedTuple):
     horizon: float
     top: float  #: above it there is no air
     aloft: bool
+    slant: Array  #: as for `below_place`
 
     @classmethod
     def of(cls, table: SceneTable, origin: Array) -> _Edges:
         columns, height = table.columns, float(np.linalg.norm(origin))
-        outside = height > columns.radius + columns.top
+        ground, top = columns.radius, columns.radius + columns.top
+        low = min(max(height - ground, LOWEST), columns.top)
+        lead = slant_columns(columns, 0.0, 1.0), slant_columns(columns, low, 1.0)
+        depth = float(np.max((lead[0] - lead[1]) @ table.optics.sigma_t, initial=0.0))  # type: ignore[operator]
+        squares = [max((height - r) * (height + r), 0.0) for r in (ground, top)]
         return cls(
-            -math.acos(min(columns.radius / height, 1.0)),
-            -math.acos((columns.radius + columns.top) / height) if outside else math.pi / 2,
-            height > columns.radius * (1 + 1e-6),
+            -math.acos(min(ground / height, 1.0)),
+            -math.acos(top / height) if height > top else math.pi / 2,
+            height > ground * (1 + 1e-6),
+            np.array([height, *squares, SHORT * low / max(depth, low / ground)]),
         )
+
+
+def _below_places(elevation: Array, slant: Array) -> Array:
+    """`below_place` of some elevations."""
+    return np.array([below_place.py_func(float(angle), slant) for angle in elevation])
 
 
 def _elevations(edges: _Edges, sun: float, low: float, high: float, share: float) -> tuple[Array, int]:
     """Nodes of elevation [rad] that rays between two elevations need, and how many look below the horizon."""
-    horizon, top, aloft = edges
+    horizon, top, aloft, slant = edges
     many = (ALOFT if aloft else 1) * share
-    down = horizon - (math.pi / 2 + horizon) * np.linspace(0, 1, round(many * BELOW)) ** CROWDED
+    hair = 1e-7  # so that it is clear on which side of the horizon a node lies
+    down = horizon - hair - (math.pi / 2 + horizon - hair) * np.linspace(1, 0, SOUGHT) ** 4
+    places = _below_places(down, slant)
+    down = np.interp(np.linspace(places[0], places[-1], round(many * BELOW)), places, down)
     if top < math.pi / 2:
         up = horizon + (top - horizon) * np.linspace(0, 1, round(share * LIMB)) ** LIMB_CROWDED
     else:
         step = np.linspace(-1, 1, 2 * round(share * BESIDE) + 1)
         up = horizon + (top - horizon) * np.linspace(0, 1, round(many * ABOVE)) ** CROWDED
         up = np.concatenate([up, sun + math.pi / 2 * step * np.abs(step)])
-    hair = 1e-7  # so that it is clear on which side of the horizon a node lies
     up = _thinned(np.clip(np.sort(up[(up >= horizon) & (up <= top)]), horizon + hair, top))
-    down = _thinned(np.sort(np.clip(down, -math.pi / 2, horizon - hair)))
     down, up = _within(down, low, min(high, horizon - hair)), _within(up, max(low, horizon + hair), min(high, top))
     return np.concatenate([down, up]), down.size
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import skyscatter
-from skyscatter.kernels.skyrows import place_rays
+from skyscatter.kernels.skyrows import below_place, place_rays
 from skyscatter.solvers.field import RadianceField
 from skyscatter.solvers.sequence import field_for
 from skyscatter.solvers.skytable import FAINT, MISSED, MISSED_OF_ERROR, angle_cells, frame_of
@@ -20,6 +20,7 @@ PANORAMA = skyscatter.Panorama(width=360, height=120, elevation_min_deg=-15)
 WIDE = skyscatter.Panorama(width=480, height=160, elevation_min_deg=-15)
 FISHEYE = skyscatter.Fisheye(width=160, height=160)
 ORBIT = skyscatter.Perspective(width=240, height=160, azimuth_deg=137, elevation_deg=-20, fov_deg=40)
+LOW = skyscatter.Panorama(width=720, height=60, elevation_min_deg=-4, elevation_max_deg=2)
 #: Rays that are solved by themselves too.
 JUDGED = 400
 
@@ -75,6 +76,25 @@ def test_joined_rays_are_as_rays_by_themselves(model: str, elevation: float, cam
     assert np.mean(np.abs(quick.radiance - slow.radiance) > quick.standard_error + floor) < 0.005
 
 
+@pytest.mark.parametrize("altitude", [2.0, 300.0, 1e3])
+def test_the_ground_is_joined_up_to_the_horizon(altitude: float) -> None:
+    """Within a degree below the horizon the way to the ground grows by many times: there are few rows, and all hold.
+
+    Nodes that crowd at the horizon over the elevation itself miss ten to sixty times what is allowed there.
+    """
+    field, table, origins, directions = solved("earth", 30.0, LOW, altitude)
+    sky = field.sky_table(table, origins, directions, 2)
+    assert sky is not None
+    assert not sky.has_gaps
+    below = frame_of(origins[0], table.optics.disk_axis).of(directions)[0] < sky.horizon
+    some = np.random.default_rng(1).choice(np.flatnonzero(below), JUDGED, replace=False)
+    quick = field.look(table, origins[some], directions[some], False, sky)
+    slow = field.look(table, origins[some], directions[some], False)
+    off = np.abs(quick.radiance / slow.radiance - 1)
+    assert np.mean(off > MISSED * TOLERANCE) < 0.01
+    assert off.max() < 3 * MISSED * TOLERANCE
+
+
 def test_the_error_is_that_of_rays_by_themselves() -> None:
     """Both compare a coarser solution at a few azimuths of each height: alike but for which ones."""
     field, table, origins, directions = solved("earth-simple", 10.0, FISHEYE)
@@ -127,7 +147,10 @@ def test_rays_past_the_air_need_no_table() -> None:
 
 
 def test_rays_are_placed_where_cubics_hold() -> None:
-    """Cubics of both angles are joined exactly, on each side of the horizon by nodes of that side."""
+    """Cubics of both angles are joined exactly, on each side of the horizon by nodes of that side.
+
+    Below the horizon they are cubics of `below_place`.
+    """
     rng = np.random.default_rng(5)
     directions = rng.normal(size=(3000, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -139,15 +162,23 @@ def test_rays_are_placed_where_cubics_hold() -> None:
     turns[[1, -2]] = 0.0, np.pi
     row, column, cell = (np.empty((3000, n), np.int64) for n in (4, 4, 2))
     across, along, share, high = np.empty((3000, 4)), np.empty((3000, 4)), np.empty((3000, 2)), np.empty(3000)
+    slant = np.array([6372e3, 6372e3**2 - 6371e3**2, 0.0, 1e4])
+
+    def places(angles: Any) -> Any:
+        found = [below_place.py_func(a, slant) if a < horizon else a for a in angles.tolist()]
+        return np.array(found)
+
     place_rays(
-        directions, np.array([*frame, sun]), elevation, below.size, horizon, turns, 100,
-        row, across, column, along, cell, share, high,
+        directions, np.array([*frame, sun]), places(elevation), elevation[0], elevation[-1], below.size, horizon, slant,
+        turns, 100, row, across, column, along, cell, share, high,
     )  # fmt: skip
     seen, turn = frame.of(directions)
     np.testing.assert_allclose(high, seen, rtol=0, atol=1e-14)
     cubic = np.polynomial.Polynomial([0.3, -1.0, 0.5, 0.2])
     at = np.clip(seen, elevation[0], elevation[-1])
-    np.testing.assert_allclose((across * cubic(elevation)[row]).sum(axis=1), cubic(at), rtol=0, atol=1e-12)
+    known = cubic(places(elevation))[row]
+    # Between the last node below the horizon and the horizon itself they go on, here over an angle of many nodes.
+    np.testing.assert_allclose((across * known).sum(axis=1), cubic(places(at)), rtol=1e-9, atol=1e-9)
     assert np.all((row < below.size) == (seen < horizon)[:, None])
     # A cubic of the azimuth that is even at both ends does not change where nodes beyond them are mirrored.
     inner = (turn > turns[2]) & (turn < turns[-3])
