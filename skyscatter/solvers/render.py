@@ -157,7 +157,8 @@ def render(
         recipe["options"]["samples"] = max(int(state.samples.max()), recipe["options"]["samples"])  # it may hold more
     if kept is not None and (kept.written or not complete):
         kept.save()
-    image = _picture(scene, camera, grid, inside, wl, state, threads, progress)
+    alone = complete and kept is None  # nobody goes on from this state
+    image = _picture(scene, camera, grid, inside, wl, state, threads, progress, alone)
     if not complete:
         raise Interrupted(image, state)
     return image
@@ -240,27 +241,36 @@ def _picture(
     state: RenderState,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
+    alone: bool = False,
 ) -> SpectralImage:
+    """The picture of a state, with what is added to rays; unless it is `alone` the state stays as it is."""
     from skyscatter.image.spectral import SpectralImage
     from skyscatter.solvers.compile import compile_scene
 
-    def spread(values: Array) -> Array:
+    def spread(values: Array, changed: bool = True) -> Array:
         if inside.all() and state.done.all():
-            return values.reshape(*inside.shape, values.shape[-1])
+            cube = values.reshape(*inside.shape, values.shape[-1])
+            return cube.copy() if changed and not alone else cube
         cube = np.full((*inside.shape, values.shape[-1]), np.nan)
         cube[inside] = np.where(state.done[:, None], values, np.nan)
         return cube
 
-    cube = spread(state.radiance)
-    layers = {name: spread(values) for name, values in state.layers.items()}
+    def all_layers(changed: bool = True) -> dict[str, Array]:
+        return {name: spread(values, changed) for name, values in state.layers.items()}
+
     if not isinstance(scene, Scene):
+        cube, layers = spread(state.radiance), all_layers()
         added = Corrections(scene, camera, wl)
         added.add(grid, cube, layers, state.recipe)
-        return SpectralImage(cube, wl, spread(state.standard_error), recipe=state.recipe, layers=layers, sky=added.sky)
-    error = spread(state.standard_error)
+        error = spread(state.standard_error, False)
+        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=added.sky)
     if scene.world:
-        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers)
+        cube, error = (spread(values, False) for values in (state.radiance, state.standard_error))
+        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=all_layers(False))
     corrections, recipe = sun_corrections(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
+    more = state.done.all() and (scene.lights is not None or bool(scene.towns))
+    changed = bool(corrections) or more
+    cube, error, layers = spread(state.radiance, changed), spread(state.standard_error, more), all_layers(changed)
     for pixels, light in corrections:
         for values in (cube, *(layers[name] for name in ("direct",) if name in layers)):
             values.reshape(-1, wl.size)[pixels] += light

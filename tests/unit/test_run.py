@@ -155,3 +155,20 @@ def test_optical_depth_adds_up_and_stops_at_the_planet(scene):
     assert skyscatter.transmittance(scene, end, -end, [550.0]) == 0
     with pytest.raises(DomainError, match="inside the planet"):
         depth(up * 0.9, end)
+
+
+@pytest.mark.parametrize("name", ["earth-simple", "reflection-nebula"])
+def test_what_is_struck_at_its_end_goes_on_from_what_was_solved(name, tmp_path):
+    """The Sun's disk and the stars are added to a picture last: kept with what was solved, they would be twice in it."""
+    model = skyscatter.load_model(name)
+    if name == "earth-simple":
+        scene = model.scene(sun_elevation_deg=10, sun_azimuth_deg=180)
+        camera = skyscatter.Perspective(width=8, height=6, azimuth_deg=180, elevation_deg=10, fov_deg=20)
+    else:
+        scene = model.scene()
+        camera = skyscatter.Telescope(width=6, height=6, pixel_scale_deg=0.1)
+    kept = Checkpoint(tmp_path / "kept")
+    picture = skyscatter.render(scene, camera, [450, 650], "single", checkpoint=kept)
+    assert kept.save()  # as a signal does while the picture is finished and written
+    again = skyscatter.render(scene, camera, [450, 650], "single", resume=tmp_path / "kept")
+    np.testing.assert_array_equal(again.radiance, picture.radiance)
