@@ -268,7 +268,7 @@ def _picture(
         cube, error = (spread(values, False) for values in (state.radiance, state.standard_error))
         return SpectralImage(cube, wl, error, recipe=state.recipe, layers=all_layers(False))
     corrections, recipe = sun_corrections(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
-    more = state.done.all() and (scene.lights is not None or bool(scene.towns))
+    more = bool(state.done.all()) and (scene.lights is not None or bool(scene.towns))
     changed = bool(corrections) or more
     cube, error, layers = spread(state.radiance, changed), spread(state.standard_error, more), all_layers(changed)
     for pixels, light in corrections:

@@ -159,7 +159,7 @@ def test_optical_depth_adds_up_and_stops_at_the_planet(scene):
 
 @pytest.mark.parametrize("name", ["earth-simple", "reflection-nebula"])
 def test_what_is_struck_at_its_end_goes_on_from_what_was_solved(name, tmp_path):
-    """The Sun's disk and the stars are added to a picture last: kept with what was solved, they would be twice in it."""
+    """The Sun's disk and the stars are added to a picture last: kept with what was solved they would be twice in it."""
     model = skyscatter.load_model(name)
     if name == "earth-simple":
         scene = model.scene(sun_elevation_deg=10, sun_azimuth_deg=180)
