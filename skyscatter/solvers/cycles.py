@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skyscatter.errors import ConvergenceError
 from skyscatter.solvers.effort import check_sum, expected_orders
 from skyscatter.solvers.mixing import Parts, Past
-from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, sum_orders
+from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, is_sum, sum_orders
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, per_light
 from skyscatter.solvers.synthetic import Diffusion
@@ -66,15 +66,18 @@ def all_orders(
     ConvergenceError
         If neither this nor the orders settle.
     """
-    if checkpoint is not None and (whole := finished(checkpoint.part(name))) is not None:
+    kept = {} if checkpoint is None else checkpoint.part(name)
+    if (whole := finished(kept)) is not None:
         return whole
     found = None
     is_thick = float(expected_orders(sweeper.problem, tolerance).max()) > THICK
-    if is_thick or guide is not None:
+    if (is_thick or guide is not None) and not is_sum(kept):
         with Workers(max_workers=sweeper.threads) as pool:
             way = _way(sweeper, guide, tolerance, pool, is_thick)
             found = _cycles(sweeper, way, ORDERS_SHARE * tolerance, pool, progress, checkpoint, name)
     if found is None:
+        if checkpoint is not None and not is_sum(kept):
+            checkpoint.put(name, {})  # cycles that did not settle are no sum
         check_sum(sweeper.problem, tolerance)
         return sum_orders(Sweeper(sweeper.problem, sweeper.threads), tolerance, None, progress, checkpoint, name)
     light, cycles = found

@@ -177,6 +177,11 @@ def finished(kept: Mapping[str, Array]) -> Sums | None:
     return Sums(kept["moments"], kept["flux"], int(kept["orders"])) if "orders" in kept else None
 
 
+def is_sum(kept: Mapping[str, Array]) -> bool:
+    """Whether a part of a checkpoint is of a sum that has been begun."""
+    return "total" in kept
+
+
 def sum_orders(
     sweeper: Sweeper,
     tolerance: float,

@@ -10,6 +10,7 @@ import pytest
 import skyscatter
 from skyscatter.cli.main import main
 from skyscatter.errors import DomainError
+from skyscatter.solvers import cycles, mixing
 from skyscatter.solvers.fluxes import Work
 from skyscatter.solvers.run import Interrupted
 from skyscatter.solvers.series import Series
@@ -61,6 +62,21 @@ def test_orders_go_on(scene, tmp_path, monkeypatch, after):
         assert one.orders == other.orders
     with pytest.raises(DomainError, match="was begun with other tolerance"):
         skyscatter.solve(scene, WAVELENGTHS, **HOW | {"tolerance": 0.04}, resume=kept)
+
+
+def test_orders_that_are_summed_where_cycles_do_not_settle_go_on(scene, tmp_path, monkeypatch):
+    """Cycles that were kept and gave up are no beginning of a sum; a sum that was struck goes on as one."""
+    monkeypatch.setattr(mixing, "MOST_STEPS", 1)
+    whole = skyscatter.solve(scene, WAVELENGTHS, **HOW)
+    kept = tmp_path / "field.zarr"
+    with monkeypatch.context() as patch:
+        Strikes(patch, Series, "add", whole.coarse.sums.orders + 1)  # the second of the finer sum
+        with pytest.raises(KeyboardInterrupt):
+            skyscatter.solve(scene, WAVELENGTHS, **HOW, checkpoint=kept)
+    begun = Strikes(monkeypatch, cycles, "_cycles", -1)
+    found = skyscatter.solve(scene, WAVELENGTHS, **HOW, resume=kept)
+    assert begun.left == -1  # no cycle more
+    np.testing.assert_array_equal(found.fine.sums.moments, whole.fine.sums.moments)
 
 
 def test_a_picture_keeps_its_field_before_the_first_ray(scene, tmp_path, monkeypatch):
