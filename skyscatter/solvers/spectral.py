@@ -95,8 +95,9 @@ def _pattern(coarse: Solution) -> Array:
     level = np.log(np.maximum(moments[:, :, 0], FLOOR)).reshape(-1, moments.shape[3])
     seen = level > level.max(axis=0) - 20.0
     level = level - np.where(seen, level, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    rest = (moments[:, :, 1:] / np.maximum(moments[:, :, :1], FLOOR)).reshape(-1, moments.shape[3])
-    both = np.concatenate([level[seen.all(axis=1)], np.clip(rest, -1.0, 1.0)])
+    rest = (moments[:, :, 1:] / np.maximum(moments[:, :, :1], FLOOR)).reshape(len(level), -1, moments.shape[3])
+    lit = seen.all(axis=1)  # elsewhere moments are rounding
+    both = np.concatenate([level[lit], np.clip(rest[lit], -1.0, 1.0).reshape(-1, moments.shape[3])])
     return np.asarray(both[:: max(len(both) // LOOKED_AT, 1)])
 
 
