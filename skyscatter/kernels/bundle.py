@@ -16,7 +16,7 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
-from skyscatter.kernels.stations import OPEN
+from skyscatter.kernels.stations import OPEN, cubic_weight
 
 #: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
 MOST_SUNS = 128
@@ -57,9 +57,7 @@ class Bundle(NamedTuple):
     step: np.ndarray  #: (component, wavelength) float32 what a Gauss point makes of it
     many_lit: np.ndarray  #: (ray, component, wavelength) float32 sunlight on the way, by what scatters it
     sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
-    lit: (
-        np.ndarray
-    )  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters it
+    lit: np.ndarray  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters
     phase: np.ndarray  #: (component, wavelength)
     functions: np.ndarray  #: (3, order, degree) angular functions at a point
     active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
@@ -107,10 +105,8 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
 @inlined
 def cubic(v, part):
     """Weights of Lagrange's cubic through nodes 0, 1, 2, 3 at v."""
-    part[0] = np.float32((1.0 - v) * (2.0 - v) * (3.0 - v) / 6.0)
-    part[1] = np.float32(v * (2.0 - v) * (3.0 - v) / 2.0)
-    part[2] = np.float32(v * (v - 1.0) * (3.0 - v) / 2.0)
-    part[3] = np.float32(v * (v - 1.0) * (v - 2.0) / 6.0)
+    for k in range(4):
+        part[k] = np.float32(cubic_weight(v, k))
 
 
 @inlined

@@ -70,6 +70,16 @@ def first_station(stations, x):
 
 
 @inlined
+def cubic_weight(x, k):
+    """Weight of node k in Lagrange's cubic through nodes 0, 1, 2, 3 at x."""
+    if k == 0:
+        return (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
+    if k == 1:
+        return x * (2.0 - x) * (3.0 - x) / 2.0
+    return x * (x - 1.0) * (3.0 - x) / 2.0 if k == 2 else x * (x - 1.0) * (x - 2.0) / 6.0
+
+
+@inlined
 def station_weight(stations, x, k):
     """Share of the station k after the first in what stands at x stations from there."""
     if stations.many == 1:
@@ -80,11 +90,7 @@ def station_weight(stations, x, k):
         if k == 1:
             return x * (2.0 - x)
         return 0.5 * (1.0 - x) * (2.0 - x) if k == 0 else 0.5 * x * (x - 1.0)
-    if k == 0:
-        return (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
-    if k == 1:
-        return x * (2.0 - x) * (3.0 - x) / 2.0
-    return x * (x - 1.0) * (3.0 - x) / 2.0 if k == 2 else x * (x - 1.0) * (x - 2.0) / 6.0
+    return cubic_weight(x, k)
 
 
 @inlined

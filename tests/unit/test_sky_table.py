@@ -80,7 +80,8 @@ def test_joined_rays_are_as_rays_by_themselves(model: str, elevation: float, cam
 def test_the_ground_is_joined_up_to_the_horizon(altitude: float) -> None:
     """Within a degree below the horizon the way to the ground grows by many times: there are few rows, and all hold.
 
-    Nodes that crowd at the horizon over the elevation itself miss ten to sixty times what is allowed there.
+    Nodes that crowd at the horizon over the elevation itself miss ten to sixty times what is allowed there.  One ray in
+    a hundred may miss it, as elsewhere: one of 400 beneath the Sun misses 1.4 times as much.
     """
     field, table, origins, directions = solved("earth", 30.0, LOW, altitude)
     sky = field.sky_table(table, origins, directions, 2)
