@@ -22,6 +22,7 @@ from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import kernel, merged
 from skyscatter.kernels.path import Walk, make_walk
 from skyscatter.kernels.random import EVEN_DIMENSIONS, uniform
+from skyscatter.kernels.surfaces.beams import aim_at_beam, density_near_beam, draw_near_beam
 from skyscatter.kernels.surfaces.media import (
     MediaWork,
     add_columns,
@@ -40,8 +41,8 @@ from skyscatter.kernels.surfaces.media import (
 ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST, SPLITS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 #: Numbers in ``Scratch.far``: where on the ray the leg begins; its length; what the chances kept were divided by since,
 #: inverted; the vertex that was drawn on the leg; how much of the view lamps fill at the vertex turned at; what
-#: the walk was worth where it began, 0 before.
-NEAR, LENGTH, SCALE, VERTEX, NEARBY, BEGUN = 0, 1, 2, 3, 4, 5
+#: the walk was worth where it began, 0 before; how much more often a vertex is drawn than by free flight alone.
+NEAR, LENGTH, SCALE, VERTEX, NEARBY, BEGUN, OFTEN = 0, 1, 2, 3, 4, 5, 6
 #: Splits of a walk that may have parts left.
 MOST_SPLITS = 12
 
@@ -53,7 +54,7 @@ class Scratch(NamedTuple):
     walk: Walk
     media: MediaWork
     at: np.ndarray  #: (10,) int64 state of the walk, see `ORDER` and so on
-    far: np.ndarray  #: (6,) state of the walk, see `NEAR` and so on
+    far: np.ndarray  #: (7,) state of the walk, see `NEAR` and so on
     first_stack: np.ndarray  #: (STACK,) media in which the camera's ray begins
     stack: np.ndarray  #: (STACK,) media that the walk is inside of
     other_stack: np.ndarray  #: (STACK,) beyond a surface
@@ -103,7 +104,7 @@ def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) ->
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
     return Scratch._make([
-        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(10, np.int64), np.zeros(6), *stacks,
+        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(10, np.int64), np.zeros(7), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((MOST_SPLITS, 3), np.int64), np.full((MOST_SPLITS, STACK), -1, np.int64), np.zeros((MOST_SPLITS, 8)),
         np.zeros((MOST_SPLITS, 4, wavelengths)),
@@ -154,11 +155,18 @@ def weigh_vertex(media, materials, m, row, columns, lost, through, event):
 
 
 @kernel
-def draw_vertex(media, m, hero, x, d, far, u, s):
-    """Distance [m] of a vertex on a measured leg by the hero's extinction; negative if the hero loses nothing there."""
-    lost = s.lost[hero]
+def draw_vertex(table, m, hero, x, d, far, u, s):
+    """Distance [m] of a vertex on a measured leg by the hero's extinction; negative if the hero loses nothing there.
+
+    Where a lamp has a narrow beam, a share of the vertices is drawn by where the leg passes it.
+    """
+    media, lost = table.media, s.lost[hero]
     if not lost > 0.0:
         return -1.0
+    share, middle, scale, low, high = aim_at_beam(table.guide, x, d, far)
+    if u < share:
+        return min(max(draw_near_beam(middle, scale, low, high, u / share), 0.0), far)
+    u = (u - share) / (1.0 - share)
     wanted = -math.log1p(-u * lost)
     if media.constant[m]:
         return min(wanted / media.extinction[m, hero], far)
@@ -167,18 +175,27 @@ def draw_vertex(media, m, hero, x, d, far, u, s):
 
 
 @kernel
-def look_at(media, m, x, d, far, t, s):
+def look_at(table, m, x, d, far, t, s):
     """Transmittance to t on a measured leg, density of a vertex there, densities of the components there.
 
     Into ``s.halfway``, ``s.free`` and ``s.media.density``.
     """
+    media = table.media
     transmit(media, m, x, d, t, s.media, s.halfway)
     medium_density(media, m, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], s.media)
     spectral_depth(media, m, s.media.density, s.free)
+    share, middle, scale, low, high = aim_at_beam(table.guide, x, d, far)
+    near = share * density_near_beam(middle, scale, low, high, t) if share > 0.0 else 0.0
+    s.far[OFTEN] = 1.0
     for i in range(s.free.size):
         # Thinner than 1e-12 a leg is evenly lossy to the last digit.
         sure = s.lost[i] > 1e-12
         s.free[i] = s.free[i] * s.halfway[i] / s.lost[i] if sure else (1.0 / far if s.lost[i] > 0.0 else 0.0)
+        if share > 0.0 and s.lost[i] > 0.0:
+            plain = s.free[i]
+            s.free[i] = (1.0 - share) * plain + near
+            if i == s.free.size // 2 and plain > 0.0:
+                s.far[OFTEN] = s.free[i] / plain
 
 
 @merged

@@ -180,7 +180,7 @@ def place_on_leg(table, m, k, hero, first, s):
         t = draw_on_leg(table.guide.gathered[m], along, height, low, high, u / near)
         t = min(max(t, 0.0), far)
     elif table.media.constant[m]:
-        t = draw_vertex(table.media, m, hero, s.start, d, far, (u - near) / (1.0 - near), s)
+        t = draw_vertex(table, m, hero, s.start, d, far, (u - near) / (1.0 - near), s)
     else:
         t = s.far[VERTEX]
     if not 0.0 <= t < math.inf:
@@ -208,7 +208,7 @@ def light_leg(table, hero, sampling, first, s):
     u, v = (number(walk, order, 3), number(walk, order, 4)) if first else (uniform(walk.state), uniform(walk.state))
     near_by = share_met(table.guide, k, s.place) if sampling == BOTH and lamps.kind[k] == SURFACE_LAMP else 0.0
     if near_by > 0.0 and uniform(walk.state) < near_by:
-        look_at(media, m, s.start, d, s.far[LENGTH], t, s)
+        look_at(table, m, s.start, d, s.far[LENGTH], t, s)
         for n in range(3):
             s.aside[n] = d[n]
         if not draw_scattered(media, m, hero, u, v, s.media, s.aside):
@@ -218,7 +218,7 @@ def light_leg(table, hero, sampling, first, s):
         distance, goal, density, light = aim(table.shapes, lamps, k, s.place, u, v, s.aside, s.point)
     if not light > 0.0 or not reaches(table, s.place, s.aside, distance, np.int64(-1), goal, s.stack, s):
         return False
-    look_at(media, m, s.start, d, s.far[LENGTH], t, s)
+    look_at(table, m, s.start, d, s.far[LENGTH], t, s)
     cosine = d[0] * s.aside[0] + d[1] * s.aside[1] + d[2] * s.aside[2]
     towards, total = s.media.towards, s.media.total
     scattering(media, m, s.media.density, cosine, s.media, towards)

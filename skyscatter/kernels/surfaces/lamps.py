@@ -18,6 +18,7 @@ from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel, merged
+from skyscatter.kernels.surfaces.beams import place_beside, to_beam
 from skyscatter.kernels.surfaces.shapes import sample_item
 from skyscatter.kernels.tabulated import cell_of
 
@@ -35,6 +36,8 @@ class LampGuide(NamedTuple):
     axis: np.ndarray  #: (lamp, 3) middle of the lobe of a point or of a flat surface
     lowest: np.ndarray  #: (lamp,) cosine around the axis below which nothing shines; -1 where light goes everywhere
     typical: np.ndarray  #: (lamp,) radiant intensity over power, evenly spread over where it shines [sr-1]
+    slope: np.ndarray  #: (lamp,) tangent of half the angle of a point lamp's narrow beam; 0 of others
+    beamed: bool  #: whether any lamp has one
     open: bool  #: whether light comes from the surroundings
     placed: bool  #: whether there are lamps with a place
     background: np.ndarray  #: (wavelength,) their radiance
@@ -281,6 +284,11 @@ def guess_in_medium(lamps, guide, x, chance):
     for k in range(chance.size):
         guess = guide.power[k]
         if lamps.kind[k] != PARALLEL_LAMP and lamps.kind[k] != SURROUNDINGS:
+            along, height = place_beside(guide, k, x)
+            if height > 0.0:
+                # A beam beside the point is taken for a lamp that shines evenly from where it is nearest.
+                chance[k] = guess / (4.0 * math.pi * to_beam(along, height) ** 2)
+                continue
             m, a = guide.middle[k], guide.axis[k]
             dx, dy, dz = x[0] - m[0], x[1] - m[1], x[2] - m[2]
             square = max(dx * dx + dy * dy + dz * dz, 1e-300)

@@ -19,6 +19,7 @@ from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, SURROUNDINGS
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.random import uniform
+from skyscatter.kernels.surfaces.beams import density_to_beam, draw_to_beam, place_beside, to_beam
 from skyscatter.kernels.surfaces.flights import NEARBY
 from skyscatter.kernels.surfaces.lamps import face, guess_in_medium, pick
 from skyscatter.kernels.surfaces.legs import gathered_at
@@ -28,6 +29,8 @@ from skyscatter.kernels.tabulated import cell_of
 #: Largest shares of the directions that pass lamps, from vertices in media and from walls.  They are a compromise:
 #: in grey rooms walls gain up to 0.8, between white ones in thin fog that has two to five times the variance of 0.3.
 PASSING, LEAVING = 0.3, 0.3
+#: Largest share of those from beside a narrow beam that lead into it.
+BESIDE = 0.6
 #: Optical depth of the way to a lamp at which half of the directions that could leave a surface towards it do.
 THIN = 0.2
 #: Sine of the least angle from a lamp.
@@ -49,9 +52,12 @@ def shares_past(table, m, x, s):
             share = guide.size[k] * s.chance[k]
         elif lamps.kind[k] != SURROUNDINGS:
             p, size = guide.middle[k], guide.size[k]
+            along, height = place_beside(guide, k, x)
             square = (x[0] - p[0]) ** 2 + (x[1] - p[1]) ** 2 + (x[2] - p[2]) ** 2
             near += s.chance[k] * min(size * size / max(square, 1e-300), 1.0)
-            if square > size * size:
+            if height > 0.0:
+                share = BESIDE * s.chance[k] / (1.0 + sigma * to_beam(along, height))
+            elif square > size * size:
                 share = PASSING * s.chance[k] * (1.0 - size * size / square)
                 share /= 1.0 + sigma * math.sqrt(square)
         s.chance[k] = share
@@ -75,7 +81,11 @@ def shares_from_wall(table, m, x, n, s):
             p, size = guide.middle[k], guide.size[k]
             a, b, c = p[0] - x[0], p[1] - x[1], p[2] - x[2]
             square = a * a + b * b + c * c
-            if square > size * size and n[0] * a + n[1] * b + n[2] * c > -size:
+            along, height = place_beside(guide, k, x)
+            if height > 0.0:
+                depth = sigma * to_beam(along, height)
+                share = BESIDE * s.chance[k] / (1.0 + depth * depth)
+            elif square > size * size and n[0] * a + n[1] * b + n[2] * c > -size:
                 depth = sigma * math.sqrt(square)
                 share = LEAVING * s.chance[k] * depth / (depth + THIN) / (1.0 + depth * depth)
         s.chance[k] = share
@@ -108,6 +118,10 @@ def density_past(table, m, x, d, share, to):
     density = 0.0
     for k in range(share.size):
         if share[k] > 0.0:
+            along, height = place_beside(table.guide, k, x)
+            if height > 0.0:
+                density += 2.0 * math.pi * share[k] * density_to_beam(table.guide, k, x, along, height, d)
+                continue
             face_lamp(table, k, x, to)
             a, b, c = to[1] * d[2] - to[2] * d[1], to[2] * d[0] - to[0] * d[2], to[0] * d[1] - to[1] * d[0]
             sine = max(math.sqrt(a * a + b * b + c * c), LEAST_SINE)
@@ -130,6 +144,10 @@ def density_past(table, m, x, d, share, to):
 @kernel
 def draw_past(table, m, k, x, u, v, d):
     """A direction that passes lamp k, into `d` (3,)."""
+    along, height = place_beside(table.guide, k, x)
+    if height > 0.0:
+        draw_to_beam(table.guide, k, x, along, height, u, v, d)
+        return
     face_lamp(table, k, x, d)
     if table.lamps.kind[k] == PARALLEL_LAMP:
         cosine = math.cos(math.pi * u)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, REFLECTED, TRANSMITTED
@@ -15,6 +17,7 @@ from skyscatter.kernels.surfaces.flights import (
     LAST,
     LENGTH,
     NEARBY,
+    OFTEN,
     ORDER,
     SCALE,
     SKIP,
@@ -76,7 +79,7 @@ def scatter_at(table, hero, part, s):
     A `part` of a walk is not split again there.
     """
     walk, d, m, t = s.walk, s.walk.direction, s.at[IN], s.far[VERTEX]
-    look_at(table.media, m, s.start, d, s.far[LENGTH], t, s)
+    look_at(table, m, s.start, d, s.far[LENGTH], t, s)
     for n in range(3):
         s.kept[0, n], s.kept[1, n] = s.start[n], d[n]
         walk.position[n] = s.start[n] + t * d[n]
@@ -101,7 +104,7 @@ def scatter_at(table, hero, part, s):
         by_all = (1.0 - past) * by_phase + passing
         walk.chance[i] *= s.free[i] * s.event[i] * by_all
         if i == hero and table.guide.placed:
-            more = more_often(by_all, by_phase)
+            more = more_often(table.guide, by_all, by_phase) * max(s.far[OFTEN], 1.0)
     more = max(more * (1.0 + CLOSE_WORTH * s.far[NEARBY]), 1.0 / wanted)
     mean = balance(walk)
     s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
@@ -113,9 +116,13 @@ def scatter_at(table, hero, part, s):
 
 
 @inlined
-def more_often(drawn, plain):
-    """How much more often a direction is drawn than by what scatters alone: there walks are worth that much more."""
-    return min(max(drawn / plain, 1.0), MOST_WORTH) if plain > 0.0 else 1.0
+def more_often(guide, drawn, plain):
+    """How much more often a direction is drawn than by what scatters alone: there walks are worth that much more.
+
+    A lamp may be hidden, what is sent into a beam does meet it.
+    """
+    most = math.inf if guide.beamed else MOST_WORTH
+    return min(max(drawn / plain, 1.0), most) if plain > 0.0 else 1.0
 
 
 @merged
@@ -152,7 +159,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     if event == ABSORBED:
         return OVER
     passing = density_past(table, here, walk.position, walk.direction, s.chance, s.aside) if past > 0.0 else 0.0
-    more = more_often((1.0 - past) * s.density[hero] + passing, s.density[hero])
+    more = more_often(table.guide, (1.0 - past) * s.density[hero] + passing, s.density[hero])
     more = max(more, 1.0 / wanted_weight(table, here, walk.position, s))
     for i in range(walk.value.size):
         s.kept_chance[i] = walk.chance[i]

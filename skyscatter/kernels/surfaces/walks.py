@@ -153,7 +153,7 @@ def choose_end(table, hero, s):
     s.far[VERTEX] = -1.0
     if coming == TURN or not media.constant[m]:
         u = number(walk, s.at[ORDER], 5)
-        s.far[VERTEX] = draw_vertex(media, m, hero, s.start, walk.direction, s.far[LENGTH], u, s)
+        s.far[VERTEX] = draw_vertex(table, m, hero, s.start, walk.direction, s.far[LENGTH], u, s)
     if both:
         divide(s)
     return coming
