@@ -62,6 +62,8 @@ TILE = 32
 #: Standard deviation of the mean by which large patches of light are kept [pixel], and how many standard errors of it
 #: are taken for chance.
 WIDE, CHANCE = 12.0, 2.0
+#: Squared chance, in units of that in the middle of the picture, beyond which a place says nothing of others.
+OUTLYING = 100.0
 
 
 class Moments(NamedTuple):
@@ -129,19 +131,27 @@ def togetherness(a: Array, b: Array, mask: Mask) -> float:
     return max(float(np.mean(WORTH * local_mean(half, mask)[lit] ** 2 / alone[lit])), 1.0) if lit.any() else 1.0
 
 
+def middle(values: Array, lit: Mask) -> Array:
+    """Medians over the pixels of a mask (y, x, wavelength), shape (wavelength,); 0 where there are none."""
+    return np.array([np.median(some[here]) if here.any() else 0.0 for some, here in zip(values.T, lit.T, strict=True)])
+
+
 def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moments, Array]:
     """Local moments; the squared bias, which is known worst, is drawn towards that of the whole picture.
 
     It is taken relative to the variance of the raw picture.  Local values whose spread is no greater than chance makes
     it say nothing, and are replaced by the common one; the greater their spread, the more they count (the estimate of
-    James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117).  Also returned is the standard deviation of
-    what is found; so many pixels as are `together` have their noise in common.
+    James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117; 1972, ibid. 67, 130, for its limit).  Also
+    returned is the standard deviation of what is found; so many pixels as are `together` have their noise in common.
     """
     local = Moments(*(local_mean(part, mask) for part in single))
     variance = np.maximum(local.variance, 1e-150)
     ratio = local.bias / variance
     chance = np.maximum(local_mean(single.bias**2, mask) - local.bias**2, 0.0) * together / WORTH / variance**2
     lit = mask[..., None] & (local.variance > 0)
+    # What is known far worse than most, as along a lamp's beam, tells nothing of the rest of the picture.
+    outlying = chance > OUTLYING * middle(chance, lit)
+    lit &= ~outlying
     count = np.maximum(lit.sum(axis=(0, 1)), 1)
 
     def mean(values: Array) -> Array:
@@ -150,8 +160,12 @@ def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moment
     common = np.maximum(mean(ratio), 0.0)
     real = np.maximum(mean((ratio - common) ** 2 - chance), 0.0)
     share = real / np.maximum(real + chance, 1e-300)
-    doubt = np.sqrt(share * chance + (1 - share) ** 2 * mean(chance) * WORTH / count)
-    bias = np.maximum(share * ratio + (1 - share) * common, 0.0) * variance
+    drawn = np.maximum(share * ratio + (1 - share) * common, 0.0)
+    # Limited translation: no place is drawn further down than chance explains.
+    least = ratio - CHANCE * np.sqrt(chance)
+    common_doubt = share * chance + (1 - share) ** 2 * mean(chance) * WORTH / count
+    doubt = np.sqrt(np.where(outlying | (least > drawn), chance, common_doubt))
+    bias = np.maximum(drawn, least) * variance
     return Moments(variance, np.maximum(local.spread, 0.0), local.shared, bias), doubt * variance
 
 
