@@ -8,6 +8,7 @@ from skyscatter.errors import ConvergenceError, DomainError
 from skyscatter.memory import check_fits, field_bytes
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import outward_profile
+from skyscatter.solvers.grid import MOST_GAP
 from skyscatter.solvers.series import ORDERS_SHARE
 from skyscatter.solvers.sweeps import Problem
 
@@ -19,8 +20,6 @@ POINT, OF_WAVELENGTH, OF_MOMENT = 1e-6, 3e-8, 4.5e-10
 FIRST_ORDERS, LATER_SHARE = 4, 0.05
 #: Sweeps of a solution that is not a sum of orders: three to five by two grids, five to ten by diffusion.
 CYCLES = 8
-#: Optical depth from node to node beyond which a sweep does not see what lies between.
-MOST_GAP = 1.0
 #: Points of a line for each row of the field.
 POINTS = 1.5
 

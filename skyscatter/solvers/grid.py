@@ -21,6 +21,8 @@ HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
 #: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
 DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
+#: Optical depth from node to node beyond which a sweep does not see what lies between, at any tolerance.
+MOST_GAP = 1.0
 #: Cosine of the Sun's zenith angle below which steps shrink with it, and how far; the last for those in height at dusk.
 STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
@@ -124,6 +126,7 @@ def height_nodes(
     step = f * max(slant, LEAST_SLANT if night else LEAST_RISE) * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
     by_depth = f * slant * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
+    by_depth = np.minimum(by_depth, MOST_GAP / (1 + SPARE))
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
     number *= np.clip(number[-1], LEAST_NODES, MOST_NODES) / number[-1]
