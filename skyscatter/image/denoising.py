@@ -64,6 +64,8 @@ TILE = 32
 WIDE, CHANCE = 12.0, 2.0
 #: Squared chance, in units of that in the middle of the picture, beyond which a place says nothing of others.
 OUTLYING = 100.0
+#: Side of the square over which the level of the light is a median [pixel], and the least of it over the mean.
+MEDIAN, DARKEST = 5, 0.01
 
 
 class Moments(NamedTuple):
@@ -255,33 +257,55 @@ def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
     return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
 
 
+def light_level(picture: Array) -> Array:
+    """Unit in which errors around each pixel are counted, (y, x, wavelength): the root of how bright it is there.
+
+    In units of the light itself a dark pixel beside a lamp would count as much as the lamp, and in none at all the lamp
+    would decide for all that lies within a window of it.  Medians keep edges, and a pixel's own noise has no say.
+    """
+    from scipy.ndimage import median_filter
+
+    mean = picture.mean(axis=(0, 1))
+    level = median_filter(picture, (MEDIAN, MEDIAN, 1), mode="nearest") / np.where(mean > 0, mean, 1.0)
+    return np.asarray(np.sqrt(np.maximum(level, DARKEST)))
+
+
 def _cleaned(
-    a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter, together: float
+    a: Array, b: Array, level: Array, mask: Mask, variance: Array, denoise: denoisers.Filter, together: float
 ) -> tuple[Array, ...]:
-    """Both halves denoised by a mixture of the filter and the same at half the resolution, and what that flatters."""
-    fine, coarse = faithful(denoise, together), faithful(denoisers.coarsened(denoise), together)
-    first = fine(a, 2 * variance), fine(b, 2 * variance)
+    """Both halves denoised by a mixture of the filter and the same at half the resolution, and what that flatters.
+
+    All in units of the `level`.
+    """
+
+    def both(some: denoisers.Filter) -> tuple[Array, Array]:
+        filtered = faithful(some, together)
+        return filtered(a, 2 * variance) / level, filtered(b, 2 * variance) / level
+
+    first = both(denoise)
     if min(a.shape[:2]) < LEAST:
         return *first, np.zeros_like(a)
-    return mixed(a, b, first, (coarse(a, 2 * variance), coarse(b, 2 * variance)), mask, together)
+    return mixed(a / level, b / level, first, both(denoisers.coarsened(denoise)), mask, together)
 
 
 def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
     """What is added to the raw picture, and the mean squared error of the sum."""
-    together = togetherness(a, b, mask)
-    clean_a, clean_b, flattered = _cleaned(a, b, mask, variance, denoise, together)
-    found, doubt = steadied(moments(a, b, clean_a, clean_b), mask, together)
+    level = light_level((a + b) / 2)
+    part_a, part_b = a / level, b / level
+    together = togetherness(part_a, part_b, mask)
+    clean_a, clean_b, flattered = _cleaned(a, b, level, mask, variance, denoise, together)
+    found, doubt = steadied(moments(part_a, part_b, clean_a, clean_b), mask, together)
     found = found._replace(bias=found.bias + flattered)
     # In doubt nearer to the raw picture.
     weight = found._replace(bias=found.bias + doubt).weight()
-    change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (a + b)) / 2, 0.0)
+    change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (part_a + part_b)) / 2, 0.0) * level
     # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
-    variance = np.where(mask[..., None], found.variance, 0.0)
+    variance = np.where(mask[..., None], found.variance, 0.0) * level**2
     lost, chance = -change.sum(axis=(0, 1)), np.sqrt(variance.sum(axis=(0, 1)))
     excess = np.sign(lost) * np.maximum(np.abs(lost) - chance, 0.0)
     noise = np.sqrt(variance)
     change += noise * (excess / np.maximum(noise.sum(axis=(0, 1)), 1e-300))
-    return change, np.maximum(found.error(weight), 0.0)
+    return change, np.maximum(found.error(weight), 0.0) * level**2
 
 
 def _filled(cube: Array, inside: Mask) -> Array:
