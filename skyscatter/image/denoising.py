@@ -122,6 +122,20 @@ def local_mean(values: Array, mask: Mask) -> Array:
     return np.where(share > 1e-9, spread(np.where(mask[..., None], values, 0.0)) / np.maximum(share, 1e-9), 0.0)
 
 
+def around(values: Array, mask: Mask) -> Array:
+    """Means over a pixel of the mask and its neighbours in it."""
+    from scipy.ndimage import convolve1d
+
+    def summed(cube: Array) -> Array:
+        # No running sums: beside a lamp their rounding is more than a dark pixel has.
+        for axis in (0, 1):
+            cube = convolve1d(cube, np.ones(3), axis=axis, mode="constant")
+        return cube
+
+    share = summed(mask[..., None].astype(float))
+    return summed(np.where(mask[..., None], values, 0.0)) / np.maximum(share, 1.0)
+
+
 def togetherness(a: Array, b: Array, mask: Mask) -> float:
     """How many pixels share their noise: 1 where each has its own, many where a photon lights many.
 
@@ -202,17 +216,12 @@ def wide_mean(values: Array) -> Array:
     return np.asarray(gaussian_filter(values, (WIDE, WIDE, 0), mode="nearest", truncate=3.0))
 
 
-def faithful(denoise: denoisers.Filter, together: float = 1.0) -> denoisers.Filter:
-    """The filter, which gives large patches of light back what it has lost of them beyond chance."""
-
-    def filtered(picture: Array, variance: Array) -> Array:
-        clean = denoise(picture, variance)
-        lost = wide_mean(picture - clean)
-        # Of independent pixels the squared weights of a Gaussian add up to 1 / (4 pi sigma^2).
-        chance = CHANCE**2 * together * wide_mean(variance) / (4 * np.pi * WIDE**2)
-        return np.asarray(clean + lost * np.maximum(1 - chance / np.maximum(lost**2, 1e-300), 0.0))
-
-    return filtered
+def faithful(picture: Array, clean: Array, variance: Array, together: float = 1.0) -> Array:
+    """The denoised picture, given back what it has lost of large patches of light beyond chance."""
+    lost = wide_mean(picture - clean)
+    # Of independent pixels the squared weights of a Gaussian add up to 1 / (4 pi sigma^2).
+    chance = CHANCE**2 * together * wide_mean(variance) / (4 * np.pi * WIDE**2)
+    return np.asarray(clean + lost * np.maximum(1 - chance / np.maximum(lost**2, 1e-300), 0.0))
 
 
 def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
@@ -257,55 +266,61 @@ def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
     return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
 
 
-def light_level(picture: Array) -> Array:
+def light_level(picture: Array, clean: Array) -> Array:
     """Unit in which errors around each pixel are counted, (y, x, wavelength): the root of how bright it is there.
 
     In units of the light itself a dark pixel beside a lamp would count as much as the lamp, and in none at all the lamp
-    would decide for all that lies within a window of it.  Medians keep edges, and a pixel's own noise has no say.
+    would decide for all that lies within a window of it.  The greater of a median, in which a pixel's own noise has no
+    say, and the denoised picture, in which small lamps are left.
     """
     from scipy.ndimage import median_filter
 
     mean = picture.mean(axis=(0, 1))
-    level = median_filter(picture, (MEDIAN, MEDIAN, 1), mode="nearest") / np.where(mean > 0, mean, 1.0)
-    return np.asarray(np.sqrt(np.maximum(level, DARKEST)))
+    level = np.maximum(median_filter(picture, (MEDIAN, MEDIAN, 1), mode="nearest"), clean)
+    return np.asarray(np.sqrt(np.maximum(level / np.where(mean > 0, mean, 1.0), DARKEST)))
 
 
 def _cleaned(
-    a: Array, b: Array, level: Array, mask: Mask, variance: Array, denoise: denoisers.Filter, together: float
-) -> tuple[Array, ...]:
-    """Both halves denoised by a mixture of the filter and the same at half the resolution, and what that flatters.
+    halves: tuple[Array, Array], fine: tuple[Array, Array], level: Array, mask: Mask, variance: Array,
+    coarse: denoisers.Filter, together: float,
+) -> tuple[Array, ...]:  # fmt: skip
+    """Both halves denoised, a mixture of `fine` and what the `coarse` filter makes of them, and what that flatters.
 
     All in units of the `level`.
     """
 
-    def both(some: denoisers.Filter) -> tuple[Array, Array]:
-        filtered = faithful(some, together)
-        return filtered(a, 2 * variance) / level, filtered(b, 2 * variance) / level
+    def kept(pictures: tuple[Array, ...]) -> tuple[Array, Array]:
+        whole = [faithful(*pair, 2 * variance, together) / level for pair in zip(halves, pictures, strict=True)]
+        return whole[0], whole[1]
 
-    first = both(denoise)
-    if min(a.shape[:2]) < LEAST:
-        return *first, np.zeros_like(a)
-    return mixed(a / level, b / level, first, both(denoisers.coarsened(denoise)), mask, together)
+    first = kept(fine)
+    if min(mask.shape) < LEAST:
+        return *first, np.zeros_like(level)
+    second = kept(tuple(coarse(half, 2 * variance) for half in halves))
+    return mixed(halves[0] / level, halves[1] / level, first, second, mask, together)
 
 
 def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
     """What is added to the raw picture, and the mean squared error of the sum."""
-    level = light_level((a + b) / 2)
+    fine = denoise(a, 2 * variance), denoise(b, 2 * variance)
+    level = light_level((a + b) / 2, (fine[0] + fine[1]) / 2)
     part_a, part_b = a / level, b / level
     together = togetherness(part_a, part_b, mask)
-    clean_a, clean_b, flattered = _cleaned(a, b, level, mask, variance, denoise, together)
+    coarse = denoisers.coarsened(denoise)
+    clean_a, clean_b, flattered = _cleaned((a, b), fine, level, mask, variance, coarse, together)
     found, doubt = steadied(moments(part_a, part_b, clean_a, clean_b), mask, together)
     found = found._replace(bias=found.bias + flattered)
     # In doubt nearer to the raw picture.
     weight = found._replace(bias=found.bias + doubt).weight()
     change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (part_a + part_b)) / 2, 0.0) * level
     # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
-    variance = np.where(mask[..., None], found.variance, 0.0) * level**2
-    lost, chance = -change.sum(axis=(0, 1)), np.sqrt(variance.sum(axis=(0, 1)))
+    noise = np.where(mask[..., None], np.sqrt(found.variance), 0.0) * level
+    lost, chance = -change.sum(axis=(0, 1)), np.sqrt((noise**2).sum(axis=(0, 1)))
     excess = np.sign(lost) * np.maximum(np.abs(lost) - chance, 0.0)
-    noise = np.sqrt(variance)
     change += noise * (excess / np.maximum(noise.sum(axis=(0, 1)), 1e-300))
-    return change, np.maximum(found.error(weight), 0.0) * level**2
+    # How much is left of the noise goes by what lies around, how much there was by the pixel itself and its neighbours.
+    left = np.clip(found.error(weight) / found.variance, 0.0, 1.0)
+    return change, left * around(variance, mask)
 
 
 def _filled(cube: Array, inside: Mask) -> Array:
