@@ -160,6 +160,27 @@ def test_weight_is_the_best():
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_a_lamp_does_not_decide_for_the_dark_ground_beside_it(method):
+    """A glow 150 times as bright over a dark ground, noise 60 % of the light, four seeds.
+
+    With errors counted in units that know nothing of the light the ground next to it was worse than raw, 1.3 times by
+    the network and 5.3 times by non-local means; it is 0.76 and 2.5.
+    """
+    y, x = np.mgrid[:96, :96]
+    glow = 5 + 150 / (1 + ((x - 48) ** 2 + (y - 47) ** 2) / 2.25)
+    truth = np.where(y < 48, glow, 1.0)[..., None] * np.ones(3)
+    near = (y >= 48) & (y < 62) & (np.abs(x - 48) < 14)
+    worse = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        a, b = (truth * (1 + 0.6 * rng.normal(size=(96, 96, 1))) for _ in range(2))
+        image = SpectralImage((a + b) / 2, WL, 0.6 / np.sqrt(2) * truth, layers={"half_a": a, "half_b": b})
+        errors = [rms((picture.radiance - truth)[near]) for picture in (image.denoised(method), image)]
+        worse.append(errors[0] / errors[1])
+    assert np.mean(worse) < (1.0 if method == "oidn" else 3.2)
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_stars_are_not_smeared(method):
     """What has no noise is not touched: a star ten thousand times as bright as what surrounds it."""
     truth = scene(64, 64)
