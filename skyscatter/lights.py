@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from skyscatter.constants import LIGHT, PLANCK, SOLAR_LUMINOSITY, STEFAN_BOLTZMANN
 from skyscatter.errors import DomainError
-from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.geometry.vectors import Directed
 from skyscatter.optics.base import Array
 from skyscatter.record import Record
 from skyscatter.spectra.solar import blackbody_irradiance
@@ -160,7 +160,7 @@ class PointStar(Record):
         return self.temperature
 
 
-class ParallelLight(Record):
+class ParallelLight(Directed, Record):
     """Light from one direction, as of a star far outside the model.
 
     Give either `direction` or `azimuth_deg` and `elevation_deg`, and either `irradiance` or `temperature` and
@@ -203,23 +203,11 @@ class ParallelLight(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        angles = (self.azimuth_deg is not None, self.elevation_deg is not None)
-        if any(angles) != all(angles) or any(angles) == (self.direction is not None):
-            raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
-        if self.direction is not None and not any(self.direction):
-            raise DomainError("direction", self.direction, "must not be zero")
+        self.check_direction()
         body = (self.temperature is not None, self.dilution is not None)
         if any(body) != all(body) or any(body) == (self.irradiance is not None):
             raise DomainError("irradiance", self.irradiance, "give either irradiance, or temperature and dilution")
         return self
-
-    @property
-    def towards(self) -> Array:
-        """Unit vector towards the light, shape (3,)."""
-        if self.direction is not None:
-            vector = np.asarray(self.direction, float)
-            return vector / np.linalg.norm(vector)
-        return direction_from_azimuth_elevation(self.azimuth_deg or 0.0, self.elevation_deg or 0.0)
 
     def spectral_irradiance(self, wavelengths_nm: ArrayLike) -> Array:
         """Irradiance of a surface that faces the light [W m-2 nm-1]; shape (wavelength,)."""

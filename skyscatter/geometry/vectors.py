@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from skyscatter.errors import DomainError
 
 Array = NDArray[np.float64]
 
@@ -28,6 +32,26 @@ def direction_from_azimuth_elevation(azimuth_deg: ArrayLike, elevation_deg: Arra
     )
     horizontal = np.cos(elevation)
     return np.stack((horizontal * np.sin(azimuth), horizontal * np.cos(azimuth), np.sin(elevation)), axis=-1)
+
+
+class Directed:
+    """What lights from one direction share: `direction`, or `azimuth_deg` and `elevation_deg`, fields of theirs."""
+
+    def check_direction(self: Any) -> None:
+        """Refuse none and both, and a direction of no length."""
+        angles = (self.azimuth_deg is not None, self.elevation_deg is not None)
+        if any(angles) != all(angles) or any(angles) == (self.direction is not None):
+            raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
+        if self.direction is not None and not any(self.direction):
+            raise DomainError("direction", self.direction, "must not be zero")
+
+    @property
+    def towards(self: Any) -> Array:
+        """Unit vector towards the light, shape (3,)."""
+        if self.direction is not None:
+            vector = np.asarray(self.direction, float)
+            return vector / np.linalg.norm(vector)
+        return direction_from_azimuth_elevation(self.azimuth_deg or 0.0, self.elevation_deg or 0.0)
 
 
 def azimuth_elevation_from_direction(direction: ArrayLike) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.geometry.vectors import Directed
 from skyscatter.spectra.solar import disk_mean, limb_darkening
 from skyscatter.spectra.table import Irradiance, OptionalSpectral, Radiance, evaluate
 from skyscatter.surfaces.lobes import AnyLobe, ConeLobe, CosinePowerLobe, IsotropicLobe, LambertLobe, Lobe
@@ -253,7 +253,7 @@ class AreaLamp(Powered):
         return evaluate(self.radiance, wavelengths_nm) * area / float(self.lobe.value(1.0))
 
 
-class ParallelLamp(Shining):
+class ParallelLamp(Directed, Shining):
     """Light from one direction, as of the Sun.
 
     Parameters
@@ -307,11 +307,7 @@ class ParallelLamp(Shining):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        angles = (self.azimuth_deg is not None, self.elevation_deg is not None)
-        if any(angles) != all(angles) or any(angles) == (self.direction is not None):
-            raise DomainError("direction", self.direction, "give either direction, or azimuth_deg and elevation_deg")
-        if self.direction is not None and not any(self.direction):
-            raise DomainError("direction", self.direction, "must not be zero")
+        self.check_direction()
         if self.limb_darkening and self.angular_radius_deg == 0:
             raise DomainError("limb_darkening", True, "is for a disk; give its angular_radius_deg as well")
         return self
@@ -321,14 +317,6 @@ class ParallelLamp(Shining):
         if not self.limb_darkening:
             return np.ones((np.size(mu), np.size(wavelengths_nm)))
         return limb_darkening(mu, wavelengths_nm) / disk_mean(wavelengths_nm)
-
-    @property
-    def towards(self) -> Array:
-        """Unit vector towards the light, shape (3,)."""
-        if self.direction is not None:
-            vector = np.asarray(self.direction, float)
-            return vector / np.linalg.norm(vector)
-        return direction_from_azimuth_elevation(self.azimuth_deg or 0.0, self.elevation_deg or 0.0)
 
 
 class Surroundings(Shining):

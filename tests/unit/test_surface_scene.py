@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -284,6 +285,7 @@ def test_pictures_with_subpixels(monkeypatch: pytest.MonkeyPatch, tmp_path: Any)
     """The picture of a solver that is linear in the direction: the mean over the parts; the recipe says how many."""
     from skyscatter.solvers.state import RenderState
 
+    import_module("skyscatter.solvers.render")  # what takes the name from there has done so before it is another
     monkeypatch.setattr("skyscatter.solvers.run.load_solver", lambda name, scene: _Plane)
     camera, looked = Perspective(width=3, height=2, fov_deg=50.0), scene(BALL)
     image = skyscatter.render(looked, camera, WL[:2], solver=skyscatter.Path(samples=18), subpixels=3)
