@@ -66,6 +66,8 @@ WIDE, CHANCE = 12.0, 2.0
 OUTLYING = 100.0
 #: Side of the square over which the level of the light is a median [pixel], and the least of it over the mean.
 MEDIAN, DARKEST = 5, 0.01
+#: How many times brighter than its surroundings, in both halves, is what stands out; medians of every so many pixels.
+BRIGHT, COARSE = 10.0, 4
 
 
 class Moments(NamedTuple):
@@ -232,10 +234,10 @@ def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
     label, denoise = denoisers.filter_of(denoisers.chosen(method))
     inside = image.inside
     a, b = (_filled(np.asarray(image.layers[name], float), inside) for name in HALVES)
-    mask = noisy_pixels(a, b, inside)
+    mask, shown_a, shown_b = set_aside(a, b, noisy_pixels(a, b, inside))
     raw_error = np.asarray(image.error, float)
     if mask.any():
-        change, square = _blended(a, b, mask, _filled(raw_error, inside) ** 2, denoise)
+        change, square = _blended(shown_a, shown_b, mask, _filled(raw_error, inside) ** 2, denoise)
     else:
         change, square = np.zeros_like(a), np.zeros_like(a)
     known = ~mask[..., None]
@@ -264,6 +266,31 @@ def noisy_pixels(a: Array, b: Array, inside: Mask) -> Mask:
     differ = (a != b).any(axis=-1) & inside
     crowded = uniform_filter(differ.astype(float), 5, mode="constant") > 0.5
     return np.asarray(differ | (crowded & inside & ~(a.any(axis=-1) | b.any(axis=-1))))
+
+
+def surroundings(picture: Array) -> Array:
+    """How bright it is around each pixel, whatever stands out there, and at least as in the middle of all that is lit.
+
+    Shape (y, x, wavelength).
+    """
+    from scipy.ndimage import median_filter
+
+    some = median_filter(picture[::COARSE, ::COARSE], (9, 9, 1), mode="nearest")
+    height, width = picture.shape[:2]
+    wide = some.repeat(COARSE, axis=0).repeat(COARSE, axis=1)[:height, :width]
+    return np.maximum(wide, middle(picture, picture > 0))
+
+
+def set_aside(a: Array, b: Array, mask: Mask) -> tuple[Mask, Array, Array]:
+    """The mask without what stands out, and both halves with the light of its surroundings in its place.
+
+    Lamps and beams that are far brighter than all around are known well and stay as they are; a network sees black
+    halos about them.  Chance seldom strikes twice: what is so bright in both halves is no speck.
+    """
+    wide = surroundings((a + b) / 2)
+    standing: Mask = np.any(np.minimum(a, b) > BRIGHT * wide, axis=-1)
+    covered = [np.where(standing[..., None], wide, half) for half in (a, b)]
+    return mask & ~standing, covered[0], covered[1]
 
 
 def light_level(picture: Array, clean: Array) -> Array:

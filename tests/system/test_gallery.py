@@ -72,6 +72,18 @@ def test_a_smooth_nebula_is_that_of_its_caption(words: list[str], recipe_of: Any
     assert {"smoothed", "seeing_pixels"} <= set(made)
 
 
+ROOMS = [words for words in map(shlex.split, COMMANDS) if words[0] == "render" and "--denoise" in words]
+
+
+@pytest.mark.parametrize("words", ROOMS, ids=lambda words: output(words).name)
+def test_a_denoised_room_is_that_of_its_caption(words: list[str], recipe_of: Any) -> None:
+    made = json.loads(read_png(output(words)).texts["skyscatter-recipe"])
+    asked = recipe_of(words)
+    assert {name: made[name] for name in asked} == asked
+    assert made["options"]["samples"] == int(words[words.index("--samples") + 1])
+    assert made["denoising"]["error"] < made["denoising"]["raw_error"]
+
+
 @pytest.mark.parametrize("words", SKIES, ids=lambda words: output(words).name)
 def test_a_sky_is_that_of_its_caption(words: list[str], recipe_of: Any) -> None:
     made = json.loads(read_png(output(words)).texts["skyscatter-recipe"])
