@@ -7,7 +7,8 @@ Zwicker 2011, ACM Trans. Graph. 30, 25).  After Zhdanov et al. (2013, 2015); see
 
 Memory: in every thread at most `MOST_POINTS` visibility points in media and as many on surfaces, 8 (29 + components +
 wavelengths) bytes each, the cells around them (`kernels.surfaces.neighbours`), and one radiance per ray; photons are
-not stored.  Where the rays have more points, they are taken in bunches, each with photons of its own.
+not stored.  Where the rays have more points, they are taken in bunches that meet the same photons: with others pictures
+would have seams, for a photon lights many pixels.
 """
 
 from __future__ import annotations
@@ -295,7 +296,7 @@ def solve_pass(context: Context, rays: Rays, number: int, asked: Asked[Photons])
         trace_photons(
             table, context.peaks, room.points, room.surfaces, make_cells(media.centre, ball),
             make_cells(floor.centre, disk), how, np.int64(asked.how.seed), np.int64(PHOTON_STREAMS + number),
-            bunch * photons, (bunch + 1) * photons, photons, most, room.scratch, room.sums, by_order,
+            0, photons, photons, most, room.scratch, room.sums, by_order,
             fates, room.polar,
         )  # fmt: skip
         if by_rays(asked):

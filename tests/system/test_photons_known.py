@@ -41,6 +41,17 @@ def foggy_room() -> SurfaceScene:
     return SurfaceScene(media=(air,), bodies=(*room(1.0, 0.5), lamp), viewpoint=viewpoint)
 
 
+def test_rays_in_bunches_meet_the_same_photons(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With photons of their own bunches of rays would leave seams in a picture; rays to lamps have numbers by bunch."""
+    d = directions(60)
+    o = np.broadcast_to((-0.3, 0.2, 0.1), d.shape)
+    whole = gathered(foggy_room(), o, d, samples=4, direct=False, radius=0.3)
+    monkeypatch.setattr(photons, "MOST_POINTS", 64)
+    parted = gathered(foggy_room(), o, d, samples=4, direct=False, radius=0.3)
+    np.testing.assert_allclose(parted.radiance, whole.radiance, rtol=1e-10)
+
+
+
 INSIDE = np.array([[-0.3, 0.2, 0.1]])
 CAMERA = skyscatter.Perspective(width=3, height=2, fov_deg=60.0)
 
