@@ -51,7 +51,6 @@ def test_rays_in_bunches_meet_the_same_photons(monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_allclose(parted.radiance, whole.radiance, rtol=1e-10)
 
 
-
 INSIDE = np.array([[-0.3, 0.2, 0.1]])
 CAMERA = skyscatter.Perspective(width=3, height=2, fov_deg=60.0)
 
