@@ -67,7 +67,7 @@ OUTLYING = 100.0
 #: Side of the square over which the level of the light is a median [pixel], and the least of it over the mean.
 MEDIAN, DARKEST = 5, 0.01
 #: How many times brighter than its surroundings, in both halves, is what stands out; medians of every so many pixels.
-BRIGHT, COARSE = 10.0, 4
+BRIGHT, COARSE = 30.0, 4
 
 
 class Moments(NamedTuple):
