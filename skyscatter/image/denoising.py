@@ -66,8 +66,9 @@ WIDE, CHANCE = 12.0, 2.0
 OUTLYING = 100.0
 #: Side of the square over which the level of the light is a median [pixel], and the least of it over the mean.
 MEDIAN, DARKEST = 5, 0.01
-#: How many times brighter than its surroundings, in both halves, is what stands out; medians of every so many pixels.
-BRIGHT, COARSE = 30.0, 4
+#: How many times brighter than its surroundings, in both halves, is what stands out, and what it is joined by; medians
+#: of every so many pixels.
+BRIGHT, JOINED, COARSE = 30.0, 10.0, 4
 
 
 class Moments(NamedTuple):
@@ -285,10 +286,14 @@ def set_aside(a: Array, b: Array, mask: Mask) -> tuple[Mask, Array, Array]:
     """The mask without what stands out, and both halves with the light of its surroundings in its place.
 
     Lamps and beams that are far brighter than all around are known well and stay as they are; a network sees black
-    halos about them.  Chance seldom strikes twice: what is so bright in both halves is no speck.
+    halos about them.  Chance seldom strikes twice: what is so bright in both halves is no speck.  The fainter edges of
+    a beam go with it, a horizon that is as faint stays.
     """
+    from scipy.ndimage import binary_propagation
+
     wide = surroundings((a + b) / 2)
-    standing: Mask = np.any(np.minimum(a, b) > BRIGHT * wide, axis=-1)
+    faint, bright = (np.any(np.minimum(a, b) > times * wide, axis=-1) for times in (JOINED, BRIGHT))
+    standing = binary_propagation(bright, np.ones((3, 3)), faint)
     covered = [np.where(standing[..., None], wide, half) for half in (a, b)]
     return mask & ~standing, covered[0], covered[1]
 

@@ -205,6 +205,21 @@ def test_a_beam_stays_and_the_sky_around_it_is_clean(method):
     assert 0.6 < rms(clean.error[~beam]) / rms(off[~beam]) < 2.5
 
 
+def test_the_edges_of_a_beam_go_with_it_and_a_horizon_does_not():
+    """Both are fifteen times as bright as all around; specks in one half are none of either."""
+    y, x = np.mgrid[:96, :128]
+    away = np.abs(x - 40)
+    core, edges, horizon = (away < 1) & (y > 20), (away < 4) & (y > 20), np.abs(y - 8) < 1
+    truth = np.where(core, 1000.0, np.where(edges | horizon, 15.0, 1.0))[..., None]
+    rng = np.random.default_rng(3)
+    a, b = (truth * (1 + 0.05 * rng.normal(size=(96, 128, 3))) for _ in range(2))
+    a[50, 100] = 1e4
+    mask, shown, _ = denoising.set_aside(a, b, np.ones((96, 128), bool))
+    np.testing.assert_array_equal(~mask, edges)
+    assert shown[edges].max() < 1.5
+    assert shown[horizon].min() > 10
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_stars_are_not_smeared(method):
     """What has no noise is not touched: a star ten thousand times as bright as what surrounds it."""
