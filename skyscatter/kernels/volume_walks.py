@@ -42,7 +42,7 @@ from skyscatter.kernels.volume_legs import (
     prepare_volume_leg,
 )
 from skyscatter.kernels.volume_turns import turn_at_vertex
-from skyscatter.kernels.volume_windows import Waiting, make_waiting, pass_window, promise, take_waiting
+from skyscatter.kernels.volume_windows import Waiting, expect, make_waiting, pass_window, promise, take_waiting
 
 #: Strata of the camera's ray and of a leg of a walk; even numbers.
 CAMERA_STRATA, LEG_STRATA = 32, 8
@@ -188,9 +188,13 @@ def follow_leg(v, hero, order, max_order, leg, work, walker, lights, walk, total
 
 @merged
 def volume_wander(
-    v, camera, origin, direction, walked, max_order, leg, work, walker, lights, waiting, walk, total, by_order, apart
+    v, camera, origin, direction, walked, max_order, number, base, leg, work, walker, lights, waiting, walk, total,
+    by_order, apart
 ):  # fmt: skip
-    """Follow a walk from the camera, and all that it is split into, to the end and add up the light."""
+    """Follow a walk from the camera, and all that it is split into, to the end and add up the light.
+
+    It is the walk of that `number`, from 1 on, whose light is added to `total`; `base` is what the ray sees besides.
+    """
     wavelengths = walk.value.size
     last = max_order if v.glows else max_order - 1
     hero = min(int(walk.even[0] * wavelengths), wavelengths - 1)
@@ -213,6 +217,7 @@ def volume_wander(
         )  # fmt: skip
         if alive:
             order, legs = order + 1, legs + 1
+            expect(number, base, total, work.promised)
             alive = pass_window(promise(v, False, work, walk, leg.draw), legs, order, walk, waiting)
         if not alive:
             order = take_waiting(v, work, walk, waiting)
@@ -293,8 +298,8 @@ def volume_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
-                        v, s.camera, o, d, walked, max_order, s.leg, s.work, s.walker, s.lights, s.waiting, walk,
-                        s.sums[b], by_order[ray], apart[ray]
+                        v, s.camera, o, d, walked, max_order, n + 1, base[ray], s.leg, s.work, s.walker, s.lights,
+                        s.waiting, walk, s.sums[b], by_order[ray], apart[ray]
                     )  # fmt: skip
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])

@@ -11,6 +11,7 @@ Parts of a walk wait on a stack until the first has ended, and all draw from the
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,8 @@ from skyscatter.kernels.volume_turns import SHY
 
 #: The window, in parts of what a walk promised at its first vertex.
 LOWEST, HIGHEST = 0.3, 3.0
+#: Share of the light that a ray is known to see of which no walk need promise less.
+WORTHWHILE = 0.1
 #: Parts that wait; a walk that finds the stack full is not split.
 WAITING = 64
 #: Parts into which a walk is split at once, at most.
@@ -79,6 +82,18 @@ def promise(v, first, work, walk, spare):
             work.promised[i] = max(spare[i], 1e-290)
         total += spare[i] / work.promised[i]
     return total / spare.size
+
+
+@inlined
+def expect(number, base, total, promised):
+    """Raise the `promised` light of a walk to a part of what its ray is known to see.
+
+    That is the `base` and the mean of so many walks, the present one included.  A promise is light from all around, a
+    radiance times 4 pi.  Where the guess at the first vertex is far too low, as behind a dense disk, a walk would be
+    split over and over for light that is nothing beside what it has brought already.
+    """
+    for i in range(promised.size):
+        promised[i] = max(promised[i], WORTHWHILE * 4.0 * math.pi * (base[i] + total[i] / number))
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import nullcontext
 
 import numpy as np
@@ -10,6 +11,7 @@ from nebulae import GREY, WAVELENGTH, component, dusty_sphere, escaping_luminosi
 from peierls import escaping_share
 from significance import assert_agrees
 
+from skyscatter import Telescope, load_model, render
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium
 from skyscatter.media.structures import Slab
@@ -101,6 +103,23 @@ def test_a_star_in_an_opaque_cell_ends(depth: float, albedo: float) -> None:
     with pytest.warns(UserWarning, match="'dust'"):
         answer = radiance(scene, *parallel_rays(np.array([0.02])), WAVELENGTH, solver=Path(samples=2))
     assert np.all(np.isfinite(answer.radiance))
+
+
+def test_walks_are_not_split_for_light_that_adds_nothing() -> None:
+    """Behind a dense disk the guess is ten powers of ten too low where walks begin, and not where they come to.
+
+    Orders beyond the fourth hold 3 % of the light, and took twenty-five times as long as all before.
+    """
+    scene = load_model("dusty-disk").scene()
+    camera = Telescope.from_length(24, 24, "900 AU", scene.view.distance)
+
+    def seconds(most: int) -> float:
+        start = time.process_time()
+        render(scene, camera, [450.0, 550.0, 650.0], solver=Path(samples=4, seed=1, max_order=most), threads=1)
+        return time.process_time() - start
+
+    seconds(2)
+    assert seconds(12) < 5 * seconds(4)
 
 
 @pytest.mark.parametrize("albedo", [0.6, 0.9, 0.97, 0.99, 0.999])
