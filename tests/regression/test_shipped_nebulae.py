@@ -44,7 +44,8 @@ def test_a_nebula_cites_sources_and_survives_being_written(name: str, tmp_path) 
     [
         # A_V as stated, through the centre of the voxels.
         ("dark-globule", "dust", 27 / MAGNITUDE, 1e-6),
-        # sqrt(2 pi) times the scale height, density and cross section at 100 au; coarse cells lose a few per cent.
+        # sqrt(2 pi) times the scale height, density (with its Gaussian of 125 au) and cross section at 100 au; coarse
+        # cells lose a few per cent.
         ("dusty-disk", "disk", None, 0.1),
         ("hii-region", "dark bay", 4 / MAGNITUDE, 1e-6),
     ],
@@ -54,7 +55,8 @@ def test_optical_depths_at_550_nm(name: str, component: str, depth: float | None
     if depth is None:
         from skyscatter.optics.dust import dust_properties
 
-        hydrogen = part.optics.hydrogen_density * np.sqrt(2 * np.pi) * 15.5 * 1.495978707e11
+        at_100_au = np.exp(-((100 / 125) ** 2) / 2) * part.optics.hydrogen_density
+        hydrogen = at_100_au * np.sqrt(2 * np.pi) * 15.5 * 1.495978707e11
         depth = hydrogen * float(dust_properties("milky-way-5.5", [550.0]).cross_section[0])
     assert central_optical_depth(part, [550.0])[0] == pytest.approx(depth, rel=tolerance)
 
@@ -85,7 +87,7 @@ WALKS = {"dusty-disk": 128, "hii-region": 64, "reflection-nebula": 64, "turbulen
 #: runs of 256 walks a ray (2048 in the dusty disk).
 BRIGHTNESS = {
     "dark-globule": (0.2, (4.5894e-10, 5.3454e-10, 5.7663e-10), (1.9e-13, 2.2e-13, 2.4e-13)),
-    "dusty-disk": (0.0044, (1.2794e-09, 2.3004e-09, 3.0338e-09), (1.2e-12, 2.2e-12, 3.0e-12)),
+    "dusty-disk": (0.0044, (2.7964e-10, 5.9265e-10, 9.2980e-10), (2.6e-13, 5.5e-13, 1.5e-12)),
     "hii-region": (2.0, (1.5072e-07, 1.5164e-07, 3.0905e-07), (1.0e-09, 1.1e-09, 2.7e-09)),
     "reflection-nebula": (1.2, (1.5011e-08, 8.9507e-09, 5.0788e-09), (6.4e-11, 3.3e-11, 1.4e-11)),
     "ring-nebula": (0.5, (6.7385e-09, 1.3762e-08, 1.9335e-08), (2.4e-12, 3.9e-12, 5.1e-12)),
