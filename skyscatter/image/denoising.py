@@ -69,6 +69,8 @@ MEDIAN, DARKEST = 5, 0.01
 #: How many times brighter than its surroundings, in both halves, is what stands out, and what it is joined by; medians
 #: of every so many pixels.
 BRIGHT, JOINED, COARSE = 30.0, 10.0, 4
+#: It has sharp edges, within medians of so many pixels, or is known, with its neighbours, to this relative error.
+SMALL, KNOWN = 15, 0.15
 
 
 class Moments(NamedTuple):
@@ -287,12 +289,16 @@ def set_aside(a: Array, b: Array, mask: Mask) -> tuple[Mask, Array, Array]:
 
     Lamps and beams that are far brighter than all around are known well and stay as they are; a network sees black
     halos about them.  Chance seldom strikes twice: what is so bright in both halves is no speck.  The fainter edges of
-    a beam go with it, a horizon that is as faint stays.
+    a beam go with it, a horizon that is as faint stays, and so does the bright middle of a nebula, for it is noisy and
+    has no edge.
     """
-    from scipy.ndimage import binary_propagation
+    from scipy.ndimage import binary_propagation, median_filter
 
     wide = surroundings((a + b) / 2)
-    faint, bright = (np.any(np.minimum(a, b) > times * wide, axis=-1) for times in (JOINED, BRIGHT))
+    least, lit = np.minimum(a, b), np.ones(mask.shape, bool)
+    known = np.sqrt(around((a - b) ** 2, lit)) < KNOWN * around(a + b, lit)
+    small = least > JOINED * median_filter((a + b) / 2, (SMALL, SMALL, 1), mode="nearest")
+    faint, bright = (np.any((least > times * wide) & (known | small), axis=-1) for times in (JOINED, BRIGHT))
     standing = binary_propagation(bright, np.ones((3, 3)), faint)
     covered = [np.where(standing[..., None], wide, half) for half in (a, b)]
     return mask & ~standing, covered[0], covered[1]

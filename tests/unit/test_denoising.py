@@ -220,6 +220,16 @@ def test_the_edges_of_a_beam_go_with_it_and_a_horizon_does_not():
     assert shown[horizon].min() > 10
 
 
+def test_the_bright_middle_of_a_nebula_is_denoised():
+    """A smooth peak two hundred times as bright as all around; where it is known well it may stay."""
+    y, x = np.mgrid[:128, :128]
+    truth = (1.0 + 200 * np.exp(-((x - 64) ** 2 + (y - 64) ** 2) / 2 / 12**2))[..., None]
+    rng = np.random.default_rng(3)
+    a, b = (truth * (1 + 0.4 * rng.normal(size=(128, 128, 3))) for _ in range(2))
+    mask, _, _ = denoising.set_aside(a, b, np.ones((128, 128), bool))
+    assert mask.mean() > 0.99
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_stars_are_not_smeared(method):
     """What has no noise is not touched: a star ten thousand times as bright as what surrounds it."""
