@@ -10,12 +10,12 @@ square of the noise over the mean radiance of all but the six brightest pixels; 
 
 | model             | quadrature    | ratio         | residual ratio |
 |-------------------|---------------|---------------|----------------|
-| dusty-disk        | 0.34 s, 0.43  | 1.29 s, 0.91  | 1.37 s, 1.42   |
-| hii-region        | 1.03 s, 0.75  | 2.13 s, 0.71  | 1.98 s, 1.42   |
-| reflection-nebula | 0.50 s, 0.58  | 0.60 s, 0.72  | 0.63 s, 0.58   |
-| ring-nebula       | 0.57 s, 0.092 | 0.53 s, 0.097 | 0.50 s, 0.096  |
-| star-in-dust      | 1.80 s, 1.86  | 1.85 s, 1.83  | 1.86 s, 1.93   |
-| turbulent-pillar  | 0.34 s, 0.70  | 0.45 s, 0.57  | 0.43 s, 0.84   |
+| dusty-disk        | 0.72 s, 3.9   | 3.32 s, 4     | 3.83 s, 4.1    |
+| hii-region        | 0.91 s, 0.53  | 2.17 s, 0.58  | 2.16 s, 0.54   |
+| reflection-nebula | 0.46 s, 0.47  | 0.53 s, 0.5   | 0.52 s, 0.51   |
+| ring-nebula       | 0.40 s, 0.092 | 0.41 s, 0.096 | 0.41 s, 0.095  |
+| star-in-dust      | 1.72 s, 0.93  | 1.70 s, 1.5   | 1.67 s, 1.3    |
+| turbulent-pillar  | 0.38 s, 0.72  | 0.55 s, 0.5   | 0.60 s, 0.56   |
 
 The square of the median noise times the time is least by quadrature in each of them.  In dark-globule no light comes
 from a star.
