@@ -351,11 +351,13 @@ def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers
     # In doubt nearer to the raw picture.
     weight = found._replace(bias=found.bias + doubt).weight()
     change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (part_a + part_b)) / 2, 0.0) * level
-    # The picture as a whole keeps its light within a standard error; what is missing goes where there is noise.
-    noise = np.where(mask[..., None], np.sqrt(found.variance), 0.0) * level
-    lost, chance = -change.sum(axis=(0, 1)), np.sqrt((noise**2).sum(axis=(0, 1)))
+    # The picture as a whole keeps its light within a standard error.  What is missing goes where there is noise, but as
+    # a share of the light no more than at the median: what a speck has too much is missing all over.
+    noise = np.where(mask[..., None], np.sqrt(found.variance), 0.0) / level
+    lost, chance = -change.sum(axis=(0, 1)), np.sqrt((found.variance * (mask[..., None] * level) ** 2).sum(axis=(0, 1)))
     excess = np.sign(lost) * np.maximum(np.abs(lost) - chance, 0.0)
-    change += noise * (excess / np.maximum(noise.sum(axis=(0, 1)), 1e-300))
+    share = level**2 * np.minimum(noise, middle(noise, noise > 0))
+    change += share * (excess / np.maximum(share.sum(axis=(0, 1)), 1e-300))
     # How much is left of the noise goes by what lies around, how much there was by the pixel itself and its neighbours.
     left = np.clip(found.error(weight) / found.variance, 0.0, 1.0)
     return change, left * around(variance, mask)
