@@ -284,12 +284,14 @@ def test_radar_cloud(folder: Path, kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["R", "Iu", "Id"])
 def test_columns_of_the_radar_cloud(folder: Path, kind: str) -> None:
-    """Four columns, among them the thinnest and the thickest, within 2 %; a minute of one processor each."""
+    """Four columns, among them the thinnest and the thickest, within 2 %; three minutes of one processor each."""
     where = radar_cloud(folder)
     columns = np.array([int(where.tau.argmin()), 160, 480, int(where.tau.argmax())])
     expected = consensus(folder, 2, kind)[columns]
-    value, error = measure(kind, where, columns, np.full(4, 262_144))
+    value, error = measure(kind, where, columns, np.full(4, 1_048_576))
     print(
         f"radar cloud {kind}, columns {columns}: {np.round(100 * (value / expected - 1), 2)} % +- {100 * error / value}"
     )
+    # With a quarter of the walks the thinnest was 2.1 % off by chance, in one of four runs.
+    assert (error / value).max() < 0.006
     assert np.abs(value / expected - 1).max() < 0.02
