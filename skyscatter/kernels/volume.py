@@ -199,6 +199,17 @@ def guess_light(v, x, y, z, work, direct, diffuse):
 
 
 @inlined
+def open_light(v, x, y, z, out):
+    """Light that would reach a point if no medium were before the lights, into `out` (wavelength,)."""
+    for i in range(out.size):
+        out[i] = 0.0
+    for k in range(v.power.shape[0]):
+        _, _, _, _, fall = face_light(v, k, x, y, z)
+        for i in range(out.size):
+            out[i] += v.power[k, i] * fall
+
+
+@inlined
 def cell_place(space, axis, x, cells):
     """The cell whose centre lies before a coordinate on one axis, the next, and how far on between them it is."""
     u = (x - space.bound_low[axis]) / (space.bound_step[axis] * space.cells[axis])

@@ -15,12 +15,15 @@ from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.lookup import sort_few
 from skyscatter.kernels.optics import mix_components, transmittance
 from skyscatter.kernels.space import space_columns, space_densities
-from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, least_depth
+from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, least_depth, open_light
 
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
 #: Depth of its first stratum beyond which a dark leg is cut anew.
 COARSE = 1.0
+#: Share of the points that are drawn as if no medium were before the lights: the grid of the guess may be coarser than
+#: a hole around a star, and see none of the light in it.
+PLAIN = 0.05
 #: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
 STEEPEST = 40.0
 
@@ -35,8 +38,10 @@ class VolumeLeg(NamedTuple):
     light: np.ndarray  #: (stratum, wavelength) the same for the points at which light is fetched
     vertex_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of all light
     light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light
+    plain: np.ndarray  #: (stratum, wavelength) the same for points by the lights as they would be without a medium
+    plain_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times light without a medium before it
     escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
-    total: np.ndarray  #: (2, wavelength)
+    total: np.ndarray  #: (3, wavelength)
     draw: np.ndarray  #: (wavelength,) density [m-1] of a drawn point under each hero
 
 
@@ -45,7 +50,8 @@ def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg
     return VolumeLeg(
         np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros((strata, wavelengths)),
         np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros((strata + 1, wavelengths)),
-        np.zeros(wavelengths), np.zeros((2, wavelengths)), np.zeros(wavelengths),
+        np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros(wavelengths),
+        np.zeros((3, wavelengths)), np.zeros(wavelengths),
     )  # fmt: skip
 
 
@@ -129,16 +135,18 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
         cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg.edge)
         fill_columns_of_leg(v, x, d, leg, work)
     for i in range(wavelengths):
-        leg.total[0, i], leg.total[1, i], leg.escape[i] = 0.0, 0.0, 0.0
+        leg.total[0, i], leg.total[1, i], leg.total[2, i], leg.escape[i] = 0.0, 0.0, 0.0, 0.0
     for k in range(last + 1):
         t = leg.edge[k]
         transmittance(leg.column[k], v.sigma_t, work.through)
         a, b, c = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
         guess_light(v, a, b, c, work, leg.light_rim[k], leg.vertex_rim[k])
         correct_guess(v, a, b, c, leg.vertex_rim[k])
+        open_light(v, a, b, c, leg.plain_rim[k])
         for i in range(wavelengths):
             leg.light_rim[k, i] *= work.through[i]
             leg.vertex_rim[k, i] *= work.through[i]
+            leg.plain_rim[k, i] *= work.through[i]
         if k > 0:
             weigh_stratum(v, k - 1, leg)
     if v.glows and not camera:
@@ -147,9 +155,11 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     for i in range(wavelengths):
         found += leg.total[1, i]
         low, high = 1.0 / max(leg.total[0, i], 1e-300), 1.0 / max(leg.total[1, i], 1e-300)
+        plain = 1.0 / max(leg.total[2, i], 1e-300)
         for k in range(last):
             leg.light[k, i] *= low
             leg.vertex[k, i] *= high
+            leg.plain[k, i] *= plain
     return found > 0.0
 
 
@@ -167,6 +177,8 @@ def weigh_stratum(v, k, leg):
         a, b = leg.vertex_rim[k, i], leg.vertex_rim[k + 1, i]
         leg.vertex[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
         leg.total[1, i] += leg.vertex[k, i]
+        leg.plain[k, i] = scattering * 0.5 * (leg.plain_rim[k, i] + leg.plain_rim[k + 1, i])
+        leg.total[2, i] += leg.plain[k, i]
 
 
 @kernel
@@ -201,32 +213,45 @@ def steepness(low, high):
     return min(max(math.log(low / high), -STEEPEST), STEEPEST)
 
 
-@kernel
-def draw_point(chance, rim, edge, hero, u, density):
-    """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
-
-    Returns the distance and the stratum; the stratum is -1 when the hero finds nothing.
-    """
-    last = chance.shape[0]
+@inlined
+def pick_stratum(chance, hero, u):
+    """The stratum in which u falls, by the hero's chances, and where in it; -1 if there is none."""
     below, k, share = 0.0, -1, 0.0
-    for j in range(last):
+    for j in range(chance.shape[0]):
         c = chance[j, hero]
         if c > 0.0:
             k, share = j, min((u - below) / c, 1.0)
             below += c
             if u < below:
                 break
+    return k, share
+
+
+@kernel
+def draw_point(chance, rim, leg, hero, u, density):
+    """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
+
+    Some points are drawn evenly within strata by the leg's plain chances instead.  Returns the distance and the
+    stratum; the stratum is -1 when the hero finds nothing.
+    """
+    plainly = PLAIN if leg.total[2, hero] > 0.0 else 0.0
+    if u < plainly:
+        k, share = pick_stratum(leg.plain, hero, u / PLAIN)
+    else:
+        k, share = pick_stratum(chance, hero, (u - plainly) / (1.0 - plainly))
     if k < 0:
         return 0.0, k
     a = steepness(rim[k, hero], rim[k + 1, hero])
-    width = edge[k + 1] - edge[k]
-    s = share if abs(a) < 1e-6 else -math.log1p(share * math.expm1(-a)) / a
+    width = leg.edge[k + 1] - leg.edge[k]
+    even = u < plainly or abs(a) < 1e-6
+    s = share if even else -math.log1p(share * math.expm1(-a)) / a
     s = min(max(s, 0.0), 1.0)
     for i in range(density.size):
         a = steepness(rim[k, i], rim[k + 1, i])
         fall = 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
-        density[i] = chance[k, i] * fall / width
-    return edge[k] + s * width, k
+        plainly = PLAIN if leg.total[2, i] > 0.0 else 0.0
+        density[i] = ((1.0 - plainly) * chance[k, i] * fall + plainly * leg.plain[k, i]) / width
+    return leg.edge[k] + s * width, k
 
 
 @inlined

@@ -88,7 +88,7 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
     if v.power.shape[0] == 0:
         return
     for m in range(LIT_POINTS):
-        t, k = draw_point(leg.light, leg.light_rim, leg.edge, hero, (m + u) / LIT_POINTS, leg.draw)
+        t, k = draw_point(leg.light, leg.light_rim, leg, hero, (m + u) / LIT_POINTS, leg.draw)
         if k < 0:
             return
         mean = 0.0
@@ -125,7 +125,7 @@ def go_to_vertex(v, hero, u, leg, work, walk):
     if v.power.shape[0] == 0 and v.correction.shape[0] > 0:
         t, k = fly_forced(v, hero, u, leg, work, walk)
     else:
-        t, k = draw_point(leg.vertex, leg.vertex_rim, leg.edge, hero, u, leg.draw)
+        t, k = draw_point(leg.vertex, leg.vertex_rim, leg, hero, u, leg.draw)
     if k < 0:
         return False
     columns_to(v, x, d, leg, k, t, work)
