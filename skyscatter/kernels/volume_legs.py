@@ -228,15 +228,15 @@ def pick_stratum(chance, hero, u):
 
 
 @kernel
-def draw_point(chance, rim, leg, hero, u, density):
+def draw_point(chance, rim, leg, plain, hero, u, density):
     """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
 
-    Some points are drawn evenly within strata by the leg's plain chances instead.  Returns the distance and the
-    stratum; the stratum is -1 when the hero finds nothing.
+    The share `plain` of the points is drawn evenly within strata by the leg's plain chances instead.  Returns the
+    distance and the stratum; the stratum is -1 when the hero finds nothing.
     """
-    plainly = PLAIN if leg.total[2, hero] > 0.0 else 0.0
+    plainly = plain if leg.total[2, hero] > 0.0 else 0.0
     if u < plainly:
-        k, share = pick_stratum(leg.plain, hero, u / PLAIN)
+        k, share = pick_stratum(leg.plain, hero, u / plainly)
     else:
         k, share = pick_stratum(chance, hero, (u - plainly) / (1.0 - plainly))
     if k < 0:
@@ -249,7 +249,7 @@ def draw_point(chance, rim, leg, hero, u, density):
     for i in range(density.size):
         a = steepness(rim[k, i], rim[k + 1, i])
         fall = 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
-        plainly = PLAIN if leg.total[2, i] > 0.0 else 0.0
+        plainly = plain if leg.total[2, i] > 0.0 else 0.0
         density[i] = ((1.0 - plainly) * chance[k, i] * fall + plainly * leg.plain[k, i]) / width
     return leg.edge[k] + s * width, k
 

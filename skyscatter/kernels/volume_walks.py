@@ -33,6 +33,7 @@ from skyscatter.kernels.space import clip_to_space, space_densities
 from skyscatter.kernels.tracking import QUADRATURE, light_reaching, watch_point
 from skyscatter.kernels.volume import VolumeTable, VolumeWork, make_volume_work
 from skyscatter.kernels.volume_legs import (
+    PLAIN,
     VolumeLeg,
     columns_to,
     draw_point,
@@ -88,7 +89,7 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
     if v.power.shape[0] == 0:
         return
     for m in range(LIT_POINTS):
-        t, k = draw_point(leg.light, leg.light_rim, leg, hero, (m + u) / LIT_POINTS, leg.draw)
+        t, k = draw_point(leg.light, leg.light_rim, leg, PLAIN, hero, (m + u) / LIT_POINTS, leg.draw)
         if k < 0:
             return
         mean = 0.0
@@ -125,7 +126,9 @@ def go_to_vertex(v, hero, u, leg, work, walk):
     if v.power.shape[0] == 0 and v.correction.shape[0] > 0:
         t, k = fly_forced(v, hero, u, leg, work, walk)
     else:
-        t, k = draw_point(leg.vertex, leg.vertex_rim, leg, hero, u, leg.draw)
+        # Light that diffuses fills what the guess does not resolve, and is followed over too many orders to lose any.
+        plain = 0.0 if v.correction.shape[0] > 0 else PLAIN
+        t, k = draw_point(leg.vertex, leg.vertex_rim, leg, plain, hero, u, leg.draw)
     if k < 0:
         return False
     columns_to(v, x, d, leg, k, t, work)
