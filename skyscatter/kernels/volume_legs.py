@@ -34,10 +34,12 @@ class VolumeLeg(NamedTuple):
 
     edge: np.ndarray  #: (stratum + 1,) distances [m]
     column: np.ndarray  #: (stratum + 1, component) columns from the start of the leg [m]
+    star: np.ndarray  #: (2,) where the main light is nearest, and its height over the leg [m], 0 without one
+    angle: np.ndarray  #: (stratum + 1,) of the edges, as `angle_of` tells
     vertex: np.ndarray  #: (stratum, wavelength) chance that the next vertex lies in a stratum, under each hero
     light: np.ndarray  #: (stratum, wavelength) the same for the points at which light is fetched
     vertex_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of all light
-    light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light
+    light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light, over the angle
     plain: np.ndarray  #: (stratum, wavelength) the same for points by the lights as they would be without a medium
     plain_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times light without a medium before it
     escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
@@ -48,10 +50,10 @@ class VolumeLeg(NamedTuple):
 def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg:
     """An empty leg."""
     return VolumeLeg(
-        np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros((strata, wavelengths)),
-        np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros((strata + 1, wavelengths)),
-        np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)), np.zeros(wavelengths),
-        np.zeros((3, wavelengths)), np.zeros(wavelengths),
+        np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros(2), np.zeros(strata + 1),
+        np.zeros((strata, wavelengths)), np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)),
+        np.zeros((strata + 1, wavelengths)), np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)),
+        np.zeros(wavelengths), np.zeros((3, wavelengths)), np.zeros(wavelengths),
     )  # fmt: skip
 
 
@@ -73,11 +75,34 @@ def main_light(v, x, d, start, end):
     return chosen, place, max(apart, 1e-6 * (end - start))
 
 
+@inlined
+def angle_of(near, height, t):
+    """Angle in which the main light sees the distance t along a leg; the distance itself where there is no height.
+
+    A star lights equal angles alike: over the angle its light has no peak, however near to it the leg passes.
+    """
+    return math.atan((t - near) / height) if height > 0.0 else t
+
+
+@inlined
+def distance_of(near, height, angle):
+    """The distance along a leg at an angle."""
+    return near + height * math.tan(angle) if height > 0.0 else angle
+
+
+@inlined
+def per_angle(near, height, t):
+    """Distance per angle [m] at the distance t along a leg."""
+    return height + (t - near) ** 2 / height if height > 0.0 else 1.0
+
+
 @kernel
-def cut_leg(v, x, d, start, end, uniformly, edge):
+def cut_leg(v, x, d, start, end, uniformly, leg):
     """Edges of the strata of a leg: equal angles around the main light, and steps that are equal or grow."""
+    edge = leg.edge
     strata = edge.size - 1
     chosen, near, apart = main_light(v, x, d, start, end)
+    leg.star[0], leg.star[1] = near, apart if chosen >= 0 else 0.0
     n = 0
     steps = strata
     if chosen >= 0:
@@ -93,6 +118,8 @@ def cut_leg(v, x, d, start, end, uniformly, edge):
         n += 1
     edge[n], edge[n + 1] = start, end
     sort_few(edge, n + 2)
+    for k in range(strata + 1):
+        leg.angle[k] = angle_of(leg.star[0], leg.star[1], edge[k])
 
 
 @kernel
@@ -128,11 +155,11 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
     last = leg.edge.size - 1
     wavelengths = leg.draw.size
-    cut_leg(v, x, d, start, end, camera, leg.edge)
+    cut_leg(v, x, d, start, end, camera, leg)
     fill_columns_of_leg(v, x, d, leg, work)
     if least_depth(v, leg.column[1]) > COARSE and least_depth(v, leg.column[last]) > DARK:
         # The leg goes on in the dark for long: its strata belong to where there is light.
-        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg.edge)
+        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg)
         fill_columns_of_leg(v, x, d, leg, work)
     for i in range(wavelengths):
         leg.total[0, i], leg.total[1, i], leg.total[2, i], leg.escape[i] = 0.0, 0.0, 0.0, 0.0
@@ -143,8 +170,9 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
         guess_light(v, a, b, c, work, leg.light_rim[k], leg.vertex_rim[k])
         correct_guess(v, a, b, c, leg.vertex_rim[k])
         open_light(v, a, b, c, leg.plain_rim[k])
+        stretch = per_angle(leg.star[0], leg.star[1], t)
         for i in range(wavelengths):
-            leg.light_rim[k, i] *= work.through[i]
+            leg.light_rim[k, i] *= work.through[i] * stretch
             leg.vertex_rim[k, i] *= work.through[i]
             leg.plain_rim[k, i] *= work.through[i]
         if k > 0:
@@ -166,13 +194,15 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
 @inlined
 def weigh_stratum(v, k, leg):
     """Chances of stratum k: the scattering on it times the logarithmic mean of the values at its edges."""
+    width, turned = leg.edge[k + 1] - leg.edge[k], leg.angle[k + 1] - leg.angle[k]
+    turned = turned / width if width > 0.0 else 0.0
     for i in range(leg.draw.size):
         scattering = 0.0
         for c in range(leg.column.shape[1]):
             scattering += (leg.column[k + 1, c] - leg.column[k, c]) * v.sigma_s[c, i]
         # Carlson (1972), Am. Math. Mon. 79, 615: (2 geometric + arithmetic) / 3 is close to the logarithmic mean.
         a, b = leg.light_rim[k, i], leg.light_rim[k + 1, i]
-        leg.light[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.light[k, i] = scattering * turned * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
         leg.total[0, i] += leg.light[k, i]
         a, b = leg.vertex_rim[k, i], leg.vertex_rim[k + 1, i]
         leg.vertex[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
@@ -227,12 +257,27 @@ def pick_stratum(chance, hero, u):
     return k, share
 
 
+@inlined
+def place_in_stratum(rim, k, hero, share):
+    """Where in stratum k, from 0 to 1, by the exponential that joins the hero's values at its edges."""
+    a = steepness(rim[k, hero], rim[k + 1, hero])
+    return share if abs(a) < 1e-6 else min(max(-math.log1p(share * math.expm1(-a)) / a, 0.0), 1.0)
+
+
+@inlined
+def density_in_stratum(rim, k, i, s):
+    """Density of `place_in_stratum` at s under hero i."""
+    a = steepness(rim[k, i], rim[k + 1, i])
+    return 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
+
+
 @kernel
-def draw_point(chance, rim, leg, plain, hero, u, density):
+def draw_point(chance, rim, by_angle, leg, plain, hero, u, density):
     """A distance along a leg drawn with the hero's chances; its density [m-1] under every hero into `density`.
 
-    The share `plain` of the points is drawn evenly within strata by the leg's plain chances instead.  Returns the
-    distance and the stratum; the stratum is -1 when the hero finds nothing.
+    Within a stratum by the exponential that joins the values of the rim, over the distance or over the angle around
+    the main light.  The share `plain` of the points is drawn evenly within strata by the leg's plain chances instead.
+    Returns the distance and the stratum; the stratum is -1 when the hero finds nothing.
     """
     plainly = plain if leg.total[2, hero] > 0.0 else 0.0
     if u < plainly:
@@ -241,17 +286,21 @@ def draw_point(chance, rim, leg, plain, hero, u, density):
         k, share = pick_stratum(chance, hero, (u - plainly) / (1.0 - plainly))
     if k < 0:
         return 0.0, k
-    a = steepness(rim[k, hero], rim[k + 1, hero])
-    width = leg.edge[k + 1] - leg.edge[k]
-    even = u < plainly or abs(a) < 1e-6
-    s = share if even else -math.log1p(share * math.expm1(-a)) / a
-    s = min(max(s, 0.0), 1.0)
+    edge, near, height = leg.angle if by_angle else leg.edge, leg.star[0], leg.star[1] if by_angle else 0.0
+    first, last, low, whole = leg.edge[k], leg.edge[k + 1], edge[k], edge[k + 1] - edge[k]
+    if u < plainly:
+        t = first + share * (last - first)
+        s = (angle_of(near, height, t) - low) / max(whole, 1e-300)
+    else:
+        s = place_in_stratum(rim, k, hero, share)
+        t = distance_of(near, height, low + s * whole)
+    t, s = min(max(t, first), last), min(max(s, 0.0), 1.0)
+    over = 1.0 / max(whole * per_angle(near, height, t), 1e-300)
     for i in range(density.size):
-        a = steepness(rim[k, i], rim[k + 1, i])
-        fall = 1.0 if abs(a) < 1e-6 else -a * math.exp(-a * s) / math.expm1(-a)
         plainly = plain if leg.total[2, i] > 0.0 else 0.0
-        density[i] = ((1.0 - plainly) * chance[k, i] * fall + plainly * leg.plain[k, i]) / width
-    return leg.edge[k] + s * width, k
+        drawn = chance[k, i] * density_in_stratum(rim, k, i, s) * over
+        density[i] = (1.0 - plainly) * drawn + plainly * leg.plain[k, i] / max(last - first, 1e-300)
+    return t, k
 
 
 @inlined

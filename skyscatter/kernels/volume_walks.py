@@ -89,7 +89,7 @@ def fetch_light(v, hero, u, leg, work, walker, walk):
     if v.power.shape[0] == 0:
         return
     for m in range(LIT_POINTS):
-        t, k = draw_point(leg.light, leg.light_rim, leg, PLAIN, hero, (m + u) / LIT_POINTS, leg.draw)
+        t, k = draw_point(leg.light, leg.light_rim, True, leg, PLAIN, hero, (m + u) / LIT_POINTS, leg.draw)
         if k < 0:
             return
         mean = 0.0
@@ -128,7 +128,7 @@ def go_to_vertex(v, hero, u, leg, work, walk):
     else:
         # Light that diffuses fills what the guess does not resolve, and is followed over too many orders to lose any.
         plain = 0.0 if v.correction.shape[0] > 0 else PLAIN
-        t, k = draw_point(leg.vertex, leg.vertex_rim, leg, plain, hero, u, leg.draw)
+        t, k = draw_point(leg.vertex, leg.vertex_rim, False, leg, plain, hero, u, leg.draw)
     if k < 0:
         return False
     columns_to(v, x, d, leg, k, t, work)

@@ -62,8 +62,8 @@ def split(wanted, s):
     largest = 0.0
     for i in range(value.size):
         largest = max(largest, value[i])
-    # The number must not depend on the hero, nor does the value.  A walk that is worth no more than where it began keeps
-    # what roulette or the index of refraction has given it.
+    # The number must not depend on the hero, nor does the value.  A walk that is worth no more than where it began
+    # keeps what roulette or the index of refraction has given it.
     if not wanted < 1.0 or not largest > SPLIT_ABOVE * wanted or n >= s.parts.shape[0]:
         return False
     parts = min(int(largest / wanted), MOST_PARTS)

@@ -1,0 +1,52 @@
+"""Points at which legs of walks fetch starlight: how much more one of them can bring than all do on average."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from nebulae import dusty_sphere
+
+from skyscatter.kernels.jit import entry
+from skyscatter.kernels.volume import make_volume_work
+from skyscatter.kernels.volume_legs import draw_point, make_volume_leg, prepare_volume_leg
+from skyscatter.kernels.volume_walks import LEG_STRATA, PLAIN
+from skyscatter.solvers.volume import compile_volume
+
+
+@entry
+def draw_points(v, x, d, far, u, leg, work, place, density):
+    """Distances (point,) along a leg of the length `far`, one per number u, and their densities."""
+    prepare_volume_leg(v, x, d, 0.0, far, np.bool_(False), 0.5, leg, work)
+    for n in range(u.size):
+        place[n], _ = draw_point(leg.light, leg.light_rim, True, leg, PLAIN, np.int64(0), u[n], leg.draw)
+        density[n] = leg.draw[0]
+
+
+@pytest.mark.parametrize("tau", [0.1, 10.0])
+@pytest.mark.parametrize("height", [0.3, 1e-2, 1e-4, 1e-6])
+def test_no_point_brings_much_more_than_all_on_average(tau: float, height: float) -> None:
+    """However near to the star a leg passes; drawn by the distance the spread was 9 at 1e-4, 60 at 1e-6."""
+    table = compile_volume(dusty_sphere(tau), (550.0,))
+    leg, work = make_volume_leg(LEG_STRATA, 1, 1), make_volume_work(1, 1)
+    # From a radius of 0.85 past the star in the centre of a sphere of radius 1.
+    towards = math.asin(height / 0.85)
+    x, d = np.array([0.0, 0.0, 0.85]), np.array([math.sin(towards), 0.0, -math.cos(towards)])
+    along = 0.85 * math.cos(towards)
+    far = along + math.sqrt(1.0 - height * height)
+    u = (np.arange(20000) + 0.5) / 20000
+    place, density = np.zeros((2, u.size))
+    draw_points(table, x, d, far, u, leg, work, place, density)
+    square = height**2 + (place - along) ** 2
+    weight = np.exp(-tau * (place + np.sqrt(square))) / square / density
+    # The same over the angle, where it is smooth: trapezoid.
+    angle = np.linspace(math.atan(-along / height), math.atan((far - along) / height), 200001)
+    t = along + height * np.tan(angle)
+    light = np.exp(-tau * (t + np.hypot(height, t - along))) / height
+    whole = np.trapezoid(light, angle)
+    weight /= whole
+    print(f"tau {tau:g}, height {height:g}: {weight.mean():.5f}, spread {weight.std():.2f}, most {weight.max():.1f}")
+    assert weight.mean() == pytest.approx(1.0, rel=2e-3)
+    assert weight.std() < 1.5
+    assert weight.max() < 100.0
