@@ -40,10 +40,10 @@ class VolumeLeg(NamedTuple):
     light: np.ndarray  #: (stratum, wavelength) the same for the points at which light is fetched
     vertex_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of all light
     light_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times guess of the direct light, over the angle
-    plain: np.ndarray  #: (stratum, wavelength) the same for points by the lights as they would be without a medium
+    plain: np.ndarray  #: (stratum, wavelength) chances by the lights as they would be with no medium before them
     plain_rim: np.ndarray  #: (stratum + 1, wavelength) transmittance times light without a medium before it
     escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
-    total: np.ndarray  #: (3, wavelength)
+    total: np.ndarray  #: (3, wavelength) sums of `light`, `vertex` and `plain` before they were made chances
     draw: np.ndarray  #: (wavelength,) density [m-1] of a drawn point under each hero
 
 

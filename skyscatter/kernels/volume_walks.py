@@ -10,7 +10,8 @@ stratum would hand on.  From these chances come
   rises towards the stars, flights in their direction are stretched and others shortened: the bias towards the source
   that optically deep media need (exponential transform; Dwivedi 1982, Ann. Nucl. Energy 9, 359).
 
-Within a stratum the point is drawn from the exponential that joins the values at both edges.  Directions are kept from
+Within a stratum the point is drawn from the exponential that joins the values at both edges, where starlight is fetched
+over the angle around the star.  Directions are kept from
 a few candidates by phase function times a guess of the light that comes from there (`kernels.volume_turns`).
 
 One wavelength, the hero, drives the draws and all of them count by the balance heuristic, as in `kernels.path`: there

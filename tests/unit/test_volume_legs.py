@@ -47,6 +47,8 @@ def test_no_point_brings_much_more_than_all_on_average(tau: float, height: float
     whole = np.trapezoid(light, angle)
     weight /= whole
     print(f"tau {tau:g}, height {height:g}: {weight.mean():.5f}, spread {weight.std():.2f}, most {weight.max():.1f}")
-    assert weight.mean() == pytest.approx(1.0, rel=2e-3)
-    assert weight.std() < 1.5
-    assert weight.max() < 100.0
+    # 20 000 even numbers: 8e-4 off at most.  At depth 10 a stratum beyond the star is 20 deep, and its exponential over
+    # the angle leaves points that weigh 32, with a spread of 1.12; at depth 0.1 the spread is 0.25.
+    assert weight.mean() == pytest.approx(1.0, rel=1e-3)
+    assert weight.std() < (0.3 if tau < 1 else 1.2)
+    assert weight.max() < 40.0
