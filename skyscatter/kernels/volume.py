@@ -21,6 +21,9 @@ from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.optics import transmittance
 from skyscatter.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
 
+#: Mean cosine of scattering beyond which the guess of light does not go: what it calls dark is looked into as well.
+MOST_FORWARD = 0.8
+
 
 @by_address
 class MeanPhase(NamedTuple):
@@ -62,6 +65,8 @@ class VolumeTable(NamedTuple):
     #: (x, y, z, wavelength) logarithm of what the guess of all light is to be multiplied by; empty where it is good
     correction: np.ndarray
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
+    #: (light, axis, 2) where on an axis the guide's nodes crowd, from 0 to 1, and the node there; -1 for even nodes
+    focus: np.ndarray
 
 
 @by_address
@@ -145,21 +150,32 @@ def light_arriving(v, k, x, y, z, work):
 
 
 @inlined
-def guide_place(space, axis, x, nodes):
-    """Where a coordinate lies on one axis of the guide, in cells; the guide repeats as the medium does."""
+def guide_place(v, k, axis, x, nodes):
+    """Where a coordinate lies on one axis of light k's guide, in cells; the guide repeats as the medium does.
+
+    Around a star, where a hole in the dust may be small, cells grow with the square of their number: the root of the
+    distance counts.
+    """
+    space, last = v.space, nodes - 1
     u = (x - space.bound_low[axis]) / (space.bound_step[axis] * space.cells[axis])
     if space.bound_wrap[axis] != 0:
         u -= math.floor(u)
-    return min(max(u, 0.0), 1.0) * (nodes - 1)
+    u = min(max(u, 0.0), 1.0)
+    middle, node = v.focus[k, axis, 0], v.focus[k, axis, 1]
+    if node < 0.0:
+        return u * last
+    if u < middle:
+        return node - node * math.sqrt((middle - u) / middle)
+    return node + (last - node) * math.sqrt((u - middle) / max(1.0 - middle, 1e-300))
 
 
 @inlined
 def guide_columns(v, k, x, y, z, d, out):
     """Columns towards light k, at distance `d`, from the table of the guide, into `out` (component,)."""
     shape = v.guide.shape
-    u = guide_place(v.space, 0, x, shape[1])
-    s = guide_place(v.space, 1, y, shape[2])
-    t = guide_place(v.space, 2, z, shape[3])
+    u = guide_place(v, k, 0, x, shape[1])
+    s = guide_place(v, k, 1, y, shape[2])
+    t = guide_place(v, k, 2, z, shape[3])
     i, j, m = min(int(u), shape[1] - 2), min(int(s), shape[2] - 2), min(int(t), shape[3] - 2)
     u, s, t = u - i, s - j, t - m
     g = v.guide
@@ -174,18 +190,28 @@ def guide_columns(v, k, x, y, z, d, out):
 
 
 @inlined
-def guess_light(v, x, y, z, work, direct, diffuse):
-    """Guesses of the light at a point, each (wavelength,): from the lights straight, and all of it.
+def forward_gain(g, cosine):
+    """What scattering by an angle counts for over its mean: the phase function of Henyey & Greenstein times 4 pi."""
+    b = 1.0 + g * (g - 2.0 * cosine)
+    return (1.0 - g * g) / (b * math.sqrt(b))
+
+
+@inlined
+def guess_light(v, x, y, z, d, g, work, direct, diffuse):
+    """Guesses of the light that is scattered at a point against the direction d, each (wavelength,): straight, and all.
 
     Multiply scattered light of a point falls about as (1 + tau) exp(-kappa tau) / d^2 with the exponent kappa of
-    diffusion, which is 1 for black and 0 for white media.
+    diffusion, which is 1 for black and 0 for white media.  It counts by the angle too, with the mean cosine g of one
+    scattering where it comes straight, and with less the deeper the light is.  Over all directions that is one.
     """
     for i in range(direct.size):
         direct[i] = 1e-6 * v.floor[i]
         diffuse[i] = v.floor[i]
     for k in range(v.power.shape[0]):
-        _, _, _, d, fall = face_light(v, k, x, y, z)
-        guide_columns(v, k, x, y, z, d, work.to_light)
+        a, b, c, far, fall = face_light(v, k, x, y, z)
+        cosine = a * d[0] + b * d[1] + c * d[2]
+        straight = forward_gain(g, cosine)
+        guide_columns(v, k, x, y, z, far, work.to_light)
         for i in range(direct.size):
             work.spare[i] = 0.0
         for c in range(work.to_light.size):
@@ -194,8 +220,9 @@ def guess_light(v, x, y, z, work, direct, diffuse):
         for i in range(direct.size):
             tau = work.spare[i]
             light = v.power[k, i] * fall
-            direct[i] += light * fast_exp(-tau)
-            diffuse[i] += light * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
+            direct[i] += light * straight * fast_exp(-tau)
+            turned = forward_gain(g * (0.1 + tau * g * fast_exp((g - 1.0) * tau)) / (0.1 + tau), cosine)
+            diffuse[i] += light * turned * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
 
 
 @inlined
@@ -261,6 +288,12 @@ def forwardness(v, density):
 
 
 @inlined
+def guessed_forwardness(v, density):
+    """`forwardness` as the guess of light goes by it: not below 0, and at most `MOST_FORWARD`."""
+    return min(max(forwardness(v, density), 0.0), MOST_FORWARD)
+
+
+@inlined
 def nearest_star(v, x):
     """Distance to the nearest point light [m]."""
     near = math.inf
@@ -272,15 +305,19 @@ def nearest_star(v, x):
 
 
 @kernel
-def middle_guess(v, x, y, z, work):
-    """The corrected guess of all light at the middle wavelength; ``work.to_light`` is overwritten."""
+def middle_guess(v, x, y, z, d, g, work):
+    """The corrected guess of all light at the middle wavelength; ``work.to_light`` is overwritten.
+
+    It is 4 pi times the light that comes from the direction d, or with g = 0 the mean over all directions.
+    """
     middle = v.power.shape[1] // 2
     total = v.floor[middle]
     for k in range(v.power.shape[0]):
-        _, _, _, d, fall = face_light(v, k, x, y, z)
-        guide_columns(v, k, x, y, z, d, work.to_light)
+        a, b, c, far, fall = face_light(v, k, x, y, z)
+        guide_columns(v, k, x, y, z, far, work.to_light)
         tau = depth_at(v, work.to_light, middle)
-        total += v.power[k, middle] * fall * (0.1 + tau) * fast_exp(-v.decay[middle] * tau)
+        gain = forward_gain(g * fast_exp((g - 1.0) * tau), a * d[0] + b * d[1] + c * d[2])
+        total += gain * v.power[k, middle] * fall * (0.1 + tau) * fast_exp(-v.decay[middle] * tau)
     table = v.correction
     i0, i1, u = cell_place(v.space, 0, x, table.shape[0])
     j0, j1, s = cell_place(v.space, 1, y, table.shape[1])
@@ -296,11 +333,21 @@ def middle_guess(v, x, y, z, work):
 
 @entry
 def fill_guide(v, points, work, out):
-    """Mean densities towards every light (columns to distant ones) at `points` (n, 3), into (light, n, component)."""
+    """Mean densities towards every light (columns to distant ones) at its `points` (light, n, 3), into `out`."""
     for k in range(out.shape[0]):
-        for n in range(points.shape[0]):
-            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        for n in range(points.shape[1]):
+            x, y, z = points[k, n, 0], points[k, n, 1], points[k, n, 2]
             a, b, c, d, _ = face_light(v, k, x, y, z)
             columns_ahead(v, x, y, z, a, b, c, d, work, work.to_light)
             for m in range(out.shape[2]):
                 out[k, n, m] = work.to_light[m] if v.distant[k] else work.to_light[m] / max(d, 1e-300)
+
+
+@entry
+def read_guide(v, points, out):
+    """Columns [m] towards every light by the guide at `points` (n, 3), into `out` (light, n, component)."""
+    for k in range(out.shape[0]):
+        for n in range(points.shape[0]):
+            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            _, _, _, d, _ = face_light(v, k, x, y, z)
+            guide_columns(v, k, x, y, z, d, out[k, n])

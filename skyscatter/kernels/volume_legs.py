@@ -15,7 +15,7 @@ from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.lookup import sort_few
 from skyscatter.kernels.optics import mix_components, transmittance
 from skyscatter.kernels.space import space_columns, space_densities
-from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, least_depth, open_light
+from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, guessed_forwardness, least_depth, open_light
 
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
@@ -163,11 +163,12 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
         fill_columns_of_leg(v, x, d, leg, work)
     for i in range(wavelengths):
         leg.total[0, i], leg.total[1, i], leg.total[2, i], leg.escape[i] = 0.0, 0.0, 0.0, 0.0
+    g = guessed_forwardness(v, leg.column[last])
     for k in range(last + 1):
         t = leg.edge[k]
         transmittance(leg.column[k], v.sigma_t, work.through)
         a, b, c = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
-        guess_light(v, a, b, c, work, leg.light_rim[k], leg.vertex_rim[k])
+        guess_light(v, a, b, c, d, g, work, leg.light_rim[k], leg.vertex_rim[k])
         correct_guess(v, a, b, c, leg.vertex_rim[k])
         open_light(v, a, b, c, leg.plain_rim[k])
         stretch = per_angle(leg.star[0], leg.star[1], t)

@@ -18,6 +18,7 @@ from skyscatter.kernels.volume import (
     depth_at,
     face_light,
     forwardness,
+    guessed_forwardness,
     guide_columns,
     middle_guess,
     nearest_star,
@@ -157,14 +158,15 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         deep = near + share * (far - near)
     by_law = 0.5
     corrected = v.correction.shape[0] > 0
-    far, here = 0.0, 0.0
+    far, here, g = 0.0, 0.0, 0.0
     if corrected:
         share = 1.0 if depth < 0.0 else share
         # Never as far as a star, where the guess knows no bounds.
         far = min(transport_length(v, work.density), SHY * nearest_star(v, x))
         # The more directions are kept in scattering, the less is left for the guess to choose.
         by_law *= 1.0 - share * forwardness(v, work.density)
-        here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], work)
+        here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], d, 0.0, work)
+        g = guessed_forwardness(v, work.density)
     total, kept, chosen = 0.0, 0.0, False
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
@@ -179,7 +181,7 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         law = direction_law(v, d, lights, around, deep)
         wanted = law
         if corrected and share > 0.0:
-            ahead = middle_guess(v, x[0] + far * d[0], x[1] + far * d[1], x[2] + far * d[2], work)
+            ahead = middle_guess(v, x[0] + far * d[0], x[1] + far * d[1], x[2] + far * d[2], d, g, work)
             wanted += share * (ahead / here - law)
         wanted *= phase
         weight = wanted / (by_law * law + (1.0 - by_law) * phase)

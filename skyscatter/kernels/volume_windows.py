@@ -20,7 +20,14 @@ from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.space import space_densities
-from skyscatter.kernels.volume import correct_guess, forwardness, guess_light, nearest_star, transport_length
+from skyscatter.kernels.volume import (
+    correct_guess,
+    forwardness,
+    guess_light,
+    guessed_forwardness,
+    nearest_star,
+    transport_length,
+)
 from skyscatter.kernels.volume_turns import SHY
 
 #: The window, in parts of what a walk promised at its first vertex.
@@ -65,12 +72,13 @@ def promise(v, first, work, walk, spare):
     what another has, and is looked for all the same.  ``work.density`` holds the densities at the vertex.
     """
     p, d, shift = walk.position, walk.direction, 0.0
+    g = guessed_forwardness(v, work.density)
     if v.correction.shape[0] > 0:
         # In diffusing light what a direction is worth is what lies where it leads, as far as scattering remembers it.
         shift = forwardness(v, work.density) * transport_length(v, work.density)
         shift = min(shift, SHY * nearest_star(v, p))
     x, y, z = p[0] + shift * d[0], p[1] + shift * d[1], p[2] + shift * d[2]
-    guess_light(v, x, y, z, work, work.through, spare)
+    guess_light(v, x, y, z, d, g, work, work.through, spare)
     correct_guess(v, x, y, z, spare)
     total = 0.0
     for i in range(spare.size):

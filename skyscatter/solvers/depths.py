@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers.diffusion import mean_cosines
+from skyscatter.solvers.guide import guided_columns
 
 if TYPE_CHECKING:
     from skyscatter.kernels.volume import VolumeTable
@@ -65,15 +66,8 @@ def _columns(table: VolumeTable, rays: Rays) -> Array:
         one, two = (low - origins) / directions, (low + size - origins) / directions
     near = np.nanmax(np.where(np.isfinite(one), np.minimum(one, two), -np.inf), axis=1)
     points = origins + np.maximum(np.where(np.isfinite(near), near, 0.0), 0.0)[:, None] * directions
-    nodes = np.array(table.guide.shape[1:4])
-    place = np.clip(np.rint((points - low) / size * (nodes - 1)), 0, nodes - 1).astype(int)
-    found = []
-    for k in range(len(table.power)):
-        columns = table.guide[k][tuple(place.T)]
-        if not table.distant[k]:
-            at = low + place / (nodes - 1) * size
-            columns = columns * np.linalg.norm(at - table.place[k], axis=1)[:, None]
-        found.append(columns)
+    # A ray that misses the medium counts as one that touches it.
+    found = guided_columns(table, np.clip(points, low, low + size))
     # The light that is easiest to reach.
-    depth = np.array([c @ table.sigma_t.mean(axis=1) for c in found])
-    return np.array(found)[np.argmin(depth, axis=0), np.arange(len(points))]
+    depth = found @ table.sigma_t.mean(axis=1)
+    return found[np.argmin(depth, axis=0), np.arange(len(points))]

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.guide import guided_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,21 +84,15 @@ class Cells:
         self.density = total.reshape(*self.count, -1)
         self.wrap = [bool(space.bound_wrap[k]) for k in range(3)]
         self.cosines = mean_cosines(table.phase)
-        self.lights = [self._light(k) for k in range(len(table.power))]
+        columns = guided_columns(table, self.centres)
+        self.lights = [(columns[k], *self._fall(k)) for k in range(len(table.power))]
 
-    def _light(self, k: int) -> tuple[Array, Array, Array]:
-        """Columns (x, y, z, component) from every cell to light k, the fall of its light, and the distance."""
-        table = self.table
-        corners = [
-            table.guide[k, a : a + self.count[0], b : b + self.count[1], c : c + self.count[2]]
-            for a, b, c in np.ndindex(2, 2, 2)
-        ]
-        columns = np.mean(corners, axis=0)
-        if table.distant[k]:
-            return columns, np.ones(self.centres.shape[:3]), np.full(self.centres.shape[:3], np.inf)
-        far = np.linalg.norm(self.centres - table.place[k], axis=-1)
-        near = np.maximum(far, 0.3 * self.step.min())
-        return columns * near[..., None], near**-2.0, far
+    def _fall(self, k: int) -> tuple[Array, Array]:
+        """The fall of light k (x, y, z), and the distance of every cell."""
+        if self.table.distant[k]:
+            return np.ones(self.centres.shape[:3]), np.full(self.centres.shape[:3], np.inf)
+        far = np.linalg.norm(self.centres - self.table.place[k], axis=-1)
+        return np.maximum(far, 0.3 * self.step.min()) ** -2.0, far
 
     def correction(self, i: int) -> Array:
         """The same for wavelength number i, shape (x, y, z)."""

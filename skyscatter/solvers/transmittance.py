@@ -24,7 +24,6 @@ from a star.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from skyscatter.kernels.codes.space import CELLS, CLOSED_FORM, PIECES, TRANSPARENT, TURBULENCE
 from skyscatter.kernels.gridwalk import make_walker
@@ -33,6 +32,7 @@ from skyscatter.kernels.tracking import QUADRATURE, RATIO, RESIDUAL, fill_tracke
 from skyscatter.kernels.volume import VolumeTable, make_volume_work
 from skyscatter.kernels.volume_walks import LEG_STRATA, LIT_POINTS
 from skyscatter.solvers.base import Array
+from skyscatter.solvers.guide import guided_columns
 
 #: Segments on which the ways are compared, times that each is tracked, and points from which they are chosen.
 SEGMENTS, REPEATS, CANDIDATES = 48, 32, 4096
@@ -106,14 +106,10 @@ def _lit_points(table: VolumeTable) -> tuple[Array, Array]:
 
 def _direct_light(table: VolumeTable, k: int, points: Array, i: int) -> Array:
     """Irradiance of light k at points (n, 3) and wavelength number i, by the guide."""
-    guide = table.guide[k]
-    place = (points - table.space.bound_low) / (table.space.bound_step * table.space.cells)
-    nodes = np.clip(place, 0, 1) * (np.array(guide.shape[:3]) - 1)
-    columns = np.array([map_coordinates(guide[..., c], nodes.T, order=1) for c in range(guide.shape[3])])
+    columns = guided_columns(table, points)[k]
     distance = np.maximum(np.linalg.norm(points - table.place[k], axis=1), table.size[k])
-    far = 1.0 if table.distant[k] else distance
     fall = 1.0 if table.distant[k] else distance**-2
-    return np.asarray(table.power[k, i] * fall * np.exp(-far * (table.sigma_t[:, i] @ columns)))
+    return np.asarray(table.power[k, i] * fall * np.exp(-columns @ table.sigma_t[:, i]))
 
 
 def _column_cost(table: VolumeTable, pieces: int = 1) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skyscatter.solvers.compile import medium_optics, phase_cosines
 from skyscatter.solvers.diffusion import guess_correction, mean_cosines
+from skyscatter.solvers.guide import make_guide
 from skyscatter.solvers.modes import MOMENTS, slowest_mode
 
 if TYPE_CHECKING:
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Nodes of the guide along the longest side of the medium.
-GUIDE_NODES = 33
-#: Its cells along the shortest: across a wide slab light changes as much as it does anywhere.
-LEAST_CELLS = 16
 #: Angles from a star at which the light around it is tabulated.
 ANGLES = 129
 #: Exponent of the light in the depths below which it is followed over many orders.
@@ -83,8 +80,10 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         onward=sigma_s[:, wl.size // 2] * mean_cosines(phase)[:, wl.size // 2],
         correction=np.zeros((0, 0, 0, wl.size)),
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
+        focus=np.full((len(lights), 3, 2), -1.0),
     )
-    table = table._replace(guide=_guide(table))
+    guide, focus = make_guide(table)
+    table = table._replace(guide=guide, focus=focus)
     table = table._replace(floor=_floor(table))
     return table._replace(correction=guess_correction(table)) if table.decay[wl.size // 2] < SLOW else table
 
@@ -159,22 +158,6 @@ def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:
     """Rates of tentative collisions per unit density; a component that only shines needs some of them too."""
     least = np.where(np.any(emission > 0, axis=1), 4 / np.linalg.norm(size), 0.0)
     return np.maximum(sigma_t.max(axis=1), least)
-
-
-def _guide(table: VolumeTable) -> Array:
-    """Mean densities towards every light (columns to distant ones) on a grid over the medium."""
-    from skyscatter.kernels.volume import fill_guide, make_volume_work
-
-    # Where the medium repeats, over one period.
-    low, size = table.space.bound_low, table.space.bound_step * table.space.cells
-    high = low + size
-    nodes = np.maximum(np.rint((GUIDE_NODES - 1) * size / size.max()).astype(int), LEAST_CELLS) + 1
-    axes = [np.linspace(low[k], high[k], nodes[k]) for k in range(3)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    components, wavelengths = table.sigma_s.shape
-    out = np.zeros((len(table.power), len(points), components))
-    fill_guide(table, points, make_volume_work(components, wavelengths), out)
-    return out.reshape(len(table.power), *nodes, components)
 
 
 def _floor(table: VolumeTable) -> Array:

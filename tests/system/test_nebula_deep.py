@@ -53,12 +53,20 @@ def test_escaping_light_of_every_albedo_and_depth(tau: float, albedo: float) -> 
     check_escape(tau, albedo, 0.0, 400, 32, 0.08)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:light comes through")
-@pytest.mark.parametrize("g", [0.6, 0.85])
-@pytest.mark.parametrize("tau", [3.0, 10.0, 30.0])
+@pytest.mark.parametrize(
+    ("tau", "g"),
+    [
+        (10.0, 0.85),
+        *(
+            pytest.param(*p, marks=pytest.mark.slow)
+            for p in ((3.0, 0.6), (3.0, 0.85), (10.0, 0.6), (30.0, 0.6), (30.0, 0.85))
+        ),
+    ],
+)
 def test_white_clouds_lose_nothing_whatever_their_phase_function(tau: float, g: float) -> None:
-    check_escape(tau, 1.0, g, 400, 32, 0.15)
+    # Eight runs of depth 10 and 30 at g = 0.85 have 0.02 to 0.03; where the guess of light knows no angle 0.05 to 0.36.
+    check_escape(tau, 1.0, g, 400, 32, 0.05)
 
 
 @pytest.mark.slow
