@@ -819,6 +819,25 @@ class RadianceField:
                 values[alone] = own.layers[name]
         return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
 
+    def diffuse(
+        self, table: SceneTable, origins: Array, directions: Array, share: Array, sky: SkyTable | None = None
+    ) -> tuple[Array, Array]:
+        """Diffuse light along rays and its error, (ray, wavelength) each; every ray for itself, whatever the others.
+
+        `share` (wavelength,) is the relative error of those that a table leaves to be solved.
+        """
+        if sky is None:
+            light, error = np.empty((2, len(origins), self.wavelengths.size))
+            alone = np.arange(len(origins))
+        else:
+            found = sky.look(directions, False)
+            light, alone = found.diffuse, np.flatnonzero(sky.alone(directions))
+            error = np.abs(found.error * light)
+        for k in alone:
+            light[k] = self._diffuse(self.fine, table, origins[k : k + 1], directions[k : k + 1])[0]
+            error[k] = share * np.abs(light[k])
+        return light, error + self._alike(table, origins, directions, light)
+
     def _solved(self, table: SceneTable, origins: Array, directions: Array, parts: bool) -> Answer:
         """Every ray by itself."""
         scattered, multiple, ground, direct = view(self.fine.problem, self.fine.loaded, table, origins, directions)

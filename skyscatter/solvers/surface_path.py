@@ -118,8 +118,13 @@ def no_walks(table: WalkTable, rays: int, asked: Asked[Path]) -> Walks:
     return Walks.none(rays, 1, batches, asked.orders + 3, table.media.index.shape[1])
 
 
-def solve(table: WalkTable, rays: Rays, asked: Asked[Path], walks: Walks | None = None) -> Answer:
-    """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with."""
+def solve(
+    table: WalkTable, rays: Rays, asked: Asked[Path], walks: Walks | None = None, seen: Array | None = None
+) -> Answer:
+    """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with.
+
+    `seen` (ray, wavelength) is the diffuse light of the empty sky along the rays, where the table knows that sky.
+    """
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     used = np.empty(n, np.int64)
@@ -129,7 +134,8 @@ def solve(table: WalkTable, rays: Rays, asked: Asked[Path], walks: Walks | None 
     components, lamps = len(table.media.density), len(table.lamps.kind)
     scratch = make_scratch(components, wavelengths, lamps, min(count, BATCHES))
     surface_path_rays(
-        table, rays.origins, rays.directions, rays.numbers, np.int64(asked.how.seed), count, walks.done,
+        table, rays.origins, rays.directions, rays.numbers, np.zeros((n, 0)) if seen is None else seen,
+        np.int64(asked.how.seed), count, walks.done,
         walks.sums, asked.how.noise or 0.0, MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order),
         SAMPLINGS[asked.how.sampling], scratch, mean, error, orders, apart, used,
     )  # fmt: skip
@@ -196,7 +202,7 @@ def guided(table: SurfaceTable) -> WalkTable:
         gathered=gathered,
         halo=halo(gathered),
     )
-    return WalkTable(table.shapes, table.materials, media, lamps, guide)
+    return WalkTable(table.shapes, table.materials, media, lamps, guide, None)
 
 
 def diffusing(media: MediaTable) -> tuple[Array, Array]:

@@ -10,17 +10,20 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from skyscatter.columns import transmittance
 from skyscatter.errors import DomainError
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP
 from skyscatter.kernels.surfaces.gathering import WalkTable
 from skyscatter.media.planets import AroundPlanet
 from skyscatter.scene import Scene
 from skyscatter.solvers import surface_path
 from skyscatter.solvers.base import Answer, Array, Asked, Rays, Walks
+from skyscatter.solvers.emptysky import KnownSky, is_knowable, known_sky
 from skyscatter.solvers.options import Path
 from skyscatter.spectra.table import SpectralTable, evaluate
 from skyscatter.surfaces.lamps import ParallelLamp, Surroundings
@@ -131,17 +134,23 @@ def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself, or means nothing here."""
     given = {"stokes": asked.stokes or None, **asked.how.given}
     for name in ("stokes", "sampling", "tolerance", "transmittance"):
-        if given.get(name) is not None:
+        if given.get(name) not in (None, "march" if name == "sampling" else None):
             rule = "means nothing to walks in skies that hold bodies, fields, lamps or another ground; leave it out"
             raise DomainError(name, given[name], rule)
-    surface_path.check(asked)
+    surface_path.check(among_surfaces(asked))
+
+
+def among_surfaces(asked: Asked[Path]) -> Asked[Path]:
+    """What is asked of walks among surfaces, to whom ``sampling="march"`` means nothing."""
+    return replace(asked, how=replace(asked.how, sampling=None))
 
 
 class World(NamedTuple):
-    """Tables of a scene, and how far its frame lies above that of its rays [m]."""
+    """Tables of a scene, how far its frame lies above that of its rays [m], and what is known of its empty sky."""
 
     table: WalkTable
     lift: float
+    known: KnownSky | None = None
 
 
 def local(rays: Rays, lift: float) -> Rays:
@@ -157,16 +166,28 @@ def prepare(
     threads: int,
     progress: Callable[[float], None] | None,
 ) -> World:
-    """The tables of a scene, and a word where walks find too little for their error bars."""
-    surfaces = as_surfaces(scene, wavelengths)
+    """The tables of a scene, with the light of its empty sky where that is worth its while."""
+    surfaces, lift = as_surfaces(scene, wavelengths), scene.medium.radius
+    table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, among_surfaces(asked), threads, progress)
+    table = table._replace(guide=table.guide._replace(level=ROULETTE_LEVEL))
+    if not is_night(scene) and is_knowable(scene, len(rays.origins), asked):
+        # The star is the first parallel lamp; bodies that shine come before it.
+        star = int(np.flatnonzero(table.lamps.kind == PARALLEL_LAMP)[0])
+        known = known_sky(scene, rays, wavelengths, star, threads, progress)
+        if known is not None:
+            return World(table._replace(sky=known.table), lift, known)
+    warn_of_the_sun(scene, wavelengths, table)
+    return World(table, lift)
+
+
+def warn_of_the_sun(scene: Scene, wavelengths: Array, table: WalkTable) -> None:
+    """A word where walks that know nothing of the sky find too little of its light for their error bars."""
     if scene.sun.elevation_deg < TWILIGHT and not is_night(scene):
         warnings.warn(
             f"sun_elevation_deg = {scene.sun.elevation_deg:g}: in twilight walks among bodies and fields rarely find "
             "the light, and their standard error is too small; raise the Sun, or take the sky without them by orders",
             stacklevel=2,
         )
-    lift = scene.medium.radius
-    table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, asked, threads, progress)
     if (
         scene.sun.elevation_deg >= 0
         and surface_path.forwardness(table.media) > FORWARD
@@ -177,7 +198,6 @@ def prepare(
             "bright sky around so low a Sun, and the standard error of few of them is too small; raise samples",
             stacklevel=2,
         )
-    return World(table._replace(guide=table.guide._replace(level=ROULETTE_LEVEL)), lift)
 
 
 def sun_is_dim(scene: Scene, wavelengths: Array) -> bool:
@@ -190,9 +210,17 @@ def sun_is_dim(scene: Scene, wavelengths: Array) -> bool:
 
 def no_walks(world: World, rays: int, asked: Asked[Path]) -> Walks:
     """The sums with which walks begin."""
-    return surface_path.no_walks(world.table, rays, asked)
+    return surface_path.no_walks(world.table, rays, among_surfaces(asked))
 
 
 def solve(world: World, rays: Rays, asked: Asked[Path], walks: Walks | None = None) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
-    return surface_path.solve(world.table, local(rays, world.lift), asked, walks)
+    known, here, asked = world.known, local(rays, world.lift), among_surfaces(asked)
+    if known is None:
+        return surface_path.solve(world.table, here, asked, walks)
+    seen, unsure = known.along(rays)
+    found = surface_path.solve(world.table, here, asked, walks, seen)
+    # What a ray sees of bodies is light that was looked up between nodes.
+    changed = np.minimum(np.abs(found.radiance), np.abs(found.radiance - seen))
+    error = np.hypot(found.standard_error, unsure + known.error * changed)
+    return replace(found, standard_error=error)

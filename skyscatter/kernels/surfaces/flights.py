@@ -37,8 +37,9 @@ from skyscatter.kernels.surfaces.media import (
 
 #: Numbers in ``Scratch.at``: interactions so far; what the last was; what the vertex before was; the item that ends the
 #: leg, -1 where it does not end; the item on which the ray starts; the leg's medium; whether the walk has been divided
-#: or may be; the most interactions; how many splits have parts left, see `kernels.surfaces.splits`.
-ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST, SPLITS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+#: or may be; the most interactions; how many splits have parts left, see `kernels.surfaces.splits`; whether the empty
+#: sky's light is counted already, see `kernels.surfaces.emptysky`.
+ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST, SPLITS, KNOWN = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
 #: Numbers in ``Scratch.far``: where on the ray the leg begins; its length; what the chances kept were divided by since,
 #: inverted; the vertex that was drawn on the leg; how much of the view lamps fill at the vertex turned at; what
 #: the walk was worth where it began, 0 before; how much more often a vertex is drawn than by free flight alone.
@@ -53,7 +54,7 @@ class Scratch(NamedTuple):
 
     walk: Walk
     media: MediaWork
-    at: np.ndarray  #: (10,) int64 state of the walk, see `ORDER` and so on
+    at: np.ndarray  #: (11,) int64 state of the walk, see `ORDER` and so on
     far: np.ndarray  #: (7,) state of the walk, see `NEAR` and so on
     first_stack: np.ndarray  #: (STACK,) media in which the camera's ray begins
     stack: np.ndarray  #: (STACK,) media that the walk is inside of
@@ -93,6 +94,7 @@ class Scratch(NamedTuple):
     parted_stack: np.ndarray  #: (split, STACK) media that they are inside of
     parted: np.ndarray  #: (split, 8) start, direction, length and vertex of their leg
     parted_spectra: np.ndarray  #: (split, 4, wavelength) value, chances, q, 1 - T
+    joined: np.ndarray  #: (component + 1, wavelength) of the empty sky's light
     sums: np.ndarray  #: (batch, wavelength)
     shift: np.ndarray  #: (batch, dimension) uint32
 
@@ -104,10 +106,11 @@ def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) ->
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
     return Scratch._make([
-        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(10, np.int64), np.zeros(7), *stacks,
+        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(11, np.int64), np.zeros(7), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((MOST_SPLITS, 3), np.int64), np.full((MOST_SPLITS, STACK), -1, np.int64), np.zeros((MOST_SPLITS, 8)),
         np.zeros((MOST_SPLITS, 4, wavelengths)),
+        np.zeros((components + 1, wavelengths)),
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     ])  # fmt: skip

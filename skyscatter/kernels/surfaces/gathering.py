@@ -24,6 +24,7 @@ from skyscatter.kernels.codes.surfaces import DIELECTRIC, INTERFACE, SURFACE_LAM
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf
+from skyscatter.kernels.surfaces.emptysky import EmptySky, changed_starlight
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
     IN,
@@ -80,6 +81,7 @@ class WalkTable(NamedTuple):
     media: MediaTable
     lamps: LampTable
     guide: LampGuide
+    sky: EmptySky | None  #: light that is known where nothing but air is met; None where none is
 
 
 class Sums(NamedTuple):
@@ -88,6 +90,7 @@ class Sums(NamedTuple):
     total: np.ndarray  #: (wavelength,)
     by_order: np.ndarray  #: (order, wavelength) by the number of interactions, from 1 on, as far as there is room
     apart: np.ndarray  #: (3, wavelength) the parts that are not multiply scattered
+    seen: np.ndarray  #: (wavelength,) light of the empty sky along the camera's ray; empty where it is not told
 
 
 @inlined
@@ -190,6 +193,13 @@ def place_on_leg(table, m, k, hero, first, s):
     return t, near, near * density_on_leg(table.guide.gathered[m], along, height, low, high, t)
 
 
+@inlined
+def arrives(table, sky, k, x, distance, skip, goal, stack, s):
+    """`reaches` for light of lamp k along ``s.aside``; of a star that is counted already what has changed of it."""
+    reached = reaches(table, x, s.aside, distance, skip, goal, stack, s)
+    return changed_starlight(sky, table.media, k, x, s.aside, reached, s)
+
+
 @kernel
 def light_leg(table, hero, sampling, first, s):
     """Light of a lamp that is scattered into the leg, into ``s.light`` (wavelength,); False if there is none.
@@ -216,7 +226,7 @@ def light_leg(table, hero, sampling, first, s):
         distance, goal, density, light = lamp_ahead(table, k, s.place, s.aside, s)
     else:
         distance, goal, density, light = aim(table.shapes, lamps, k, s.place, u, v, s.aside, s.point)
-    if not light > 0.0 or not reaches(table, s.place, s.aside, distance, np.int64(-1), goal, s.stack, s):
+    if not light > 0.0 or not arrives(table, table.sky, k, s.place, distance, np.int64(-1), goal, s.stack, s):
         return False
     look_at(table, m, s.start, d, s.far[LENGTH], t, s)
     cosine = d[0] * s.aside[0] + d[1] * s.aside[1] + d[2] * s.aside[2]
@@ -269,7 +279,7 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     for i in range(s.factor.size):
         bright += s.factor[i]
     stack = s.stack if cosine > 0.0 else s.other_stack
-    if not bright > 0.0 or not reaches(table, x, s.aside, distance, s.at[ITEM], goal, stack, s):
+    if not bright > 0.0 or not arrives(table, table.sky, k, x, distance, s.at[ITEM], goal, stack, s):
         return False
     aimed = s.chance[k] * (density if density > 0.0 else 1.0)
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0

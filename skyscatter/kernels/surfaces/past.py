@@ -77,7 +77,10 @@ def shares_from_wall(table, m, x, n, s):
     guess_in_medium(lamps, guide, x, s.chance)
     for k in range(s.chance.size):
         share = 0.0
-        if lamps.kind[k] != PARALLEL_LAMP and lamps.kind[k] != SURROUNDINGS:
+        if lamps.kind[k] == PARALLEL_LAMP:
+            p = guide.middle[k]
+            share = guide.size[k] * s.chance[k] if n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > 0.0 else 0.0
+        elif lamps.kind[k] != SURROUNDINGS:
             p, size = guide.middle[k], guide.size[k]
             a, b, c = p[0] - x[0], p[1] - x[1], p[2] - x[2]
             square = a * a + b * b + c * c

@@ -15,7 +15,7 @@ import math
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, SURROUNDINGS
 from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel
-from skyscatter.kernels.surfaces.flights import BEGUN, IN, LENGTH, ORDER, SPLITS, VERTEX
+from skyscatter.kernels.surfaces.flights import BEGUN, IN, KNOWN, LENGTH, ORDER, SPLITS, VERTEX
 from skyscatter.kernels.surfaces.shadows import copy_stack
 
 #: Least weight that is wanted, parts of a walk at most, and how far above the wanted weight it is split.
@@ -90,7 +90,8 @@ def next_part(s):
     for j in range(3):
         s.start[j], s.walk.direction[j] = s.parted[n, j], s.parted[n, 3 + j]
     s.far[LENGTH], s.far[VERTEX] = s.parted[n, 6], s.parted[n, 7]
-    s.at[ORDER], s.at[IN] = s.parts[n, 1], s.parts[n, 2]
+    # Light diffuses in bodies alone, where no light of a sky is known.
+    s.at[ORDER], s.at[IN], s.at[KNOWN] = s.parts[n, 1], s.parts[n, 2], 0
     copy_stack(s.parted_stack[n], s.stack)
     s.parts[n, 0] -= 1
     if s.parts[n, 0] == 0:

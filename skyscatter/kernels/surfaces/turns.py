@@ -10,10 +10,12 @@ from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, REFLE
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf, is_delta, sample_bsdf
+from skyscatter.kernels.surfaces.emptysky import known_light
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
     IN,
     ITEM,
+    KNOWN,
     LAST,
     LENGTH,
     NEARBY,
@@ -36,6 +38,8 @@ LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
 #: How much more a walk is worth where a lamp fills all of the view, and at most where it was sent past a lamp: there
 #: roulette begins that much lower, else it would make of many dim walks a few bright ones just before they are lit.
 CLOSE_WORTH, MOST_WORTH = 30.0, 30.0
+#: Candidates for directions that surfaces turn light to under a known sky, and the golden ratio less 1.
+LIT_CANDIDATES, GOLDEN = 8, 0.6180339887498949
 #: What comes next: a leg, a vertex in the medium, what lies behind the leg, nothing.
 LEG, TURN, BEHIND, OVER = 0, 1, 2, 3
 
@@ -139,6 +143,49 @@ def leave_towards(table, row, here, there, s):
 
 
 @merged
+def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
+    """A direction in which a surface turns light, from a few candidates by the known light that comes from there.
+
+    The share `past` of them is drawn around lamps.  What the choice favours the value is divided by (importance
+    resampling: Talbot, Cline & Egbert 2005, Eurographics Symposium on Rendering).
+    """
+    walk, media, d, q = s.walk, table.media, s.walk.direction, s.factor.size // 2
+    total, kept, w = 0.0, 0.0, uniform(walk.state)
+    for n in range(LIT_CANDIDATES):
+        z, turn = (n + u) / LIT_CANDIDATES, (v + n * GOLDEN) % 1.0
+        if z < past:
+            draw_past(table, here, pick(s.chance, z / past), walk.position, uniform(walk.state), turn, d)
+        else:
+            event = sample_bsdf(
+                table.materials, row, hero, s.normal, s.back, (z - past) / (1.0 - past), turn, uniform(walk.state),
+                uniform(walk.state), uniform(walk.state), media.index[here], media.index[there], media.dispersive[here],
+                np.bool_(False), d, s.factor, s.density,
+            )  # fmt: skip
+            if event == ABSORBED:
+                continue
+        if leave_towards(table, row, here, there, s) == ABSORBED:
+            continue
+        passing = density_past(table, here, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
+        density = (1.0 - past) * s.density[q] + passing
+        bright = s.factor[q] * known_light(sky, walk.position, d) / density if density > 0.0 else 0.0
+        total += bright
+        # Reservoir of one: the number is used again, stretched, after every decision.
+        if bright > 0.0 and w * total < bright:
+            kept, w = bright, w * total / bright
+            for k in range(3):
+                s.place[k] = d[k]
+        elif total > bright:
+            w = (w * total - bright) / (total - bright)
+    if not kept > 0.0:
+        return ABSORBED
+    for i in range(walk.value.size):
+        walk.value[i] *= total / (LIT_CANDIDATES * kept)
+    for k in range(3):
+        d[k] = s.place[k]
+    return leave_towards(table, row, here, there, s)
+
+
+@merged
 def turn_at_surface(table, row, hero, here, there, s):
     """Turn where a surface was met; LEG, or OVER if the walk ends."""
     walk, media, order = s.walk, table.media, s.at[ORDER]
@@ -147,7 +194,9 @@ def turn_at_surface(table, row, hero, here, there, s):
     one_side = not is_delta(table.materials, row) and table.materials.kind[row] != DIELECTRIC
     past = shares_from_wall(table, here, walk.position, s.kept[1], s) if one_side else 0.0
     choice = uniform(walk.state) if past > 0.0 else 1.0
-    if choice < past:
+    if one_side and s.at[KNOWN] == 0 and table.sky is not None:
+        event = choose_lit(table, table.sky, row, hero, here, there, past, u, v, s)
+    elif choice < past:
         draw_past(table, here, pick(s.chance, choice), walk.position, u, v, walk.direction)
         event = leave_towards(table, row, here, there, s)
     else:

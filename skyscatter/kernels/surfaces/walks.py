@@ -23,12 +23,14 @@ from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.path import BATCHES, copy_sums, statistics
 from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import is_delta
+from skyscatter.kernels.surfaces.emptysky import empty_light, meets_fields
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
     BEGUN,
     DIVIDED,
     IN,
     ITEM,
+    KNOWN,
     LAST,
     LENGTH,
     MOST,
@@ -111,7 +113,7 @@ def divide(s):
         s.saved_hit[n] = s.hit[n]
     for n in range(3):
         s.saved[0, n], s.saved[1, n] = s.walk.position[n], s.walk.direction[n]
-    s.saved[2, 0] = s.at[ITEM]
+    s.saved[2, 0], s.saved[2, 1] = s.at[ITEM], s.at[KNOWN]
     for i in range(s.through.size):
         s.saved_value[i] = s.walk.value[i] * s.through[i]
         s.saved_chance[i] = s.walk.chance[i]
@@ -121,7 +123,7 @@ def divide(s):
 def go_back(s):
     """Take up the other part of a divided walk."""
     s.at[DIVIDED], s.at[ORDER], s.at[BEFORE], s.at[LAST] = 0, 0, NO_AIM, SCATTERED
-    s.at[ITEM] = np.int64(s.saved[2, 0])
+    s.at[ITEM], s.at[KNOWN] = np.int64(s.saved[2, 0]), np.int64(s.saved[2, 1])
     copy_stack(s.saved_stack, s.stack)
     for n in range(4):
         s.hit[n] = s.saved_hit[n]
@@ -159,12 +161,48 @@ def choose_end(table, hero, s):
     return coming
 
 
+@inlined
+def add_known(factor, dimmed, s, sums):
+    """Add light of the empty sky in ``s.factor`` (wavelength,) times a factor, `dimmed` by the leg if so."""
+    for i in range(s.factor.size):
+        s.factor[i] *= s.walk.value[i] * (s.through[i] if dimmed else 1.0)
+    add_light(s.factor, factor, s.at[ORDER], s.at[LAST], sums)
+
+
+@kernel
+def enter_sky(table, sky, s, sums):
+    """What the next leg sees of the empty sky: added where it was not, but for what lies behind a body.
+
+    On a leg through clouds all light is looked for anew.  False where all that shines at the leg's end is known.
+    """
+    walk, before = s.walk, s.at[KNOWN] == 1
+    if sky is None or s.at[IN] != 0:
+        return True
+    d, body = walk.direction, item_body(table.shapes, s.at[ITEM]) if s.at[ITEM] >= 0 else np.int64(0)
+    cloudy = meets_fields(sky, table.media, s.media.along)
+    s.at[KNOWN] = 0 if cloudy else 1
+    if cloudy == before:
+        if not cloudy and body == 0 and s.at[ORDER] == 0 and s.far[NEAR] == 0.0 and sums.seen.size > 0:
+            for i in range(s.factor.size):
+                s.factor[i] = sums.seen[i]
+        else:
+            empty_light(sky, s.start, d, s.joined, s.factor)
+        add_known(-1.0 if cloudy else 1.0, False, s, sums)
+    if body != 0 and not cloudy:
+        for n in range(3):
+            s.place[n] = s.start[n] + s.far[LENGTH] * d[n]
+        empty_light(sky, s.place, d, s.joined, s.factor)
+        add_known(-1.0, True, s, sums)
+    return not before or cloudy or body != 0
+
+
 @kernel
 def take_leg(table, hero, sampling, s, sums):
     """Gather the light of the next leg and choose its end."""
     walk = s.walk
     find_leg(table, s)
-    light_end(table, sampling, s, sums)
+    if enter_sky(table, table.sky, s, sums):
+        light_end(table, sampling, s, sums)
     scatters = table.guide.scatters[s.at[IN]] and s.at[ORDER] < s.at[MOST]
     coming = choose_end(table, hero, s) if scatters else BEHIND
     if table.guide.shines[s.at[IN]]:
@@ -195,6 +233,8 @@ def meet(table, hero, sampling, s, sums):
     s.far[SCALE] /= mean
     body = item_body(shapes, at[ITEM])
     row = shapes.material[body]
+    if body != 0:
+        at[KNOWN] = 0
     copy_stack(s.stack, s.other_stack)
     cross(shapes, body, d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3] < 0.0, s.other_stack)
     here, there = current_medium(table.media, s.stack), current_medium(table.media, s.other_stack)
@@ -226,7 +266,7 @@ def wander(table, max_order, sampling, s, sums):
         walk.value[i], walk.chance[i] = 1.0, 1.0
     at[ORDER], at[LAST], at[BEFORE], at[ITEM], at[SKIP] = 0, SCATTERED, NO_AIM, -1, -1
     at[DIVIDED], at[WHOLE], at[MOST] = 0, 1, max_order
-    at[SPLITS] = 0
+    at[SPLITS], at[KNOWN] = 0, 0
     s.far[SCALE], s.far[BEGUN] = 1.0, 0.0
     coming, part = LEG, False
     while True:
@@ -256,8 +296,8 @@ def walk_once(table, origin, direction, max_order, sampling, s, sums):
 
 @entry
 def surface_path_rays(
-    table, origins, directions, ids, seed, samples, first, kept, noise, max_order, sampling, s, mean, error, by_order,
-    apart, used,
+    table, origins, directions, ids, seen, seed, samples, first, kept, noise, max_order, sampling, s, mean, error,
+    by_order, apart, used,
 ):  # fmt: skip
     """Light of all orders along many rays.
 
@@ -267,6 +307,8 @@ def surface_path_rays(
     origins, directions : (ray, 3)
     ids : (ray,) int64
         Numbers of the rays, by which their random streams are chosen.
+    seen : (ray, wavelength)
+        Diffuse light that they would see in the empty sky; without wavelengths where it is not told.
     seed : int
     samples : int
         Walks per ray, at most; a multiple of `BATCHES`, or fewer than that.
@@ -307,7 +349,7 @@ def surface_path_rays(
             # Walk by walk over the batches: walks that are added later come after all that were made before.
             for n in range(done, goal):
                 for b in range(batches):
-                    sums = Sums(s.sums[b], by_order[ray], apart[ray])
+                    sums = Sums(s.sums[b], by_order[ray], apart[ray], seen[ray])
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     copy_stack(s.first_stack, s.stack)
