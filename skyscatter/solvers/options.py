@@ -243,9 +243,9 @@ class Path(SolverOptions):
     )
     sampling: str | None = _about(
         kind="name", choices=("march", "free-flight", "delta", "area", "angular"),
-        help="How walks find their vertices in air and nebulae (delta: in nebulae alone), or lamps among surfaces, by "
-        "area or angular alone; among bodies under a sky march leaves out what orders knows of it",
-        usual="march, among surfaces both ways, and under a sky with the light that orders knows of it",
+        help="How walks find vertices in air and nebulae (delta: in nebulae alone), or lamps among surfaces, by "
+        "area or angular alone; march among bodies under a sky leaves out what is known of it",
+        usual="march, among surfaces both ways, under a sky with what orders knows of it",
     )  # fmt: skip
     transmittance: str | None = _about(
         kind="name", choices=("auto", "quadrature", "ratio", "residual-ratio"),

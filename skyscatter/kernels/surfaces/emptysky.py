@@ -7,7 +7,7 @@ off again and all that is seen is counted (a control variate along the walk).  T
 far as the known light is right; far away from all bodies there is no noise.
 
 Starlight scattered once is kept for each component without its phase function, which is exact where it is looked up;
-the rest is smooth.  See docs/theory/surfaces.md, equation 60.
+the rest is smooth.  See docs/theory/worlds.md, equation 171.
 """
 
 from __future__ import annotations
