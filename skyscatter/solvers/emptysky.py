@@ -118,7 +118,8 @@ def known_sky(
     some = slice(None, None, max(len(rays.origins) // JUDGED, 1))
     judged = field.look(table, rays.origins[some], rays.directions[some], False)
     share = np.quantile(judged.standard_error / np.maximum(np.abs(judged.radiance), 1e-300), MOST_OF, axis=0)
-    return KnownSky(context, known, share, _missed(known, field.fine, table))
+    mean, missed = _missed(known, field.fine, table)
+    return KnownSky(context, known._replace(typical=float(mean[mean.size // 2])), share, missed / mean)
 
 
 class _Nodes(NamedTuple):
@@ -207,7 +208,7 @@ def _tabulated(
         zenith=nodes.zenith,
         lowest=LOWEST,
         top=float(nodes.height[-1]),
-        brightest=float(light[:, -1, wavelengths // 2].max()),
+        typical=0.0,
         below=BELOW,
         short=SHORT,
         longest=horizon_way(float(table.columns.radius), float(nodes.height[-1])),
@@ -216,8 +217,8 @@ def _tabulated(
     )
 
 
-def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> Array:
-    """What the table misses in low air in all directions, over the mean light, (wavelength,)."""
+def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> tuple[Array, Array]:
+    """Mean light of low air in all directions, and what the table misses of it, (wavelength,)."""
     rng = np.random.default_rng(1)
     d = rng.standard_normal((COMPARED, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
@@ -227,4 +228,4 @@ def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> Array:
     exact = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
     looked = np.empty_like(exact)
     empty_lights(known, o + known.centre, d, np.empty((known.light.shape[4], exact.shape[1])), looked)
-    return np.asarray(np.mean(np.abs(looked - exact), axis=0) / np.mean(exact, axis=0))
+    return np.mean(exact, axis=0), np.mean(np.abs(looked - exact), axis=0)

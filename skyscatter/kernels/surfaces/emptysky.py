@@ -48,7 +48,7 @@ class EmptySky(NamedTuple):
     zenith: np.ndarray  #: (sun,) rising zenith angles of the star [rad]
     lowest: float  #: height of the lowest node [m]
     top: float  #: that of the highest [m]; nodes are even in the root of the height
-    brightest: float  #: of all nodes at the middle wavelength
+    typical: float  #: mean light of low air at the middle wavelength
     below: int  #: nodes of the way to the ground, which come before those of elevation
     short: float  #: way up to which nodes are even, from where on they are so in its logarithm [m]
     longest: float  #: way of the last of them [m]
@@ -172,7 +172,7 @@ def empty_light(sky, x, d, work, out):
 
 @kernel
 def middle_light(sky, x, d):
-    """About the same at the middle wavelength, by the nearest nodes; never 0."""
+    """About the same at the middle wavelength, by the nearest nodes."""
     (i, u), (j, v), (m, t), way, height, cosine, between = places(sky, x, d)
     j += 1 if v > 0.5 else 0
     k, w = slope_place(sky, height, j, way, cosine)
@@ -182,14 +182,14 @@ def middle_light(sky, x, d):
     light = float(here[last, q])
     for n in range(last):
         light += here[n, q] * sky.whole[n, cell, q]
-    return max(light, 1e-6 * sky.brightest)
+    return max(light, 0.0)
 
 
 @kernel
-def known_light(sky, x, d):
-    """`middle_light`, or nothing without a known sky."""
+def known_light(sky, x, d, more):
+    """`middle_light` and so much of what is typical `more`, or nothing without a known sky."""
     if sky is not None:
-        return middle_light(sky, x, d)
+        return middle_light(sky, x, d) + more * sky.typical
     return 0.0
 
 

@@ -40,6 +40,8 @@ LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
 CLOSE_WORTH, MOST_WORTH = 30.0, 30.0
 #: Candidates for directions that surfaces turn light to under a known sky, and the golden ratio less 1.
 LIT_CANDIDATES, GOLDEN = 8, 0.6180339887498949
+#: What counts for a direction beside the light that is known to come from there, in parts of what is typical.
+LIT_MORE = 0.1
 #: What comes next: a leg, a vertex in the medium, what lies behind the leg, nothing.
 LEG, TURN, BEHIND, OVER = 0, 1, 2, 3
 
@@ -167,7 +169,7 @@ def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
             continue
         passing = density_past(table, here, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
         density = (1.0 - past) * s.density[q] + passing
-        bright = s.factor[q] * known_light(sky, walk.position, d) / density if density > 0.0 else 0.0
+        bright = s.factor[q] * known_light(sky, walk.position, d, LIT_MORE) / density if density > 0.0 else 0.0
         total += bright
         # Reservoir of one: the number is used again, stretched, after every decision.
         if bright > 0.0 and w * total < bright:

@@ -162,18 +162,29 @@ def choose_end(table, hero, s):
 
 
 @inlined
-def add_known(factor, dimmed, s, sums):
-    """Add light of the empty sky in ``s.factor`` (wavelength,) times a factor, `dimmed` by the leg if so."""
+def add_known(factor, s, sums):
+    """Add light of the empty sky in ``s.factor`` (wavelength,) times a factor."""
     for i in range(s.factor.size):
-        s.factor[i] *= s.walk.value[i] * (s.through[i] if dimmed else 1.0)
+        s.factor[i] *= s.walk.value[i]
     add_light(s.factor, factor, s.at[ORDER], s.at[LAST], sums)
 
 
 @kernel
-def enter_sky(table, sky, s, sums):
-    """What the next leg sees of the empty sky: added where it was not, but for what lies behind a body.
+def leave_sky(sky, s, sums):
+    """Take off what lies behind the body that the walk has come to, if it is counted: from here all light is new."""
+    if sky is not None and s.at[KNOWN] == 1:
+        s.at[KNOWN] = 0
+        for n in range(3):
+            s.place[n] = s.walk.position[n] + s.hit[0] * s.walk.direction[n]
+        empty_light(sky, s.place, s.walk.direction, s.joined, s.factor)
+        add_known(-1.0, s, sums)
 
-    On a leg through clouds all light is looked for anew.  False where all that shines at the leg's end is known.
+
+@kernel
+def enter_sky(table, sky, s, sums):
+    """Add what the next leg sees of the empty sky where that is not counted, or take it off on a leg through clouds.
+
+    False where all that shines at the leg's end is known.
     """
     walk, before = s.walk, s.at[KNOWN] == 1
     if sky is None or s.at[IN] != 0:
@@ -187,12 +198,7 @@ def enter_sky(table, sky, s, sums):
                 s.factor[i] = sums.seen[i]
         else:
             empty_light(sky, s.start, d, s.joined, s.factor)
-        add_known(-1.0 if cloudy else 1.0, False, s, sums)
-    if body != 0 and not cloudy:
-        for n in range(3):
-            s.place[n] = s.start[n] + s.far[LENGTH] * d[n]
-        empty_light(sky, s.place, d, s.joined, s.factor)
-        add_known(-1.0, True, s, sums)
+        add_known(-1.0 if cloudy else 1.0, s, sums)
     return not before or cloudy or body != 0
 
 
@@ -234,7 +240,7 @@ def meet(table, hero, sampling, s, sums):
     body = item_body(shapes, at[ITEM])
     row = shapes.material[body]
     if body != 0:
-        at[KNOWN] = 0
+        leave_sky(table.sky, s, sums)
     copy_stack(s.stack, s.other_stack)
     cross(shapes, body, d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3] < 0.0, s.other_stack)
     here, there = current_medium(table.media, s.stack), current_medium(table.media, s.other_stack)
