@@ -168,7 +168,7 @@ def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
         if leave_towards(table, row, here, there, s) == ABSORBED:
             continue
         passing = density_past(table, here, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
-        density = (1.0 - past) * s.density[q] + passing
+        density = (1.0 - past) * s.density[hero] + passing
         bright = s.factor[q] * known_light(sky, walk.position, d, LIT_MORE) / density if density > 0.0 else 0.0
         total += bright
         # Reservoir of one: the number is used again, stretched, after every decision.
