@@ -185,14 +185,6 @@ def middle_light(sky, x, d):
     return max(light, 0.0)
 
 
-@kernel
-def known_light(sky, x, d, more):
-    """`middle_light` and so much of what is typical `more`, or nothing without a known sky."""
-    if sky is not None:
-        return middle_light(sky, x, d) + more * sky.typical
-    return 0.0
-
-
 @entry
 def empty_lights(sky, origins, directions, work, out):
     """`empty_light` along rays (ray, 3), into `out` (ray, wavelength)."""

@@ -10,7 +10,7 @@ from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, REFLE
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf, is_delta, sample_bsdf
-from skyscatter.kernels.surfaces.emptysky import known_light
+from skyscatter.kernels.surfaces.emptysky import middle_light
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
     IN,
@@ -144,13 +144,15 @@ def leave_towards(table, row, here, there, s):
     return REFLECTED
 
 
-@merged
+@kernel
 def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
     """A direction in which a surface turns light, from a few candidates by the known light that comes from there.
 
     The share `past` of them is drawn around lamps.  What the choice favours the value is divided by (importance
     resampling: Talbot, Cline & Egbert 2005, Eurographics Symposium on Rendering).
     """
+    if sky is None:
+        return ABSORBED
     walk, media, d, q = s.walk, table.media, s.walk.direction, s.factor.size // 2
     total, kept, w = 0.0, 0.0, uniform(walk.state)
     for n in range(LIT_CANDIDATES):
@@ -169,7 +171,8 @@ def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
             continue
         passing = density_past(table, here, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
         density = (1.0 - past) * s.density[hero] + passing
-        bright = s.factor[q] * known_light(sky, walk.position, d, LIT_MORE) / density if density > 0.0 else 0.0
+        light = middle_light(sky, walk.position, d) + LIT_MORE * sky.typical
+        bright = s.factor[q] * light / density if density > 0.0 else 0.0
         total += bright
         # Reservoir of one: the number is used again, stretched, after every decision.
         if bright > 0.0 and w * total < bright:
