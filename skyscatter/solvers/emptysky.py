@@ -35,11 +35,11 @@ __all__ = ["KnownSky", "empty", "known_sky"]
 HEIGHTS, BELOW, ABOVE, TURNS = 20, 24, 28, 17
 #: Way to the ground that counts as short, and height of the lowest node [m].
 SHORT, LOWEST = 300.0, 1.0
-#: Zenith angles of the star beside that of the observer for which light is known, by day and below an elevation
-#: [degree]; the observer's alone where the table would have more numbers.
-DAY_SUNS, LOW_SUNS, LOW, MOST = (-3.0, 0.0, 3.0), (-2.0, 0.0, 2.0), 12.0, 50_000_000
-#: Rays that are solved at once, places at which the table is compared, up to which share of its height.
-TOGETHER, COMPARED, COMPARED_UP_TO = 4096, 512, 0.2
+#: Zenith angles of the star beside that of the observer for which light is known [degree]; the observer's alone where
+#: the table would have more numbers.
+SUNS, MOST = (-2.0, 0.0, 2.0), 50_000_000
+#: Rays that are solved at once, those by which the table is compared, and the angle around the star of half of them.
+TOGETHER, COMPARED, BESIDE_STAR = 4096, 2048, np.radians(25.0)
 #: Walks in all from which on the empty sky is solved first: a second of walks, about, for two or three of its solution.
 WORTH = 50_000
 #: Rays of which `orders` tells the error, and the share of these whose error is not above that of all.
@@ -131,7 +131,7 @@ class _Nodes(NamedTuple):
     @classmethod
     def around(cls, scene: Scene, table: SceneTable) -> _Nodes:
         """Those of a scene."""
-        beside = np.array(DAY_SUNS if scene.sun.elevation_deg > LOW else LOW_SUNS)
+        beside = np.array(SUNS)
         components, wavelengths = table.optics.sigma_s.shape
         if beside.size * HEIGHTS * (BELOW + ABOVE) * TURNS * (components + 1) * wavelengths > MOST:
             beside = np.zeros(1)
@@ -218,14 +218,21 @@ def _tabulated(
 
 
 def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> tuple[Array, Array]:
-    """Mean light of low air in all directions, and what the table misses of it, (wavelength,)."""
+    """Mean light of low air in all directions, and what the table misses of it, (wavelength,).
+
+    Around the star it is bright, and most is missed: half of the rays look there and count by their solid angle.
+    """
     rng = np.random.default_rng(1)
-    d = rng.standard_normal((COMPARED, 3))
-    d /= np.linalg.norm(d, axis=1)[:, None]
-    height = known.top * COMPARED_UP_TO * rng.random(COMPARED) ** 2 + 1.0
-    o = np.array([0.0, 0.0, known.radius]) + height[:, None] * np.array([0.0, 0.0, 1.0])
+    half, lobe = COMPARED // 2, 1 - np.cos(BESIDE_STAR)
+    cosine = 1 - np.concatenate([lobe * rng.random(half), lobe + (2 - lobe) * rng.random(half)])
+    weight = np.repeat([lobe / 2, 1 - lobe / 2], half) / half
+    turn, sine = 2 * np.pi * rng.random(COMPARED), np.sqrt(1 - cosine**2)
+    up = np.array([0.0, 0.0, 1.0])
+    around = np.stack([cosine, sine * np.cos(turn), sine * np.sin(turn)], axis=1)
+    d = np.ascontiguousarray(around @ np.array(frame_of(known.star, up)))
+    o = (known.radius + LOWEST + LOW_AIR * rng.random(COMPARED)[:, None] ** 2) * up
     scattered, multiple, ground, _ = view(fine.problem, fine.loaded, table, o, d)
     exact = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
     looked = np.empty_like(exact)
     empty_lights(known, o + known.centre, d, np.empty((known.light.shape[4], exact.shape[1])), looked)
-    return np.mean(exact, axis=0), np.mean(np.abs(looked - exact), axis=0)
+    return weight @ exact, weight @ np.abs(looked - exact)

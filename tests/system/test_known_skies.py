@@ -26,6 +26,10 @@ WALL = Body(
 RAYS = np.array([[0, 1], [0, 5], [0, 9], [0, 40], [20, 12], [180, 30], [90, 4], [0, -4], [8, -8], [180, -5], [270, 60]])
 
 
+#: Rays with which the table of light is judged.
+RANDOM = 16000
+
+
 def slow(*values: Any) -> Any:
     return pytest.param(*values, marks=pytest.mark.slow)
 
@@ -41,7 +45,7 @@ def test_bodies_under_a_known_sky(body: Body, sun: float) -> None:
     known = look(scene, d=d, samples=4560, seed=1)
     march = look(scene, d=d, samples=8192, seed=2, sampling="march")
     # What orders and the table state of themselves is in the error; it is an estimate, not a standard error.
-    assert_agrees(known.radiance, march.radiance, np.hypot(known.error, march.error), slack=5e-3)
+    assert_agrees(known.radiance, march.radiance, np.hypot(known.error, march.error))
     assert np.all(known.error < 0.03 * known.radiance)
 
 
@@ -65,7 +69,7 @@ def test_a_cloud_under_a_known_sky() -> None:
     scene, d = sky("earth-simple", 40.0, fields=(cloud,)), directions([[0, 27], [0, 20], [0, 45], [90, 30], [0, -10]])
     known = look(scene, d=d, samples=10240, seed=1)
     march = look(scene, d=d, samples=10240, seed=2, sampling="march")
-    assert_agrees(known.radiance, march.radiance, np.hypot(known.error, march.error), slack=5e-3)
+    assert_agrees(known.radiance, march.radiance, np.hypot(known.error, march.error))
 
 
 def test_twilight_is_found() -> None:
@@ -77,7 +81,7 @@ def test_twilight_is_found() -> None:
     with pytest.warns(UserWarning, match="in twilight"):
         look(scene, d=d, samples=16, sampling="march")
     orders = look(sky("earth-simple", -4.0), "orders", d)
-    assert_agrees(known.radiance, orders.radiance, known.error, slack=2e-2)
+    assert_agrees(known.radiance, orders.radiance, known.error)
 
 
 @pytest.mark.parametrize(
@@ -93,18 +97,22 @@ def test_the_light_between_nodes(model: str, sun: float, most: float) -> None:
     known = known_sky(scene, rays, wl, 0, 1, None)
     assert known is not None
     rng = np.random.default_rng(7)
-    d = rng.standard_normal((2000, 3))
+    d = rng.standard_normal((RANDOM, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
-    start = np.array([0.0, 0.0, known.table.radius]) + (2000 * rng.random(2000) ** 2 + 2)[:, None] * np.array([0, 0, 1])
+    start = np.array([0.0, 0.0, known.table.radius]) + (2000 * rng.random(RANDOM) ** 2 + 2)[:, None] * np.array(
+        [0, 0, 1]
+    )
     fine = known.context.field.fine
     scattered, multiple, ground, _ = view(fine.problem, fine.loaded, known.context.table, start, d)
     exact = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
     found = np.empty_like(exact)
     empty_lights(known.table, start + known.table.centre, d, np.empty((known.table.light.shape[4], 3)), found)
-    missed = np.abs(found - exact).mean(axis=0) / exact.mean(axis=0)
-    print(f"{model} {sun:g}: {missed} of the light, stated {known.error}")
+    miss = np.abs(found - exact) / exact.mean(axis=0)
+    missed, chance = miss.mean(axis=0), miss.std(axis=0) / np.sqrt(len(miss))
+    print(f"{model} {sun:g}: {missed} +- {chance} of the light, stated {known.error}")
     assert np.all(missed < most)
-    np.testing.assert_allclose(known.error, missed, rtol=0.7)
+    # The stated one is of other rays, as many and chosen with more care.
+    assert np.all(np.abs(known.error - missed) < 3 * np.sqrt(2) * chance)
 
 
 def test_what_is_known_is_not_asked_for_in_parts() -> None:
