@@ -189,7 +189,7 @@ def choose(request: Request, scene: Any) -> str:
         return able[0]
     from skyscatter.solvers.choice import preferred_solver
 
-    return preferred_solver(scene, request.wavelengths)
+    return preferred_solver(scene, request.wavelengths, request.halved)
 
 
 def run(request: Request, arguments: list[str]) -> int:

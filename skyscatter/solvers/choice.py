@@ -3,6 +3,7 @@
 Measured (docs/validation-surfaces.md): walks from the camera are the better ones without fog and in thin fog, photons
 where the camera or a lamp is in a medium with an optical depth of some 0.4 across, and wherever glass or mirrors hide
 lamps from walks.  A small body of a dense medium, seen and lit from outside, is met by few photons: that is for walks.
+Where the picture is denoised walks are better in nearly any fog: neighbouring pixels share photons, whose blotches stay.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ import numpy as np
 from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Array
 
-#: Scattering optical depth across the scene from which on photons are better.
-DEEP = 0.4
+#: Scattering optical depth across the scene from which on photons are better, as they are and where the picture is
+#: denoised: of fogs up to 30 deep walks were the better ones then, of deeper fog nothing is known.
+DEEP, DEEP_DENOISED = 0.4, 40.0
 
 
-def preferred_solver(scene: Any, wavelengths: Array) -> str:
-    """``path`` or ``photons`` for a scene at wavelengths [nm]."""
+def preferred_solver(scene: Any, wavelengths: Array, denoised: bool = False) -> str:
+    """``path`` or ``photons`` for a scene at wavelengths [nm], whose picture is or is not denoised."""
     from skyscatter.solvers.far_lamps import current_medium
     from skyscatter.solvers.photons import check_table
     from skyscatter.solvers.surface_path import out_of_reach
@@ -40,5 +42,6 @@ def preferred_solver(scene: Any, wavelengths: Array) -> str:
             size[inside] = min(size[inside], float(np.linalg.norm(high - low)))
     stacks = [*table.lamps.stack, starting_stack(table.shapes, scene.viewpoint.position)]
     within = {current_medium(media, stack) for stack in stacks}
-    deep = any(media.scattering[m, 0] * size[m] > DEEP for m in within)
+    most = DEEP_DENOISED if denoised else DEEP
+    deep = any(media.scattering[m, 0] * size[m] > most for m in within)
     return "photons" if deep or out_of_reach(table) else "path"

@@ -29,15 +29,14 @@ from skyscatter.kernels.surfaces.flights import (
 from skyscatter.kernels.surfaces.gathering import MEDIUM, NO_AIM, REFLECTED_ONCE, SCATTERED, SURFACE, number
 from skyscatter.kernels.surfaces.lamps import pick
 from skyscatter.kernels.surfaces.media import scattering
-from skyscatter.kernels.surfaces.past import density_past, draw_direction, draw_past, shares_from_wall
+from skyscatter.kernels.surfaces.past import PASSING, density_past, draw_direction, draw_past, shares_from_wall
 from skyscatter.kernels.surfaces.shadows import copy_stack
 from skyscatter.kernels.surfaces.splits import split, wanted_weight
 
 #: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
 LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
-#: How much more a walk is worth where a lamp fills all of the view, and at most where it was sent past a lamp: there
-#: roulette begins that much lower, else it would make of many dim walks a few bright ones just before they are lit.
-CLOSE_WORTH, MOST_WORTH = 30.0, 30.0
+#: How much more a walk is worth where a lamp fills all of the view.
+CLOSE_WORTH = 100.0
 #: Candidates for directions that surfaces turn light to under a known sky, and the golden ratio less 1.
 LIT_CANDIDATES, GOLDEN = 8, 0.6180339887498949
 #: What counts for a direction beside the light that is known to come from there, in parts of what is typical.
@@ -110,7 +109,7 @@ def scatter_at(table, hero, part, s):
         by_all = (1.0 - past) * by_phase + passing
         walk.chance[i] *= s.free[i] * s.event[i] * by_all
         if i == hero and table.guide.placed:
-            more = more_often(table.guide, by_all, by_phase) * max(s.far[OFTEN], 1.0)
+            more = worth_of(by_all, by_phase, passing) * max(s.far[OFTEN], 1.0)
     more = max(more * (1.0 + CLOSE_WORTH * s.far[NEARBY]), 1.0 / wanted)
     mean = balance(walk)
     s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
@@ -122,13 +121,15 @@ def scatter_at(table, hero, part, s):
 
 
 @inlined
-def more_often(guide, drawn, plain):
-    """How much more often a direction is drawn than by what scatters alone: there walks are worth that much more.
+def worth_of(drawn, plain, passing):
+    """How much more a walk is worth for its direction: roulette begins that much lower.
 
-    A lamp may be hidden, what is sent into a beam does meet it.
+    Else it would make of many dim walks a few bright ones just before they are lit.  A direction is worth as much more
+    as it is drawn more often than by what scatters alone, or as it is brighter for the lamps that it passes, however
+    it was drawn: a sharp peak goes on to a lamp by itself.
     """
-    most = math.inf if guide.beamed else MOST_WORTH
-    return min(max(drawn / plain, 1.0), most) if plain > 0.0 else 1.0
+    often = drawn / plain if plain > 0.0 else 1.0
+    return max(often, 4.0 * math.pi * passing / PASSING, 1.0)
 
 
 @merged
@@ -213,7 +214,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     if event == ABSORBED:
         return OVER
     passing = density_past(table, here, walk.position, walk.direction, s.chance, s.aside) if past > 0.0 else 0.0
-    more = more_often(table.guide, (1.0 - past) * s.density[hero] + passing, s.density[hero])
+    more = worth_of((1.0 - past) * s.density[hero] + passing, s.density[hero], passing)
     more = max(more, 1.0 / wanted_weight(table, here, walk.position, s))
     for i in range(walk.value.size):
         s.kept_chance[i] = walk.chance[i]
