@@ -3,7 +3,7 @@
 Measured (docs/validation-surfaces.md): walks from the camera are the better ones without fog and in thin fog, photons
 where the camera or a lamp is in a medium with an optical depth of some 0.4 across, and wherever glass or mirrors hide
 lamps from walks.  A small body of a dense medium, seen and lit from outside, is met by few photons: that is for walks.
-Where the picture is denoised walks are better in nearly any fog: neighbouring pixels share photons, whose blotches stay.
+Where the picture is denoised walks are better in nearly any fog: neighbouring pixels share photons, and blotches stay.
 """
 
 from __future__ import annotations
