@@ -2,8 +2,8 @@
 
 A walk goes through media, past INTERFACE surfaces and along reflections and refractions without spread, to the first
 surface that spreads light; there it leaves its last point.  On every leg through a medium it leaves a few points,
-*forced* to lie on the leg: half of them drawn by the hero's free path, cut off at the end of the leg, half by what a
-lamp scatters into the leg (`kernels.surfaces.legs`).  With F and P as in
+*forced* to lie on the leg: half of them drawn by the hero's free path, cut off at the end of the leg, half evenly over
+the angle under which a lamp sees the leg (Kulla & Fajardo 2012, Computer Graphics Forum 31, 1519).  With F and P as in
 `kernels.path` a point at the distance t counts  F_i tau_i(t) / mean_h(P_h p_h(t)),  where p_h is the mean of
 tau_h sigma_h / (1 - tau_h(end)) and of the density by angle; the walk itself goes on with the leg's transmittance, or
 from a vertex on the leg, scattered by the peak of a phase function (`kernels.surfaces.peaks`).
@@ -15,14 +15,13 @@ import math
 
 import numpy as np
 
-from skyscatter.kernels.codes.surfaces import ABSORBED, DIELECTRIC, SURROUNDINGS
+from skyscatter.kernels.codes.surfaces import ABSORBED, DIELECTRIC, POINT_LAMP, SURFACE_LAMP, SURROUNDINGS
 from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.random import start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import is_delta
 from skyscatter.kernels.surfaces.clearance import empty_ball
-from skyscatter.kernels.surfaces.lamps import brightness, disk_light, pick
-from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, guess_on_leg
+from skyscatter.kernels.surfaces.lamps import brightness, disk_light
 from skyscatter.kernels.surfaces.media import (
     current_medium,
     medium_density,
@@ -41,7 +40,7 @@ from skyscatter.kernels.surfaces.shapes import NO_MORE, item_body
 
 #: Legs of a walk at most: as many boundaries and mirrors as can be looked through.
 MOST_LEGS = 64
-#: Share of the events that are placed by where a lamp is near.
+#: Share of the events that are placed by the angle from a lamp.
 ANGLE_SHARE = 0.5
 #: Radius of a sphere in mean free paths at most, whatever is asked for: beyond, it blurs what it is to find.
 OF_FREE_PATH = 0.5
@@ -65,13 +64,47 @@ def note_point(points, ray, x, d, m, beyond, body, order, accepts, stack):
 
 
 @merged
-def place_event(media, m, x, d, far, hero, lost, u, s):
-    """Distance of an event by the hero's free path, with u in [0, 1)."""
-    # A hero that loses nothing on the leg has no event there.
-    wanted = -math.log1p(-u * lost) if lost > 0.0 else math.inf
-    if media.constant[m]:
-        return wanted / media.extinction[m, hero] if media.extinction[m, hero] > 0.0 else math.inf
-    return math.inf if wanted == math.inf else reach(media, m, hero, x, d, far, wanted, s.work)
+def nearest_lamp(lamps, guide, x, d, u):
+    """The lamp of finite distance that should shine most on a line, drawn by power over distance from the line.
+
+    Returns its number (-1 without any), the distance along the line at which it is nearest, and how near it is [m].
+    """
+    total = 0.0
+    for sweep in range(2):
+        rest = u * total
+        for k in range(lamps.kind.size):
+            if lamps.kind[k] == POINT_LAMP or lamps.kind[k] == SURFACE_LAMP:
+                m = guide.middle[k]
+                a, b, c = m[0] - x[0], m[1] - x[1], m[2] - x[2]
+                along = max(a * d[0] + b * d[1] + c * d[2], 0.0)
+                a, b, c = a - along * d[0], b - along * d[1], c - along * d[2]
+                apart = max(math.sqrt(a * a + b * b + c * c), 0.5 * guide.size[k], 1e-9 * along)
+                bright = guide.power[k] / max(apart, 1e-300)
+                if sweep == 0:
+                    total += bright
+                elif bright > 0.0:
+                    if rest < bright:
+                        return np.int64(k), along, max(apart, 1e-300)
+                    rest -= bright
+    return np.int64(-1), 0.0, 1.0
+
+
+@merged
+def place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s):
+    """Distance of an event with u in [0, 1): by angle, where there is one, or by free path."""
+    share = ANGLE_SHARE if high > low else 0.0
+    if u < share:
+        t = near + apart * math.tan(low + (high - low) * u / share)
+    else:
+        # A hero that loses nothing on the leg has no event there.
+        wanted = -math.log1p(-(u - share) / (1.0 - share) * lost) if lost > 0.0 else math.inf
+        if media.constant[m]:
+            t = wanted / media.extinction[m, hero] if media.extinction[m, hero] > 0.0 else math.inf
+        elif wanted == math.inf:
+            t = math.inf
+        else:
+            t = reach(media, m, hero, x, d, far, wanted, s.work)
+    return t
 
 
 @inlined
@@ -94,18 +127,13 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
         dims = dims or whole[i] < 1.0
     if not (dims and scene.guide.scatters[m]):
         return
-    gathered, along, height, low, high = scene.guide.gathered[m], 0.0, 0.0, 0.0, 0.0
-    guess_on_leg(scene.lamps, scene.guide, m, x, d, far, s.lamp_chance)
-    k = pick(s.lamp_chance, uniform(walk.state))
-    if k >= 0:
-        _, along, height, low, high = aim_on_leg(scene.lamps, scene.guide, m, k, x, d, far)
+    k, near, apart = nearest_lamp(scene.lamps, scene.guide, x, d, uniform(walk.state))
+    low = math.atan(-near / apart) if k >= 0 else 0.0
+    high = (math.atan((far - near) / apart) if far < math.inf else 0.5 * math.pi) if k >= 0 else 0.0
     share = ANGLE_SHARE if high > low else 0.0
     for n in range(events):
         u = (n + uniform(walk.state)) / events
-        if u < share:
-            t = draw_on_leg(gathered, along, height, low, high, u / share)
-        else:
-            t = place_event(media, m, x, d, far, hero, lost, (u - share) / (1.0 - share), s)
+        t = place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s)
         if not 0.0 <= t < far:
             continue
         for j in range(3):
@@ -113,7 +141,9 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
         transmit(media, m, x, d, t, work, through)
         medium_density(media, m, s.place[0], s.place[1], s.place[2], work)
         spectral_depth(media, m, work.density, work.total)
-        by_angle, mean = share * density_on_leg(gathered, along, height, low, high, t), 0.0
+        by_angle, mean = 0.0, 0.0
+        if share > 0.0:
+            by_angle = share * apart / ((high - low) * (apart * apart + (t - near) * (t - near)))
         for i in range(through.size):
             # Chances of wavelengths that lose nothing on this leg: their free path ends nowhere on it.
             forced = through[i] * work.total[i] / (1.0 - whole[i]) if whole[i] < 1.0 else 0.0
@@ -208,7 +238,8 @@ def end_leg(scene, peaks, m, hero, far, s):
     chances_of_peak(peaks, m, whole, s.density)
     if s.density[hero] > 0.0 and uniform(walk.state) < s.density[hero]:
         t = place_event(
-            media, m, walk.position, walk.direction, far, hero, 1.0 - whole[hero], uniform(walk.state), s
+            media, m, walk.position, walk.direction, far, hero, 1.0 - whole[hero], uniform(walk.state), 0.0, 1.0, 0.0,
+            0.0, s,
         )  # fmt: skip
         return min(t, far) if t < math.inf else -1.0
     for i in range(walk.value.size):
