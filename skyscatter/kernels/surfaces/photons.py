@@ -67,7 +67,7 @@ class PhotonScratch(NamedTuple):
     place: np.ndarray  #: (6,) point and normal on a lamp
     hit: np.ndarray  #: (4,) distance and outward normal of what a ray meets
     other_hit: np.ndarray  #: (4,)
-    lamp_chance: np.ndarray  #: (lamp,) to look for it from a leg
+    lamp_chance: np.ndarray  #: (lamp,) of a turn that passes it
     towards: np.ndarray  #: (3,)
     arriving: np.ndarray  #: (3,)
     value: np.ndarray  #: (wavelength,) F at the start of a flight
