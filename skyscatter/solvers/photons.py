@@ -230,7 +230,7 @@ class _Room(NamedTuple):
         return cls(
             make_points(capacity, components, wavelengths),
             make_points(min(MOST_POINTS, rays), components, wavelengths),
-            make_photon_scratch(components, wavelengths, len(table.lamps.kind)),
+            make_photon_scratch(components, wavelengths),
             np.zeros((rays, wavelengths)),
             polar,
         )

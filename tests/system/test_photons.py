@@ -157,7 +157,7 @@ def test_the_ratios_of_the_paper() -> None:
     table = guided(compile_surfaces(lamp_in_fog(), WAVELENGTHS))
     white = table._replace(lamps=table.lamps._replace(power=np.ones((1, 3))))
     none = white._replace(lamps=white.lamps._replace(kind=np.array([3]), share=np.zeros(1)))
-    s, points, surfaces = make_photon_scratch(1, 3, 1), make_points(1000, 1, 3), make_points(1, 1, 3)
+    s, points, surfaces = make_photon_scratch(1, 3), make_points(1000, 1, 3), make_points(1, 1, 3)
     peaks = no_peaks(white.media)
     o, d = beside_lamp()
     light, none_by_order, fates = np.zeros((1, 3)), np.zeros((0, 1, 3)), np.zeros((4, 3))
@@ -192,7 +192,7 @@ def test_the_ratios_of_the_paper() -> None:
 def test_weights_of_both_ways_are_in_the_ratio_of_their_densities() -> None:
     """For one wavelength w_points : w_paths = 4/3 sigma R : 1, read off what each of them adds."""
     table = guided(compile_surfaces(lamp_in_fog(), WAVELENGTHS[1:2]))
-    s, points, surfaces = make_photon_scratch(1, 1, 1), make_points(1, 1, 1), make_points(1, 1, 1)
+    s, points, surfaces = make_photon_scratch(1, 1), make_points(1, 1, 1), make_points(1, 1, 1)
     radius = 0.3
     points.count[0], points.accepts[0], points.weight[0], points.density[0] = 1, 7, 1.0, 1.0
     points.reach[0] = radius

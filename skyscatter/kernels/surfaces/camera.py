@@ -275,7 +275,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
                 order += 1
                 if order >= most:
                     return
-                if not scatter_by_peak(scene, peaks, m, hero, t, s) or not weaken(leg, s):
+                if not scatter_by_peak(peaks, media, m, hero, t, s) or not weaken(leg, s):
                     return
                 near, last, skip, straight = 0.0, NO_MORE, np.int64(-1), False
                 for n in range(3):

@@ -50,7 +50,7 @@ from skyscatter.kernels.surfaces.lamps import (
     ring_of,
 )
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, guess_on_leg
-from skyscatter.kernels.surfaces.media import depth_of, draw_scattered, scattering
+from skyscatter.kernels.surfaces.media import draw_scattered, scattering
 from skyscatter.kernels.surfaces.past import density_past, shares_from_wall, shares_past
 from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
 from skyscatter.kernels.surfaces.shadows import reaches
@@ -234,9 +234,7 @@ def light_leg(table, hero, sampling, first, s):
     scattering(media, m, s.media.density, cosine, s.media, towards)
     chosen, extent = s.chance[k], density if density > 0.0 else 1.0
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
-    past = 0.0
-    if met > 0.0:
-        past, _ = shares_past(table, depth_of(media, m, s.media.density, s.light.size // 2), s.place, s.chance)
+    past = shares_past(table, m, s.place, s) if met > 0.0 else 0.0
     passing = density_past(table, m, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):

@@ -38,30 +38,32 @@ LEAST_SINE = 1e-10
 
 
 @kernel
-def shares_past(table, sigma, x, shares):
-    """Shares of the directions from a vertex with the extinction sigma [m-1] that pass each lamp, into (lamp,).
+def shares_past(table, m, x, s):
+    """Shares of the directions from a vertex that pass each lamp, into ``s.chance`` (lamp,); returns their sum.
 
-    Returns their sum, and how much of the view lamps fill.
+    ``s.media.density`` holds the densities at the vertex.  How much of the view lamps fill goes to ``s.far[NEARBY]``.
     """
     lamps, guide, total, near = table.lamps, table.guide, 0.0, 0.0
-    guess_in_medium(lamps, guide, x, shares)
-    for k in range(shares.size):
+    sigma = depth_of(table.media, m, s.media.density, s.light.size // 2)
+    guess_in_medium(lamps, guide, x, s.chance)
+    for k in range(s.chance.size):
         share = 0.0
         if lamps.kind[k] == PARALLEL_LAMP:
-            share = guide.size[k] * shares[k]
+            share = guide.size[k] * s.chance[k]
         elif lamps.kind[k] != SURROUNDINGS:
             p, size = guide.middle[k], guide.size[k]
             along, height = place_beside(guide, k, x)
             square = (x[0] - p[0]) ** 2 + (x[1] - p[1]) ** 2 + (x[2] - p[2]) ** 2
-            near += shares[k] * min(size * size / max(square, 1e-300), 1.0)
+            near += s.chance[k] * min(size * size / max(square, 1e-300), 1.0)
             if height > 0.0:
-                share = BESIDE * shares[k] / (1.0 + sigma * to_beam(along, height))
+                share = BESIDE * s.chance[k] / (1.0 + sigma * to_beam(along, height))
             elif square > size * size:
-                share = PASSING * shares[k] * (1.0 - size * size / square)
+                share = PASSING * s.chance[k] * (1.0 - size * size / square)
                 share /= 1.0 + sigma * math.sqrt(square)
-        shares[k] = share
+        s.chance[k] = share
         total += share
-    return total, near
+    s.far[NEARBY] = near
+    return total
 
 
 @kernel
@@ -170,8 +172,6 @@ def draw_past(table, m, k, x, u, v, d):
 def draw_direction(table, m, hero, x, u, v, s, d):
     """Turn d at a vertex, and leave the shares of the directions that pass each lamp in ``s.chance``.
 
-    ``s.media.density`` holds the densities there.  How much of the view lamps fill goes to ``s.far[NEARBY]``.
-
     Returns
     -------
     turned : bool
@@ -179,8 +179,7 @@ def draw_direction(table, m, hero, x, u, v, s, d):
     past : float
         Sum of the shares.
     """
-    sigma = depth_of(table.media, m, s.media.density, s.light.size // 2)
-    past, s.far[NEARBY] = shares_past(table, sigma, x, s.chance)
+    past = shares_past(table, m, x, s)
     if past > 0.0:
         choice = uniform(s.walk.state)
         if choice < past:

@@ -20,14 +20,12 @@ from __future__ import annotations
 import math
 
 from skyscatter.kernels.directions import turn
-from skyscatter.kernels.jit import inlined, kernel, merged
+from skyscatter.kernels.jit import kernel, merged
 from skyscatter.kernels.optics import sample_cosine
 from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.gather import mix_phase
-from skyscatter.kernels.surfaces.lamps import pick
 from skyscatter.kernels.surfaces.media import medium_density, spectral_depth, transmit
-from skyscatter.kernels.surfaces.past import density_past, draw_past, face_lamp, shares_past
 
 
 @merged
@@ -61,47 +59,13 @@ def draw_peak(peaks, media, m, hero, u, v, work, direction):
     return True
 
 
-@inlined
-def scattered_by_peak(peaks, media, m, i, s):
-    """What the peaks scatter [m-1] where the densities are those of ``s.work``, at wavelength i."""
-    scattered = 0.0
-    for c in range(media.first[m], media.first[m + 1]):
-        scattered += s.work.density[c] * media.sigma_s[c, i] * peaks.share[c, i]
-    return scattered
-
-
 @kernel
-def turn_by_peak(scene, peaks, m, hero, sigma, s):
-    """Turn the walk by the peak, or past a lamp that is where the peak leads: around it light is brightest.
-
-    Returns whether it turns, the share of the latter, and their density [sr-1].
-    """
-    walk, d, media, middle, past = s.walk, s.walk.direction, scene.media, s.factor.size // 2, 0.0
-    scattered = scattered_by_peak(peaks, media, m, middle, s)
-    shares_past(scene, sigma, walk.position, s.lamp_chance)
-    for k in range(s.lamp_chance.size):
-        if s.lamp_chance[k] > 0.0:
-            face_lamp(scene, k, walk.position, s.towards)
-            cosine = d[0] * s.towards[0] + d[1] * s.towards[1] + d[2] * s.towards[2]
-            mix_phase(media.first[m], media.first[m + 1], s.work.density, media.sigma_s, peaks.phase, cosine, s.factor)
-            s.lamp_chance[k] *= s.factor[middle] / (s.factor[middle] + scattered) if scattered > 0.0 else 0.0
-            past += s.lamp_chance[k]
-    choice = uniform(walk.state) if past > 0.0 else 1.0
-    if choice < past:
-        k = pick(s.lamp_chance, choice)
-        draw_past(scene, m, k, walk.position, uniform(walk.state), uniform(walk.state), d)
-    elif not draw_peak(peaks, media, m, hero, uniform(walk.state), uniform(walk.state), s.work, d):
-        return False, past, 0.0
-    return True, past, density_past(scene, m, walk.position, d, s.lamp_chance, s.towards) if past > 0.0 else 0.0
-
-
-@kernel
-def scatter_by_peak(scene, peaks, m, hero, t, s):
+def scatter_by_peak(peaks, media, m, hero, t, s):
     """Scatter the walk by the peak at the distance t, drawn by the hero's free path; False if it ends.
 
     ``s.light_through`` is the transmittance of the whole leg, ``s.density`` what `chances_of_peak` gave.
     """
-    walk, work, through, media = s.walk, s.work, s.light, scene.media
+    walk, work, through = s.walk, s.work, s.light
     x, d, whole = walk.position, walk.direction, s.light_through
     transmit(media, m, x, d, t, work, through)
     for n in range(3):
@@ -109,15 +73,15 @@ def scatter_by_peak(scene, peaks, m, hero, t, s):
         s.arriving[n] = d[n]
     medium_density(media, m, x[0], x[1], x[2], work)
     spectral_depth(media, m, work.density, work.total)
-    turned, past, passing = turn_by_peak(scene, peaks, m, hero, work.total[work.total.size // 2], s)
-    if not turned:
+    if not draw_peak(peaks, media, m, hero, uniform(walk.state), uniform(walk.state), work, d):
         return False
     cosine = d[0] * s.arriving[0] + d[1] * s.arriving[1] + d[2] * s.arriving[2]
     mix_phase(media.first[m], media.first[m + 1], work.density, media.sigma_s, peaks.phase, cosine, s.factor)
     for i in range(through.size):
-        scattered = scattered_by_peak(peaks, media, m, i, s)
+        scattered = 0.0
+        for c in range(media.first[m], media.first[m + 1]):
+            scattered += work.density[c] * media.sigma_s[c, i] * peaks.share[c, i]
         placed = through[i] * work.total[i] / (1.0 - whole[i]) if whole[i] < 1.0 else 0.0
         walk.value[i] *= through[i] * s.factor[i]
-        by_peak = s.factor[i] / scattered if scattered > 0.0 else 0.0
-        walk.chance[i] *= s.density[i] * placed * ((1.0 - past) * by_peak + passing)
+        walk.chance[i] *= s.density[i] * placed * (s.factor[i] / scattered if scattered > 0.0 else 0.0)
     return rebalance(walk)

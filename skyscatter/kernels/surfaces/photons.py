@@ -67,7 +67,6 @@ class PhotonScratch(NamedTuple):
     place: np.ndarray  #: (6,) point and normal on a lamp
     hit: np.ndarray  #: (4,) distance and outward normal of what a ray meets
     other_hit: np.ndarray  #: (4,)
-    lamp_chance: np.ndarray  #: (lamp,) of a turn that passes it
     towards: np.ndarray  #: (3,)
     arriving: np.ndarray  #: (3,)
     value: np.ndarray  #: (wavelength,) F at the start of a flight
@@ -81,14 +80,14 @@ class PhotonScratch(NamedTuple):
     found: np.ndarray  #: (3,) int64, how often events, flights and arrivals were gathered
 
 
-def make_photon_scratch(components: int, wavelengths: int, lamps: int) -> PhotonScratch:
+def make_photon_scratch(components: int, wavelengths: int) -> PhotonScratch:
     """Scratch arrays for a scene of that size."""
     return PhotonScratch._make([
         make_walk(wavelengths), make_media_work(components, wavelengths), make_walker(),
         make_ball_scratch(),
-        *(np.zeros(STACK, np.int64) for _ in range(3)), np.zeros(3), np.zeros(6), np.zeros(4), np.zeros(4),
-        np.zeros(lamps), np.zeros(3), np.zeros(3), *(np.zeros(wavelengths) for _ in range(6)),
-        np.zeros(EVEN_DIMENSIONS, np.uint32), np.zeros(1), np.zeros(3, np.int64),
+        *(np.zeros(STACK, np.int64) for _ in range(3)), np.zeros(3), np.zeros(6), np.zeros(4), np.zeros(4), np.zeros(3),
+        np.zeros(3), *(np.zeros(wavelengths) for _ in range(6)), np.zeros(EVEN_DIMENSIONS, np.uint32), np.zeros(1),
+        np.zeros(3, np.int64),
     ])  # fmt: skip
 
 
