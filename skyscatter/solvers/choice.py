@@ -16,8 +16,8 @@ from skyscatter.errors import DomainError
 from skyscatter.solvers.base import Array
 
 #: Scattering optical depth across the scene from which on photons are better, as they are and where the picture is
-#: denoised: of fogs up to 30 deep walks were the better ones then, of deeper fog nothing is known.
-DEEP, DEEP_DENOISED = 0.4, 40.0
+#: denoised: of fogs up to 41 deep walks were the better ones then, of deeper fog nothing is known.
+DEEP, DEEP_DENOISED = 0.4, 42.0
 
 
 def preferred_solver(scene: Any, wavelengths: Array, denoised: bool = False) -> str:

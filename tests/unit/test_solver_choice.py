@@ -14,7 +14,8 @@ SIDES = ("x-", "x+", "y-", "y+", "z-", "z+")
 
 
 @pytest.mark.parametrize(
-    ("extinction", "raw", "denoised"), [(0.01, "path", "path"), (1.0, "photons", "path"), (30.0, "photons", "photons")]
+    ("extinction", "raw", "denoised"),
+    [(0.01, "path", "path"), (1.0, "photons", "path"), (6.0, "photons", "path"), (30.0, "photons", "photons")],
 )
 def test_fog_is_for_photons_unless_the_picture_is_denoised(extinction: float, raw: str, denoised: str) -> None:
     """Of the deepest fog nothing is known of denoised walks."""
