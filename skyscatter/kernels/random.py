@@ -69,6 +69,21 @@ def uniform(state):
     return np.float64(mix(state[0]) >> np.uint64(11)) * _TO_UNIT
 
 
+@inlined
+def keeps(u, weight, total):
+    """Whether the newest of several, one after the other, is the one to keep; and the number u to decide by next.
+
+    `total` is the sum of their weights so far, `weight` the newest one's.  The number in [0, 1) is used again,
+    stretched, after every decision.
+    """
+    kept = weight > 0.0 and u * total < weight
+    if kept:
+        u = u * total / weight
+    elif total > weight:
+        u = (u * total - weight) / (total - weight)
+    return kept, u
+
+
 @kernel
 def reverse_bits(x):
     """The 32 bits of x in reverse order."""

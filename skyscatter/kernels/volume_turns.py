@@ -12,7 +12,7 @@ import numpy as np
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import phase_at, sample_cosine
-from skyscatter.kernels.random import uniform
+from skyscatter.kernels.random import keeps, uniform
 from skyscatter.kernels.tabulated import angle_cell, cell_of, draw_in_cell
 from skyscatter.kernels.volume import (
     depth_at,
@@ -186,13 +186,10 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         wanted *= phase
         weight = wanted / (by_law * law + (1.0 - by_law) * phase)
         total += weight
-        # Reservoir of one: the number is used again, stretched, after every decision.
-        if weight > 0.0 and w * total < weight:
+        keep, w = keeps(w, weight, total)
+        if keep:
             chosen, kept = True, wanted
             best_x, best_y, best_z = d[0], d[1], d[2]
-            w = w * total / weight
-        elif total > 0.0:
-            w = (w * total - weight) / max(total - weight, 1e-300)
     if not chosen:
         return False
     d[0], d[1], d[2] = best_x, best_y, best_z

@@ -8,7 +8,7 @@ import numpy as np
 
 from skyscatter.kernels.codes.surfaces import ABSORBED, DELTA, DIELECTRIC, REFLECTED, TRANSMITTED
 from skyscatter.kernels.jit import inlined, kernel, merged
-from skyscatter.kernels.random import uniform
+from skyscatter.kernels.random import keeps, uniform
 from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf, is_delta, sample_bsdf
 from skyscatter.kernels.surfaces.emptysky import middle_light
 from skyscatter.kernels.surfaces.flights import (
@@ -175,13 +175,11 @@ def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
         light = middle_light(sky, walk.position, d) + LIT_MORE * sky.typical
         bright = s.factor[q] * light / density if density > 0.0 else 0.0
         total += bright
-        # Reservoir of one: the number is used again, stretched, after every decision.
-        if bright > 0.0 and w * total < bright:
-            kept, w = bright, w * total / bright
+        keep, w = keeps(w, bright, total)
+        if keep:
+            kept = bright
             for k in range(3):
                 s.place[k] = d[k]
-        elif total > bright:
-            w = (w * total - bright) / (total - bright)
     if not kept > 0.0:
         return ABSORBED
     for i in range(walk.value.size):
