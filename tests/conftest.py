@@ -40,10 +40,12 @@ hypothesis.settings.load_profile("skyscatter")
 SAME_KERNELS = {
     "photons": ("test_photon", "test_random_rooms", "test_shipped_scenes", "test_surface_", "test_surfaces_"),
     "nebulae": ("test_nebula_", "test_random_nebulae", "test_shipped_nebulae"),
+    "worlds": ("test_known_skies", "test_worlds"),
     "images": ("test_dehaze_scenes", "test_simulate"),
 }
 #: Files of few long tests that share nothing: one by one, else they come last and one process waits for the other.
-APART = ("test_examples.py", "test_notebooks.py")
+#: Examples need kernels of all kinds, which others have compiled by then.
+APART = ("test_examples.py", "test_names.py", "test_notebooks.py")
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -134,11 +134,11 @@ def test_what_has_no_halves(build: Any, solver: str, options: dict[str, Any], wo
 
 
 def test_a_real_sky_denoised() -> None:
-    """A sky in 16 walks, beside 512: its error falls, and is what is stated."""
+    """A sky in 16 walks, beside 256: its error falls, and is what is stated."""
     scene, _ = sky()
     camera = skyscatter.Panorama(width=64, height=32)
     image = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=16), halves=True)
-    truth = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=512, seed=1))
+    truth = skyscatter.render(scene, camera, WL, solver=skyscatter.Path(samples=256, seed=1))
     clean = image.denoised()
 
     weight = image.layers["half_a"].mean(axis=(0, 1)) ** -2

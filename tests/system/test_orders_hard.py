@@ -36,6 +36,8 @@ def layer(density: Any, depth: float, phase: Any, name: str = "haze", albedo: fl
 
 
 AIR = layer(Exponential(scale_height=8e3), 0.1, Rayleigh(), "air")
+#: Both by the slow tests; the plainer air takes half as long.
+MODELS = pytest.mark.parametrize("model", [pytest.param("earth", marks=pytest.mark.slow), "earth-simple"])
 
 
 def sights(elevation: Any, azimuth: Any) -> Any:
@@ -82,7 +84,7 @@ def test_dusk_is_seen_from_enough_directions(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_allclose(usual, skyscatter.radiance(there, *rays, [700.0]).radiance, rtol=2 * DEFAULT_TOLERANCE)
 
 
-@pytest.mark.parametrize("elevation", [-4.0, -9.0, -14.0])
+@pytest.mark.parametrize("elevation", [-4.0, -9.0, pytest.param(-14.0, marks=pytest.mark.slow)])
 def test_a_veil_over_dusk_keeps_its_forward_light(elevation: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thin haze high up lights the shadow by what it turns by a few degrees, again and again."""
     there = skyscatter.load_model("earth-observatory").scene(sun_elevation_deg=elevation, sun_azimuth_deg=0.0)
@@ -94,7 +96,7 @@ def test_a_veil_over_dusk_keeps_its_forward_light(elevation: float, monkeypatch:
     np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
 
 
-@pytest.mark.parametrize("model", ["earth", "earth-simple"])
+@MODELS
 def test_a_limb_at_dusk_is_that_of_walks(model: str) -> None:
     """From orbit: air above the planet's shadow, lit by a band along the horizon, beside the Sun and away from it."""
     described = skyscatter.load_model(model)
@@ -111,8 +113,9 @@ def test_a_limb_at_dusk_is_that_of_walks(model: str) -> None:
     np.testing.assert_array_less(deviation[told], (0.01 * judge.radiance + 3 * judge.standard_error)[told])
 
 
-def test_a_limb_at_dusk_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
-    described = skyscatter.load_model("earth")
+@MODELS
+def test_a_limb_at_dusk_is_resolved(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    described = skyscatter.load_model(model)
     there = described.scene(sun_elevation_deg=-8.0, sun_azimuth_deg=0.0, altitude="400 km")
     tangent, azimuth = np.array([20e3, 40e3, 60e3]), np.array([10.0, 70.0, 90.0, 110.0])
     dip = np.degrees(np.arccos((R + tangent) / (R + 400e3)))
@@ -121,18 +124,19 @@ def test_a_limb_at_dusk_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("SEEN_STEP", 0.03), ("BETWEEN_AT_DUSK", 10.0)):
         monkeypatch.setattr(grid, name, value)
     right = skyscatter.radiance(there, *rays, [550.0], solver="orders").radiance
-    np.testing.assert_array_less(np.abs(usual.radiance - right), usual.estimated_error)
+    assert np.all(np.abs(usual.radiance - right) <= usual.estimated_error)  # both 0 above the air
     np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
 
 
-def test_the_night_limb_is_told_as_well_as_it_is_known() -> None:
+@MODELS
+def test_the_night_limb_is_told_as_well_as_it_is_known(model: str) -> None:
     """The limb away from the Sun has a hundred thousand millionth of the light of the day that is solved with it."""
-    there = skyscatter.load_model("earth").scene(sun_elevation_deg=-9.0, sun_azimuth_deg=180.0, altitude="400 km")
+    there = skyscatter.load_model(model).scene(sun_elevation_deg=-9.0, sun_azimuth_deg=180.0, altitude="400 km")
     dip = np.degrees(np.arccos((R + np.array([25e3, 60e3])) / (R + 400e3)))
     rays = there.observer.position, sights(-dip, [0.0, 0.0])
     usual = skyscatter.radiance(there, *rays, [550.0], solver="orders")
     finer = skyscatter.radiance(there, *rays, [550.0], solver=skyscatter.Orders(tolerance=0.003)).radiance
-    np.testing.assert_array_less(np.abs(usual.radiance - finer), usual.estimated_error)
+    assert np.all(np.abs(usual.radiance - finer) <= usual.estimated_error)  # both 0 above the air
     np.testing.assert_allclose(usual.radiance, finer, rtol=2 * DEFAULT_TOLERANCE)
 
 
@@ -252,7 +256,7 @@ def test_no_loose_tolerance_is_refused_where_the_default_is_not() -> None:
     d = rng.normal(size=(40, 3))
     d[:, 2] = np.abs(d[:, 2])
     d /= np.linalg.norm(d, axis=1)[:, None]
-    here, wl = sky.observer.position, [450.0, 550.0, 650.0]
+    here, wl = sky.observer.position, [450.0, 650.0]
     quick = skyscatter.radiance(sky, here, d, wl, solver=skyscatter.Orders(tolerance=0.05))
     usual = skyscatter.radiance(sky, here, d, wl)
     assert np.mean(np.abs(quick.radiance - usual.radiance) <= quick.error + usual.error) >= 0.95

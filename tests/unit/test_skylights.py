@@ -113,7 +113,7 @@ def test_moonlight_is_sunlight_from_the_moon() -> None:
 
 def test_every_light_alone_sums_to_all_together() -> None:
     scene = skyscatter.sky_at(PARANAL, "2026-04-02T03:00Z")  # with the Moon
-    camera, wavelengths = skyscatter.Fisheye(width=24, height=24), [450.0, 550.0, 650.0]
+    camera, wavelengths = skyscatter.Fisheye(width=24, height=24), [550.0]
     assert scene.lights is not None
     names = LIGHTS[:-1]  # no towns
     assert scene.lights.shine == names
@@ -240,9 +240,8 @@ PATAT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "minutes", [pytest.param(m, marks=[pytest.mark.slow] * (m != 30)) for m in (0, 10, 20, 30, 43)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("minutes", [0, 10, 20, 30, 43])
 def test_twilight_beside_paranal(minutes: int) -> None:
     """From 5 to 14 degrees of depression; 0.3 mag is the bar, and as much as the measurements scatter (0.12 in B to
     0.40 in I).  Two miss it.  R at 5 degrees is 0.32 mag too dark: refraction, which lets red light in from farther
