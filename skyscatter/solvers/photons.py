@@ -50,8 +50,10 @@ DEFAULT_PHOTONS = USUAL_PHOTONS
 DEFAULT_TOLERANCE = 5e-3
 #: Ways to gather.
 ESTIMATORS = {"points": POINTS, "paths": PATHS, "both": POINTS | PATHS}
-#: Points on every leg of a camera's walk through a medium: as many as make this of all rays together, within limits.
+#: Points of a ray's walks on a leg through a medium: as many as make this of all rays together, within limits.
 EVENTS, LEAST_EVENTS, MOST_EVENTS = 1 << 14, 2, 32
+#: Walks of a ray in a pass: as many as make this of all rays together, within limits.
+LOOKS, MOST_LOOKS = 1 << 13, 16
 #: Points in memory at once.
 MOST_POINTS = 1 << 18
 #: Walks past mirrors and glass whose matrices are in memory at once, 128 bytes each for every wavelength.
@@ -108,7 +110,7 @@ def prepare(
     from skyscatter.solvers.surfaces import compile_matrices, compile_surfaces
 
     n, layers = len(rays.origins), asked.orders + 3 * bool(asked.stokes)
-    points = media_room(n) + min(MOST_POINTS, n)
+    points = media_room(n) + floor_room(n)
     check_fits(
         photon_bytes(n, points, wavelengths.size, layers, threads), "wavelengths", wavelengths.size,
         f"{threads} threads with their photons take", "give fewer wavelengths, a smaller picture, or fewer threads",
@@ -226,10 +228,12 @@ class _Room(NamedTuple):
         if matrix is not None and directions is not None:
             # The scene's z axis is up everywhere.
             frame, _ = meridian_frame(np.array([0.0, 0.0, 1.0]), directions)
-            polar = make_photon_polar(matrix, frame, capacity, min(MOST_CHAINS, 4 * rays) + MOST_LEGS + 1)
+            looks = looks_for(rays)
+            chains = min(MOST_CHAINS, 4 * rays * looks) + looks * MOST_LEGS + 1
+            polar = make_photon_polar(matrix, frame, capacity, chains)
         return cls(
             make_points(capacity, components, wavelengths),
-            make_points(min(MOST_POINTS, rays), components, wavelengths),
+            make_points(floor_room(rays), components, wavelengths),
             make_photon_scratch(components, wavelengths),
             np.zeros((rays, wavelengths)),
             polar,
@@ -249,11 +253,11 @@ class _Room(NamedTuple):
         """Leave points from ray `first` on; the first ray for which there was no room."""
         most = MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order)
         self.points.count[0] = self.surfaces.count[0] = 0
-        events = events_for(len(rays.origins))
+        looks, events = looks_for(len(rays.origins)), events_for(len(rays.origins))
         following = leave_points(
             context.table, context.peaks, rays.origins, rays.directions, rays.numbers, first, np.int64(asked.how.seed),
-            number, events, most, ball, disk, by_rays(asked), self.points,
-            self.surfaces, self.scratch, self.sums, by_order, self.polar,
+            number, looks, events, most, ball, disk, by_rays(asked), self.points, self.surfaces, self.scratch,
+            self.sums, by_order, self.polar,
         )  # fmt: skip
         if following < 0:
             raise DomainError("viewpoint", rays.origins[first].tolist(), "lies inside of too many bodies at once")
@@ -262,13 +266,27 @@ class _Room(NamedTuple):
 
 def media_room(rays: int) -> int:
     """Points in media that a thread has room for."""
-    events = events_for(rays)
+    events = looks_for(rays) * events_for(rays)
     return min(MOST_POINTS, rays * events * 2) + events * MOST_LEGS
 
 
+def floor_room(rays: int) -> int:
+    """Points on surfaces that a thread has room for."""
+    return min(MOST_POINTS, rays * looks_for(rays))
+
+
+def looks_for(rays: int) -> int:
+    """Walks of a ray in a pass.
+
+    Photons are dear and walks are cheap: few rays should not leave photons with few points to be gathered at.  More
+    walks are worth more than more points on each, for each is scattered by peaks towards some other place.
+    """
+    return int(np.clip(LOOKS // max(rays, 1), 1, MOST_LOOKS))
+
+
 def events_for(rays: int) -> int:
-    """Points on a leg: photons are dear, so that few rays should not leave them with few points to be gathered at."""
-    return int(np.clip(EVENTS // max(rays, 1), LEAST_EVENTS, MOST_EVENTS))
+    """Points of each walk on a leg that leads straight from the camera."""
+    return int(np.clip(EVENTS // max(rays, 1), LEAST_EVENTS, MOST_EVENTS)) // looks_for(rays)
 
 
 def by_rays(asked: Asked[Photons]) -> bool:

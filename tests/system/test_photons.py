@@ -162,7 +162,7 @@ def test_the_ratios_of_the_paper() -> None:
     o, d = beside_lamp()
     light, none_by_order, fates = np.zeros((1, 3)), np.zeros((0, 1, 3)), np.zeros((4, 3))
     leave_points(
-        none, peaks, o[:1].copy(), d[:1].copy(), np.arange(1), 0, np.int64(1), 0, 8, 9, 0.0, 0.0, False,
+        none, peaks, o[:1].copy(), d[:1].copy(), np.arange(1), 0, np.int64(1), 0, 1, 8, 9, 0.0, 0.0, False,
         points, surfaces, s, light, none_by_order, None,
     )  # fmt: skip
     assert points.count[0] == 8

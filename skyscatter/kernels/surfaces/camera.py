@@ -44,7 +44,7 @@ MOST_LEGS = 64
 ANGLE_SHARE = 0.5
 #: Radius of a sphere in mean free paths at most, whatever is asked for: beyond, it blurs what it is to find.
 OF_FREE_PATH = 0.5
-#: Value below which walks between mirrors are given up by roulette.
+#: Share of its first value below which a walk is given up by roulette.
 WEAK = 0.05
 #: Legs after which roulette begins, and the chance to go on: 64 legs are reached by one walk in a million.
 EARLY_LEGS, GO_ON = 8, 0.78
@@ -213,8 +213,8 @@ def see_surroundings(lamps, ray, order, s, sums, by_order, polar):
 
 
 @merged
-def weaken(leg, s):
-    """Roulette for walks that have become long or weak; False where one ends."""
+def weaken(leg, weak, s):
+    """Roulette for walks that have become long, or weaker than `weak`; False where one ends."""
     walk, largest = s.walk, 0.0
     if leg >= EARLY_LEGS:
         if uniform(walk.state) >= GO_ON:
@@ -223,11 +223,11 @@ def weaken(leg, s):
             walk.value[i] /= GO_ON
     for i in range(walk.value.size):
         largest = max(largest, walk.value[i])
-    if largest < WEAK:
-        if uniform(walk.state) * WEAK >= largest:
+    if largest < weak:
+        if uniform(walk.state) * weak >= largest:
             return False
         for i in range(walk.value.size):
-            walk.value[i] *= WEAK / largest
+            walk.value[i] *= weak / largest
     return True
 
 
@@ -250,7 +250,7 @@ def end_leg(scene, peaks, m, hero, far, s):
 
 
 @merged
-def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar):
+def look(scene, peaks, ray, events, weak, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar):
     """One walk from the camera."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
@@ -275,7 +275,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
                 order += 1
                 if order >= most:
                     return
-                if not scatter_by_peak(peaks, media, m, hero, t, s) or not weaken(leg, s):
+                if not scatter_by_peak(peaks, media, m, hero, t, s) or not weaken(leg, weak, s):
                     return
                 near, last, skip, straight = 0.0, NO_MORE, np.int64(-1), False
                 for n in range(3):
@@ -306,7 +306,7 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
         order += 1
         if order > most:
             return
-        if bounce(scene, body, m, beyond, hero, np.bool_(False), s, polar) == ABSORBED or not weaken(leg, s):
+        if bounce(scene, body, m, beyond, hero, np.bool_(False), s, polar) == ABSORBED or not weaken(leg, weak, s):
             return
         near, last, skip = 0.0, NO_MORE, item
         for n in range(3):
@@ -315,8 +315,8 @@ def look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, 
 
 @entry
 def leave_points(
-    scene, peaks, origins, directions, ids, first, seed, stream, events, most, ball, disk, direct, points, surfaces, s,
-    sums, by_order, polar,
+    scene, peaks, origins, directions, ids, first, seed, stream, looks, events, most, ball, disk, direct, points,
+    surfaces, s, sums, by_order, polar,
 ):  # fmt: skip
     """Walks of the rays from `first` on, until there is no more room for points.
 
@@ -330,8 +330,10 @@ def leave_points(
     first : int
     seed, stream : int
         Seed, and number of the pass.
+    looks : int
+        Walks of every ray.
     events : int
-        Points on every leg through a medium.
+        Points of each on every leg through a medium.
     most : int
         Light that was scattered, reflected or refracted more often than this is left out.
     ball, disk : float
@@ -356,22 +358,27 @@ def leave_points(
     filled = False
     forget_walks(polar)
     for ray in range(first, origins.shape[0]):
-        if points.count[0] + events * MOST_LEGS > points.ray.size or surfaces.count[0] >= surfaces.ray.size:
+        if points.count[0] + looks * events * MOST_LEGS > points.ray.size:
             return ray
-        if full(polar, MOST_LEGS):
+        if surfaces.count[0] + looks > surfaces.ray.size or full(polar, looks * MOST_LEGS):
             return ray
         start_stream(walk.state, seed, ids[ray], stream)
         same = filled
         for n in range(3):
-            walk.position[n], walk.direction[n] = origins[ray, n], directions[ray, n]
             same = same and origins[ray, n] == origins[max(ray - 1, 0), n]
         if not same:
-            if fill_stack(scene.shapes, walk.position, walk.direction, np.int64(-1), s.first, s.other_hit) < 0:
+            if fill_stack(scene.shapes, origins[ray], directions[ray], np.int64(-1), s.first, s.other_hit) < 0:
                 return -1
             filled = True
-        copy_stack(s.first, s.stack)
-        for i in range(walk.value.size):
-            walk.value[i], walk.chance[i] = 1.0, 1.0
-        begin_look(polar, ray)
-        look(scene, peaks, ray, events, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar)
+        for _ in range(looks):
+            copy_stack(s.first, s.stack)
+            for n in range(3):
+                walk.position[n], walk.direction[n] = origins[ray, n], directions[ray, n]
+            for i in range(walk.value.size):
+                walk.value[i], walk.chance[i] = 1.0 / looks, 1.0
+            begin_look(polar, ray)
+            look(
+                scene, peaks, ray, events, WEAK / looks, most, ball, disk, direct, points, surfaces, s, sums, by_order,
+                polar,
+            )  # fmt: skip
     return origins.shape[0]
