@@ -26,6 +26,8 @@ from skyscatter.solvers.orders import Context, darkest_sun, window_of
 from skyscatter.solvers.path import walks_for
 from skyscatter.solvers.skytable import angle_cells, frame_of
 from skyscatter.solvers.sweeps import Solution, view
+from skyscatter.spectra.table import SpectralTable
+from skyscatter.surfaces.grounds import RossLi, Rpv
 from skyscatter.surfaces.materials import Lambert
 from skyscatter.workers import Workers
 
@@ -64,19 +66,30 @@ class KnownSky(NamedTuple):
         return field.diffuse(table, rays.origins, rays.directions, self.share, sky)
 
 
-def empty(scene: Scene) -> Scene:
-    """The same sky without bodies, clouds and lamps."""
-    material = scene.ground.material
-    ground = Ground(albedo=material.albedo) if isinstance(material, Lambert) else scene.ground
+def empty(scene: Scene, wavelengths: Array) -> Scene:
+    """The same sky without bodies, clouds and lamps, over ground that spreads light evenly."""
+    material, ground = scene.ground.material, scene.ground
+    if isinstance(material, Lambert):
+        ground = Ground(albedo=material.albedo)
+    elif isinstance(material, (Rpv, RossLi)):
+        # As bright under an even sky: the less is left for walks to find.
+        rising = np.unique(wavelengths)
+        ground = Ground(albedo=SpectralTable(wavelengths=rising, values=np.minimum(material.albedo(rising), 1.0)))
+    elif material is not None:
+        ground = Ground(albedo=0.0)
     return scene.model_copy(update={"fields": (), "bodies": (), "media": (), "lamps": (), "ground": ground})
+
+
+def is_even(ground: Ground) -> bool:
+    """Whether the ground spreads light evenly, as that of the empty sky does."""
+    return ground.material is None or isinstance(ground.material, Lambert)
 
 
 def is_knowable(scene: Scene, rays: int, asked: Asked[Path]) -> bool:
     """Whether the light of the empty sky is worth to be known for so many rays, and can be taken for part of theirs."""
-    plain = scene.ground.material is None or isinstance(scene.ground.material, Lambert)
     whole = not asked.parts and not asked.orders and asked.how.max_order is None
     many = asked.how.noise is not None or rays * walks_for(asked) >= WORTH
-    return bool(plain and whole and many and asked.how.sampling is None)
+    return bool(whole and many and asked.how.sampling is None)
 
 
 def known_sky(
@@ -91,7 +104,7 @@ def known_sky(
 
     `lamp` is the number of the star among the lamps.
     """
-    bare = empty(scene)
+    bare = empty(scene, wavelengths)
     table = compile_scene(bare, wavelengths)
     if table.optics.glows:
         return None
@@ -114,7 +127,8 @@ def known_sky(
     except SkyscatterError:  # a medium that orders cannot do
         return None
     context = Context(field, table, field.sky_table(table, rays.origins, rays.directions, threads))
-    known = _tabulated(field.fine, table, nodes, origins, directions, lamp, threads)
+    ground = int(is_even(scene.ground))
+    known = _tabulated(field.fine, table, nodes, origins, directions, lamp, ground, threads)
     some = slice(None, None, max(len(rays.origins) // JUDGED, 1))
     judged = field.look(table, rays.origins[some], rays.directions[some], False)
     share = np.quantile(judged.standard_error / np.maximum(np.abs(judged.radiance), 1e-300), MOST_OF, axis=0)
@@ -173,8 +187,9 @@ def elevations(radius: float, height: float, longest: float) -> Array:
 
 
 def _tabulated(
-    fine: Solution, table: SceneTable, nodes: _Nodes, origins: Array, directions: Array, lamp: int, threads: int
-) -> EmptySky:
+    fine: Solution, table: SceneTable, nodes: _Nodes, origins: Array, directions: Array, lamp: int, ground: int,
+    threads: int,
+) -> EmptySky:  # fmt: skip
     """The light at the nodes."""
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     whole = np.ascontiguousarray(fine.problem.whole[0, kept])
@@ -202,6 +217,7 @@ def _tabulated(
     return EmptySky(
         shells=components,
         lamp=lamp,
+        ground=ground,
         radius=float(table.columns.radius),
         centre=np.array([0.0, 0.0, -float(table.columns.radius)]),
         star=np.asarray(table.optics.disk_axis, float),

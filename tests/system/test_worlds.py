@@ -260,9 +260,10 @@ def test_photons_leave_the_disk_as_walks_find_it() -> None:
     d = (targets - eye) / np.linalg.norm(targets - eye, axis=1)[:, None]
     walked = skyscatter.radiance(scene, eye, d, WAVELENGTHS, solver=skyscatter.Path(samples=16384, seed=11))
     sent = skyscatter.radiance(
-        scene, eye, d, WAVELENGTHS, solver=skyscatter.Photons(samples=32, photons=1 << 14, radius=0.05, seed=11)
+        scene, eye, d, WAVELENGTHS, solver=skyscatter.Photons(samples=32, photons=1 << 16, radius=0.05, seed=11)
     )
-    # Light is gathered within 5 cm, over which the penumbra, 28 cm wide, is not straight.
+    # Light is gathered within 5 cm, over which the penumbra, 28 cm wide, is not straight.  A quarter of the photons
+    # would bring two or three from the floor to the ball, and now and then none.
     assert_agrees(sent.radiance, walked.radiance, np.hypot(sent.error, walked.error), slack=0.02)
     all_sent = skyscatter.radiance(
         scene,

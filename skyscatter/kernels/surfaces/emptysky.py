@@ -42,6 +42,7 @@ class EmptySky(NamedTuple):
 
     shells: int  #: how many components of the air are shells; they come before its fields
     lamp: int  #: number of the star among the lamps
+    ground: int  #: 1 if its ground is the scene's own; else that counts as a body, of which nothing is known
     radius: float  #: of the planet [m]
     centre: np.ndarray  #: (3,) [m]
     star: np.ndarray  #: (3,) direction towards it

@@ -170,9 +170,9 @@ def add_known(factor, s, sums):
 
 
 @kernel
-def leave_sky(sky, s, sums):
+def leave_sky(sky, body, s, sums):
     """Take off what lies behind the body that the walk has come to, if it is counted: from here all light is new."""
-    if sky is not None and s.at[KNOWN] == 1:
+    if sky is not None and s.at[KNOWN] == 1 and (body != 0 or sky.ground == 0):
         s.at[KNOWN] = 0
         for n in range(3):
             s.place[n] = s.walk.position[n] + s.hit[0] * s.walk.direction[n]
@@ -239,8 +239,7 @@ def meet(table, hero, sampling, s, sums):
     s.far[SCALE] /= mean
     body = item_body(shapes, at[ITEM])
     row = shapes.material[body]
-    if body != 0:
-        leave_sky(table.sky, s, sums)
+    leave_sky(table.sky, body, s, sums)
     copy_stack(s.stack, s.other_stack)
     cross(shapes, body, d[0] * hit[1] + d[1] * hit[2] + d[2] * hit[3] < 0.0, s.other_stack)
     here, there = current_medium(table.media, s.stack), current_medium(table.media, s.other_stack)
