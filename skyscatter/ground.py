@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from skyscatter.errors import DomainError
-from skyscatter.media.arrays import ArrayField
+from skyscatter.media.arrays import ArrayField, check_classes
 from skyscatter.record import Record
 from skyscatter.spectra.surfaces import check_albedo, spectrum_of
 from skyscatter.spectra.table import Albedo, Albedos
@@ -53,15 +53,9 @@ class GroundMap(Record):
 
     @model_validator(mode="after")
     def _check(self) -> GroundMap:
-        values = self.classes.array
-        if values.ndim != 2 or values.size == 0:
-            raise DomainError("classes", f"shape {values.shape}", "a picture of shape (y, x) with at least one cell")
         if not 1 <= len(self.albedos) <= MOST_CLASSES:
             raise DomainError("albedos", len(self.albedos), f"1 to {MOST_CLASSES} of them")
-        known = np.isfinite(values) & (values >= 0) & (values < len(self.albedos)) & (values == np.floor(values))
-        if not known.all():
-            rule = f"whole numbers from 0 to {len(self.albedos) - 1}, one for each of the albedos"
-            raise DomainError("classes", float(values[~known][0]), rule)
+        check_classes("classes", self.classes.array, len(self.albedos), "albedos")
         for albedo in self.albedos:
             check_albedo(albedo)
         return self
@@ -88,7 +82,8 @@ class Ground(Record):
         them.  For the solvers ``path`` and ``single``.
     material : material, optional
         What the ground does to light, in place of `albedo` and `map`: such as `skyscatter.surfaces.Rpv` or
-        `skyscatter.surfaces.RossLi` for land and `skyscatter.surfaces.Sea`.  For the solver ``path``.
+        `skyscatter.surfaces.RossLi` for land, `skyscatter.surfaces.Sea`, and a `skyscatter.surfaces.Mosaic` of
+        such.  For the solver ``path``.
 
     Notes
     -----

@@ -114,6 +114,16 @@ def read_cube(path: str) -> NDArray[Any]:
     return _read_cube(*stamp(path))
 
 
+def check_classes(field: str, values: NDArray[Any], count: int, names: str) -> None:
+    """Refuse a picture (y, x) of anything but whole numbers from 0 to `count` - 1."""
+    if values.ndim != 2 or values.size == 0:
+        raise DomainError(field, f"shape {values.shape}", "a picture of shape (y, x) with at least one cell")
+    known = np.isfinite(values) & (values >= 0) & (values < count) & (values == np.floor(values))
+    if not known.all():
+        rule = f"whole numbers from 0 to {count - 1}, one for each of the {names}"
+        raise DomainError(field, float(values[~known][0]), rule)
+
+
 def stamp(path: str) -> tuple[str, int]:
     """The path and the time of its last change, so that a file that was written anew is read anew."""
     try:

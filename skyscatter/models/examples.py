@@ -106,6 +106,8 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "interface": '{ kind = "interface" }',
         "lambert": '{ kind = "lambert", albedo = "30%" }',
         "mirror": '{ kind = "mirror", reflectance = 0.95 }',
+        "mosaic": '{ kind = "mosaic", classes = [[0, 1], [1, 0]], materials = [{ kind = "lambert", albedo = "snow" }, '
+        '{ kind = "sea" }], rest = { kind = "sea" }, cell_size = "2 km" }',
         "dielectric": '{ kind = "dielectric", roughness = 0.1 }',
         "conductor": '{ kind = "conductor", metal = "gold" }',
         "rpv": '{ kind = "rpv", amplitude = 0.07, exponent = 0.65, asymmetry = -0.29 }',

@@ -28,7 +28,7 @@ from skyscatter.solvers.skytable import angle_cells, frame_of
 from skyscatter.solvers.sweeps import Solution, view
 from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces.grounds import RossLi, Rpv
-from skyscatter.surfaces.materials import Lambert
+from skyscatter.surfaces.materials import Lambert, Mosaic
 from skyscatter.workers import Workers
 
 __all__ = ["KnownSky", "empty", "known_sky"]
@@ -68,7 +68,8 @@ class KnownSky(NamedTuple):
 
 def empty(scene: Scene, wavelengths: Array) -> Scene:
     """The same sky without bodies, clouds and lamps, over ground that spreads light evenly."""
-    material, ground = scene.ground.material, scene.ground
+    material, ground = scene.ground.material, Ground(albedo=scene.ground.albedo)
+    material = material.rest if isinstance(material, Mosaic) else material
     if isinstance(material, Lambert):
         ground = Ground(albedo=material.albedo)
     elif isinstance(material, (Rpv, RossLi)):
@@ -82,7 +83,7 @@ def empty(scene: Scene, wavelengths: Array) -> Scene:
 
 def is_even(ground: Ground) -> bool:
     """Whether the ground spreads light evenly, as that of the empty sky does."""
-    return ground.material is None or isinstance(ground.material, Lambert)
+    return ground.map is None and (ground.material is None or isinstance(ground.material, Lambert))
 
 
 def is_knowable(scene: Scene, rays: int, asked: Asked[Path]) -> bool:

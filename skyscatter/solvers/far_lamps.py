@@ -87,7 +87,7 @@ def share_by_glass(table: WalkTable) -> float:
     materials, lamps = table.materials, table.lamps
     smooth = np.isin(materials.kind, (MIRROR, DIELECTRIC, CONDUCTOR)) & (materials.roughness == 0)
     shining = (lamps.kind == SURFACE_LAMP) & (table.guide.power > 0)
-    if not (smooth[table.shapes.material].any() and shining.any()):
+    if not (smooth.any() and shining.any()):
         return 1.0
     return float(min(table.guide.size[shining].max() / (2 * max(lamps.radius, 1e-300)), 1.0) ** 2)
 

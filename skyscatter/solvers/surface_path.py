@@ -201,6 +201,7 @@ def guided(table: SurfaceTable) -> WalkTable:
         level=ROULETTE_LEVEL,
         gathered=gathered,
         halo=halo(gathered),
+        sea=0.0,
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide, None)
 

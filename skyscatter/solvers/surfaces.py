@@ -29,6 +29,7 @@ from skyscatter.surfaces.packing import (
     pack_materials,
     pack_shapes,
     starting_stack,
+    unfolded,
 )
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene
 from skyscatter.workers import in_parts
@@ -67,8 +68,9 @@ def _compiled(scene: SurfaceScene | SpaceScene, wavelengths: tuple[float, ...]) 
         lamps, viewpoint = free_lamps(scene, wl), np.array(scene.viewpoint.position)
     media, names = compile_media(records, wavelengths), [medium.name for medium in records]
     inside = [-1 if body.inside is None else names.index(body.inside) for body in bodies]
-    materials = tuple(dict.fromkeys(body.material for body in bodies))
-    rows = [materials.index(body.material) for body in bodies]
+    kinds = tuple(dict.fromkeys(body.material for body in bodies))
+    materials, first = unfolded(kinds)
+    rows = [first[kinds.index(body.material)] for body in bodies]
     shining = [k for k, body in enumerate(bodies) if body.lamp is not None]
     lamp = [shining.index(k) if k in shining else -1 for k in range(len(bodies))]
     parts = list(zip((body.shape for body in bodies), rows, inside, lamp, strict=True))

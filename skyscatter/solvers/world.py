@@ -26,8 +26,9 @@ from skyscatter.solvers.base import Answer, Array, Asked, Rays, Walks
 from skyscatter.solvers.emptysky import KnownSky, is_knowable, known_sky
 from skyscatter.solvers.options import Path
 from skyscatter.spectra.table import SpectralTable, evaluate
+from skyscatter.surfaces.grounds import Sea
 from skyscatter.surfaces.lamps import ParallelLamp, Surroundings
-from skyscatter.surfaces.materials import Lambert
+from skyscatter.surfaces.materials import AnyMaterial, Lambert, Mosaic
 from skyscatter.surfaces.scene import Body, SurfaceMedium, SurfaceScene, Viewpoint
 from skyscatter.surfaces.shapes import Sphere
 
@@ -56,7 +57,7 @@ def as_surfaces(scene: Scene, wavelengths: Array) -> SurfaceScene:
     Raises
     ------
     DomainError
-        For what such a scene cannot have beside its bodies: a map of the ground, towns, lights of a place, an eclipse.
+        For what such a scene cannot have beside its bodies: towns, lights of a place, an eclipse.
     """
     check_scene(scene)
     radius = scene.medium.radius
@@ -68,13 +69,26 @@ def as_surfaces(scene: Scene, wavelengths: Array) -> SurfaceScene:
         for component in scene.medium.components
     )
     air = SurfaceMedium(name="air", components=(*shells, *scene.fields))
-    material = scene.ground.material or Lambert(albedo=scene.ground.albedo)
-    ground = Body(name="ground", shape=Sphere(position=centre, radius=radius), material=material)
+    ground = Body(name="ground", shape=Sphere(position=centre, radius=radius), material=_ground(scene))
     return SurfaceScene(
         media=(air, *scene.media),
         bodies=(ground, *scene.bodies),
         lamps=(*_sky_lamps(scene, wavelengths), *scene.lamps),
         viewpoint=Viewpoint(position=(0.0, 0.0, scene.altitude), target=(0.0, 1.0, scene.altitude)),
+    )
+
+
+def _ground(scene: Scene) -> AnyMaterial:
+    """What the ground does to light; of a map each cell is Lambertian, on the observer's side of the planet."""
+    ground, picture = scene.ground, scene.ground.map
+    if ground.material is not None:
+        return ground.material
+    rest = Lambert(albedo=ground.albedo)
+    if picture is None:
+        return rest
+    cells = tuple(Lambert(albedo=albedo) for albedo in picture.albedos)
+    return Mosaic(
+        classes=picture.classes, materials=cells, rest=rest, cell_size=picture.cell_size, lowest=-scene.medium.radius
     )
 
 
@@ -117,8 +131,6 @@ def check_scene(scene: Scene) -> None:
     for name, given in {"lights": ", ".join(shine), "towns": ", ".join(towns)}.items():
         if given:
             raise DomainError(name, given, f"cannot shine yet in a scene with {held}; leave one of them out")
-    if scene.ground.map is not None:
-        raise DomainError("ground.map", "given", f"cannot lie yet under a scene with {held}; leave one of them out")
     if scene.sun.site is not None:
         from skyscatter.solvers.eclipse import eclipse_of
 
@@ -169,7 +181,9 @@ def prepare(
     """The tables of a scene, with the light of its empty sky where that is worth its while."""
     surfaces, lift = as_surfaces(scene, wavelengths), scene.medium.radius
     table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, among_surfaces(asked), threads, progress)
-    table = table._replace(guide=table.guide._replace(level=ROULETTE_LEVEL))
+    ground = scene.ground.material
+    sea = lift if isinstance(ground.rest if isinstance(ground, Mosaic) else ground, Sea) else 0.0
+    table = table._replace(guide=table.guide._replace(level=ROULETTE_LEVEL, sea=sea))
     if not is_night(scene) and is_knowable(scene, len(rays.origins), asked):
         # The star is the first parallel lamp; bodies that shine come before it.
         star = int(np.flatnonzero(table.lamps.kind == PARALLEL_LAMP)[0])

@@ -33,6 +33,7 @@ _HOME = {
     "Led": "skyscatter.surfaces.lamps",
     "Mesh": "skyscatter.surfaces.meshes",
     "Mirror": "skyscatter.surfaces.materials",
+    "Mosaic": "skyscatter.surfaces.materials",
     "ParallelLamp": "skyscatter.surfaces.lamps",
     "Plane": "skyscatter.surfaces.shapes",
     "PointLamp": "skyscatter.surfaces.lamps",
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from skyscatter.surfaces.materials import Interface as Interface
     from skyscatter.surfaces.materials import Lambert as Lambert
     from skyscatter.surfaces.materials import Mirror as Mirror
+    from skyscatter.surfaces.materials import Mosaic as Mosaic
     from skyscatter.surfaces.meshes import Mesh as Mesh
     from skyscatter.surfaces.meshes import Turned as Turned
     from skyscatter.surfaces.power import lamp_names as lamp_names

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
+from skyscatter.media.arrays import ArrayField, check_classes, read_cube
 from skyscatter.record import Record
 from skyscatter.spectra.surfaces import check_albedo, spectrum_of
 from skyscatter.spectra.table import (
@@ -21,11 +22,13 @@ from skyscatter.spectra.table import (
 )
 from skyscatter.surfaces.grounds import RossLi, Rpv, Sea
 from skyscatter.surfaces.indices import check_metal, metal_index
-from skyscatter.units import Number, default
+from skyscatter.units import Metres, Number, OptionalNumber, PositiveMetres, default
 
 Array = NDArray[np.float64]
 #: Least GGX alpha of a rough surface: below it the lobe is narrower than anything that could be told from smooth.
 LEAST_ROUGHNESS = 1e-3
+#: Materials that a mosaic can have.
+MOST_TILES = 255
 
 
 class Interface(Record):
@@ -203,5 +206,78 @@ class Conductor(Record):
         return evaluate(self.n, wavelengths_nm), evaluate(self.k, wavelengths_nm)
 
 
-Material = Interface | Lambert | Mirror | Dielectric | Conductor | Rpv | RossLi | Sea
+Opaque = Lambert | Mirror | Conductor | Rpv | RossLi | Sea
+AnyOpaque = Annotated[Opaque, Field(discriminator="kind")]
+
+
+class Mosaic(Record):
+    """A picture of opaque materials that lies on a surface, seen straight from above, along the z axis.
+
+    Row 0 is in the north (y) and column 0 in the west (x), as in every picture.  Give `classes`, or a `file` of them.
+
+    Parameters
+    ----------
+    classes : array_like of int, shape (y, x)
+        Which of `materials` each cell has, counted from 0.
+    file : str
+        A .npy or .npz file with the classes.
+    materials : tuple of material, at most 255
+        Any that lets no light through.
+    rest : material
+        What lies around the picture.
+    cell_size : length
+        Side of a cell [m].
+    middle : (length, length)
+        x and y of the middle of the picture [m].
+    lowest : length
+        Height z below which there is nothing but the rest [m]; without limit if not given.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A ValueError: for classes that no material has, or if neither or both of classes and file are given.
+    MissingDataError
+        When the file is first needed, if it cannot be read.
+
+    Examples
+    --------
+    A coast: grass in the north, the sea in the south and all around.
+
+    >>> from skyscatter import surfaces
+    >>> grass, sea = surfaces.Lambert(albedo="vegetation"), surfaces.Sea(wind_speed=6)
+    >>> coast = surfaces.Mosaic(classes=[[1, 1], [0, 0]], materials=[sea, grass], rest=sea, cell_size="2 km")
+    >>> coast.cells.tolist()
+    [[1, 1], [0, 0]]
+    """
+
+    kind: Literal["mosaic"] = "mosaic"
+    classes: ArrayField = None
+    file: str | None = None
+    materials: tuple[AnyOpaque, ...]
+    rest: AnyOpaque
+    cell_size: PositiveMetres
+    middle: tuple[Metres, Metres] = default((0.0, 0.0))
+    lowest: OptionalNumber[Metres] = default(None)
+
+    @model_validator(mode="after")
+    def _check(self) -> Mosaic:
+        if (self.classes is None) == (self.file is None):
+            rule = "give either the classes of all cells, or a file of them"
+            raise DomainError("classes", None if self.classes is None else "an array", rule)
+        if not 1 <= len(self.materials) <= MOST_TILES:
+            raise DomainError("materials", len(self.materials), f"1 to {MOST_TILES} of them")
+        if self.classes is not None:
+            check_classes("classes", self.classes.array, len(self.materials), "materials")
+        return self
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Which of `materials` each cell has, shape (y, x)."""
+        values = self.classes.array if self.file is None else read_cube(self.file)
+        if self.file is not None:
+            check_classes("file", values, len(self.materials), "materials")
+        return np.asarray(values, np.int64)
+
+
+Material = Interface | Lambert | Mirror | Dielectric | Conductor | Rpv | RossLi | Sea | Mosaic
 AnyMaterial = Annotated[Material, Field(discriminator="kind")]

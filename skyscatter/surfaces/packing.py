@@ -14,7 +14,7 @@ from skyscatter.kernels.surfaces.tables import MaterialTable, ShapeTable
 from skyscatter.spectra.table import evaluate
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table
 from skyscatter.surfaces.grounds import RossLi, Rpv, Sea
-from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror
+from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Mirror, Mosaic
 from skyscatter.surfaces.meshes import Faceted
 from skyscatter.surfaces.shapes import Box, Disk, Plane, Rectangle, Sphere
 
@@ -141,7 +141,8 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     Parameters
     ----------
     materials : sequence of records
-        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`, `Rpv`, `RossLi`, `Sea`.
+        `Interface`, `Lambert`, `Mirror`, `Dielectric`, `Conductor`, `Rpv`, `RossLi`, `Sea`, or a `Mosaic` before what
+        it is made of, as `unfolded` gives them.
     wavelengths_nm : array_like, shape (wavelength,)
     """
     wl = np.atleast_1d(np.asarray(wavelengths_nm, float))
@@ -150,7 +151,7 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
     reflectance, index, absorption = np.zeros((3, count, wl.size))
     bowl = np.zeros((count, 3, wl.size))
     lost, lost_mean = np.zeros((count, RATIOS, ANGLES)), np.zeros((count, RATIOS))
-    for k, material in enumerate(materials):
+    for k, material in enumerate(m.rest if isinstance(m, Mosaic) else m for m in materials):
         if isinstance(material, Interface):
             kind[k] = codes.INTERFACE
         elif isinstance(material, Lambert):
@@ -174,7 +175,35 @@ def pack_materials(materials: Sequence[Any], wavelengths_nm: ArrayLike) -> Mater
             raise TypeError(f"no material: {type(material).__name__}")
         if roughness[k] > 0.0 and kind[k] != codes.SEA:
             lost[k], lost_mean[k] = lost_table(roughness[k])
-    return MaterialTable(kind, roughness, reflectance, index, absorption, bowl, lost, lost_mean)
+    return MaterialTable(kind, roughness, reflectance, index, absorption, bowl, lost, lost_mean, *_mosaics(materials))
+
+
+def unfolded(materials: Sequence[Any]) -> tuple[list[Any], list[int]]:
+    """Materials with what mosaics are made of behind each of them, and where those that were given are among them."""
+    rows: list[Any] = []
+    first = []
+    for material in materials:
+        first.append(len(rows))
+        rows += [material, *material.materials] if isinstance(material, Mosaic) else [material]
+    return rows, first
+
+
+def _mosaics(materials: Sequence[Any]) -> tuple[Integers, Array, Integers, Integers]:
+    """Numbers of the mosaics, where they lie, their shapes and their cells, see `MaterialTable`."""
+    number, cells = np.full(len(materials), -1), [np.zeros(0, np.int64)]
+    place: list[list[Any]] = []
+    shape: list[list[int]] = []
+    for k, material in enumerate(materials):
+        if isinstance(material, Mosaic):
+            picture = material.cells
+            number[k] = len(place)
+            lowest = -np.inf if material.lowest is None else material.lowest
+            place.append([*material.middle, material.cell_size, lowest])
+            shape.append([sum(part.size for part in cells), *picture.shape])
+            cells.append(picture.ravel() + 1)
+    return (
+        number, np.array(place, float).reshape(-1, 4), np.array(shape, np.int64).reshape(-1, 3), np.concatenate(cells),
+    )  # fmt: skip
 
 
 def body_items(shapes: ShapeTable, body: int) -> Integers:

@@ -12,7 +12,7 @@ from worlds import BURIED, HOUSE, RAYS, WAVELENGTHS, directions, look, sky
 
 import skyscatter
 from skyscatter import fields
-from skyscatter.surfaces import Body, Box, Dielectric, Lambert, PointLamp, RossLi, Rpv, Sea
+from skyscatter.surfaces import Body, Box, Dielectric, Lambert, Mosaic, PointLamp, RossLi, Rpv, Sea
 
 
 @pytest.mark.parametrize("sun", [60.0, 25.0, 5.0])
@@ -102,6 +102,25 @@ def test_a_box_darkens_the_haze() -> None:
     assert (dimmed < 0.9 * whole).all()
 
 
+def test_a_map_of_the_ground() -> None:
+    """Beside a body it is what it is without one: cells, what lies around them, and their light in the haze."""
+    painted = skyscatter.GroundMap(classes=[[0, 1, 0], [1, 0, 1], [0, 0, 1]], albedos=[0.05, "snow"], cell_size="700 m")
+    ground = skyscatter.Ground(albedo=0.3, map=painted)
+    # Into each cell but one, past their edges, and up.
+    d = directions(
+        [[315, -70], [10, -75], [45, -65], [275, -80], [80, -70], [225, -60], [185, -70], [90, -30], [0, 50]]
+    )
+    held, bare = (
+        sky("earth-hazy", 40.0, altitude=2500.0, ground=ground, **more) for more in ({"bodies": (BURIED,)}, {})
+    )
+    found, known = look(held, d=d, samples=1024, seed=1), look(held, d=d, samples=6144, seed=2)
+    other = look(bare, d=d, samples=4096, seed=3)
+    for one in (found, known):
+        assert_agrees(one.radiance, other.radiance, np.hypot(one.error, other.error))
+    brightest = other.radiance[1:8, 1].max()
+    assert brightest > 2 * other.radiance[1:8, 1].min(), "cells differ"
+
+
 def test_land_that_is_lambertian() -> None:
     """k = 1, no asymmetry and no hot spot: the formula is Lambert's, and the whole sky that of orders."""
     land = skyscatter.Ground(material=Rpv(amplitude=0.3, exponent=1.0, asymmetry=0.0, hot_spot=1.0))
@@ -116,25 +135,47 @@ def test_land_that_is_lambertian() -> None:
         Rpv(amplitude=0.15, exponent=0.8, asymmetry=-0.1),
         RossLi(isotropic=0.2, volumetric=0.1, geometric=0.03),
         Sea(wind_speed=7),
+        Mosaic(
+            classes=[[0, 1], [2, 3]],
+            materials=[
+                Lambert(albedo=0.6),
+                Rpv(amplitude=0.2, exponent=0.7),
+                Sea(wind_speed=4),
+                Lambert(albedo="snow"),
+            ],
+            rest=RossLi(isotropic=0.1),
+            cell_size=400.0,
+        ),
     ],
+    ids=["rpv", "ross-li", "sea", "mosaic"],
 )
 def test_a_ground_in_the_sun(material: Any) -> None:
     """What it reflects of the Sun once, against its formula times the columns."""
     scene = sky("earth-simple", 50.0, ground=skyscatter.Ground(material=material), altitude=500.0)
     plain = sky("earth-simple", 50.0, altitude=500.0)
-    d = directions([[180, -60], [180, -45], [20, -50], [90, -70]])
+    d = directions([[181, -60], [179, -45], [20, -55], [100, -70], [290, -65]])
     seen = look(scene, "path", d, samples=1024, parts=True, seed=8)
     for ray, found in zip(d, seen.layers["reflected"], strict=True):
         target = np.array([0, 0, 500.0]) + ray * 500.0 / -ray[2]
-        factor = reflectance_factor(material, scene.sun.direction, -ray) / np.pi * scene.sun.direction[2]
+        here = material_at(material, *target[:2]) if isinstance(material, Mosaic) else material
+        factor = reflectance_factor(here, scene.sun.direction, -ray) / np.pi * scene.sun.direction[2]
         start = scene.observer.position
         between = skyscatter.transmittance(plain, start, start + ray * 500.0 / -ray[2], WAVELENGTHS)
         # Of the disk, over which a steep lobe of waves changes by some per cent, the mean differs by its curvature.
         np.testing.assert_allclose(found, factor * sunlight(scene, plain, target) * between, rtol=5e-3)
 
 
+def material_at(mosaic: Mosaic, x: float, y: float) -> Any:
+    """Of four cells around the middle, and of what lies around them."""
+    if max(abs(x), abs(y)) > mosaic.cell_size:
+        return mosaic.rest
+    return mosaic.materials[(0 if y > 0 else 2) + (1 if x > 0 else 0)]
+
+
 def reflectance_factor(material: Any, light: Any, viewer: Any) -> Any:
     """pi times the BRDF (wavelength,), written down from the literature once more."""
+    if isinstance(material, Lambert):
+        return material.reflectance(WAVELENGTHS)
     if isinstance(material, Rpv | RossLi):
         return material.factor(light, viewer, WAVELENGTHS)
     # Cox & Munk (1954), equations 5-9: the slopes that mirror, their probability, Fresnel at half the angle.

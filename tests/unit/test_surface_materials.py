@@ -14,7 +14,7 @@ from skyscatter.kernels.codes.surfaces import TRANSMITTED
 from skyscatter.surfaces.facets import ANGLES, RATIOS, lost_table, single_share
 from skyscatter.surfaces.grounds import RossLi, Rpv, Sea
 from skyscatter.surfaces.indices import METALS, metal_index, refractive_index
-from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Material, Mirror
+from skyscatter.surfaces.materials import Conductor, Dielectric, Interface, Lambert, Material, Mirror, Mosaic
 
 BK7, WATER = refractive_index("bk7", WAVELENGTHS), refractive_index("water", WAVELENGTHS)
 
@@ -39,6 +39,12 @@ class TestWhiteLambert(BsdfContract):
 
     material = Lambert(albedo=1.0)
     lossless = True
+
+
+class TestMosaic(BsdfContract):
+    """What lies around the picture; its cells are in `tests/system/test_mosaics.py`."""
+
+    material = Mosaic(classes=[[0]], materials=(Lambert(albedo=0.1),), rest=Lambert(albedo="vegetation"), cell_size=1.0)
 
 
 class TestMirror(BsdfContract):

@@ -91,10 +91,7 @@ def test_options_without_meaning_are_refused(option: dict[str, Any]) -> None:
 
 
 def test_what_does_not_go_together_yet_is_refused() -> None:
-    """A map, towns, lights of a place, a picture without its Sun."""
-    painted = skyscatter.GroundMap(classes=[[0]], albedos=[0.5], cell_size="1 km")
-    with pytest.raises(DomainError, match=r"ground\.map"):
-        look(world(bodies=(BOX,), ground=skyscatter.Ground(map=painted)))
+    """Towns, lights of a place, a picture without its Sun."""
     town = skyscatter.surfaces.Town(lumens=1e6, spectrum="led-4000k", distance="10 km", azimuth_deg=0)
     with pytest.raises(DomainError, match="towns"):
         look(world(bodies=(BOX,), towns=(town,)))

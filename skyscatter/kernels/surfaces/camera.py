@@ -29,6 +29,7 @@ from skyscatter.kernels.surfaces.media import (
     spectral_depth,
     transmit,
 )
+from skyscatter.kernels.surfaces.mosaics import tile
 from skyscatter.kernels.surfaces.peaks import chances_of_peak, scatter_by_peak
 from skyscatter.kernels.surfaces.photons import bounce, media_behind, meet
 from skyscatter.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
@@ -290,7 +291,7 @@ def look(scene, peaks, ray, events, weak, most, ball, disk, direct, points, surf
             x[n] += far * d[n]
         body = item_body(shapes, item)
         beyond = media_behind(scene, s, body)
-        material = shapes.material[body]
+        material = tile(scene.materials, shapes.material[body], x)
         if shapes.lamp[body] >= 0 and straight:
             see_lamp(scene.lamps, shapes.lamp[body], ray, order, s, sums, by_order, polar)
         if passes(scene.materials.kind[material], m, beyond):

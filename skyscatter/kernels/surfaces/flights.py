@@ -143,7 +143,7 @@ def weigh_vertex(media, materials, m, row, columns, lost, through, event):
     Of a medium that is not the same everywhere the albedo is that of the columns.
     """
     kind = materials.kind[row] if row >= 0 else INTERFACE
-    told = kind in (LAMBERT, MIRROR)
+    told = kind in (LAMBERT, MIRROR) and materials.mosaic[row] < 0
     for i in range(event.size):
         bright, all_of_it = 0.0, 0.0
         for c in range(media.first[m], media.first[m + 1]):

@@ -22,6 +22,7 @@ from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.surfaces.bsdf import bsdf_value
 from skyscatter.kernels.surfaces.clearance import SAME_SIDE
 from skyscatter.kernels.surfaces.media import transmit
+from skyscatter.kernels.surfaces.mosaics import tile
 from skyscatter.kernels.surfaces.neighbours import cell_at
 from skyscatter.kernels.surfaces.polarised import add_rest, scatter_to_camera, send_plain
 from skyscatter.kernels.surfaces.rims import in_sight
@@ -178,7 +179,6 @@ def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_ord
     cell = cell_at(grid, x[0], x[1], x[2])
     if cell < 0:
         return
-    material = scene.shapes.material[body]
     for n in range(grid.start[cell], grid.start[cell + 1]):
         p = grid.entry[n]
         radius = points.reach[p]
@@ -197,6 +197,7 @@ def gather_arrival(scene, points, grid, body, kind, order, most, s, sums, by_ord
         for k in range(3):
             s.towards[k], s.arriving[k] = -points.direction[p, k], -d[k]
         here, beyond = scene.media.index[points.medium[p]], scene.media.index[points.beyond[p]]
+        material = tile(scene.materials, scene.shapes.material[body], points.place[p])
         bsdf_value(scene.materials, material, q, s.towards, s.arriving, here, beyond, False, light)
         for i in range(light.size):
             light[i] *= s.walk.value[i] / cosine

@@ -235,7 +235,7 @@ def light_leg(table, hero, sampling, first, s):
     chosen, extent = s.chance[k], density if density > 0.0 else 1.0
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
     past = shares_past(table, m, s.place, s) if met > 0.0 else 0.0
-    passing = density_past(table, m, s.place, s.aside, s.chance, s.point) if past > 0.0 else 0.0
+    passing = density_past(table, m, s.place, s.aside, s.chance, True, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):
         by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
@@ -284,7 +284,7 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     aimed = s.chance[k] * (density if density > 0.0 else 1.0)
     met = 1.0 if density > 0.0 and sampling == BOTH else 0.0
     past = shares_from_wall(table, here, x, n, s) if met > 0.0 and not both_sides else 0.0
-    passing = density_past(table, here, x, s.aside, s.chance, s.point) if past > 0.0 else 0.0
+    passing = density_past(table, here, x, s.aside, s.chance, False, s.point) if past > 0.0 else 0.0
     mean = 0.0
     for i in range(walk.chance.size):
         mean += walk.chance[i] * (aimed + met * ((1.0 - past) * s.density[i] + passing) * s.onward[i])

@@ -38,6 +38,7 @@ from skyscatter.kernels.surfaces.media import (
     scattering,
     transmit,
 )
+from skyscatter.kernels.surfaces.mosaics import tile
 from skyscatter.kernels.surfaces.points import DIRECT
 from skyscatter.kernels.surfaces.polarised import add_rest, begin_plain, send_plain
 from skyscatter.kernels.surfaces.rays import closest_hit, next_hit
@@ -121,13 +122,19 @@ def share_met(lamps, guide, x, chance):
     return MET * total
 
 
+@inlined
+def material_at(table, points, p):
+    """Row of the material of the surface that point p lies on."""
+    return tile(table.materials, table.shapes.material[points.body[p]], points.place[p])
+
+
 @merged
 def scattered_density(table, points, p, on_surface, s):
     """Density [sr-1] with which `scatter_from` draws ``s.towards``, over all heroes."""
     total, media = 0.0, table.media
     if on_surface:
         bsdf_pdf(
-            table.materials, table.shapes.material[points.body[p]], points.normal[p], s.back, s.towards,
+            table.materials, material_at(table, points, p), points.normal[p], s.back, s.towards,
             media.index[points.medium[p]], media.index[points.beyond[p]], s.density,
         )  # fmt: skip
         for i in range(s.density.size):
@@ -150,7 +157,7 @@ def scatter_from(table, points, p, on_surface, s):
     u, v, w = uniform(s.state), uniform(s.state), uniform(s.state)
     if on_surface:
         event = sample_bsdf(
-            table.materials, table.shapes.material[points.body[p]], hero, points.normal[p], s.back, u, v, w,
+            table.materials, material_at(table, points, p), hero, points.normal[p], s.back, u, v, w,
             uniform(s.state), uniform(s.state), media.index[m], media.index[beyond],
             media.dispersive[m] or media.dispersive[beyond], np.bool_(False), s.towards, s.light, s.density,
         )  # fmt: skip
@@ -244,7 +251,7 @@ def light_points(table, points, on_surface, seed, stream, bunch, most, s, sums, 
             continue
         if on_surface:
             here, beyond = media.index[points.medium[p]], media.index[points.beyond[p]]
-            material = table.shapes.material[points.body[p]]
+            material = material_at(table, points, p)
             bsdf_value(
                 table.materials, material, points.normal[p], s.back, s.towards, here, beyond, np.bool_(False), s.light
             )  # fmt: skip

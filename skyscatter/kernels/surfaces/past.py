@@ -8,7 +8,8 @@ The share falls with the optical depth of the way: walks that diffuse towards a 
 free path over r, and more would spread the weights of walks with every turn.
 
 Around parallel light the sky is bright in the same way where the air scatters forward: there a share of the directions
-is spread evenly over the angle from it, which goes with the mean cosine (`solvers.surface_path.SUNWARD`).
+is spread evenly over the angle from it, which goes with the mean cosine (`solvers.surface_path.SUNWARD`).  Over a sea
+air is lit from below, too, by the glitter around the star's image: another share goes there.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ PASSING, LEAVING = 0.3, 0.3
 BESIDE = 0.6
 #: Optical depth of the way to a lamp at which half of the directions that could leave a surface towards it do.
 THIN = 0.2
+#: Share of the directions from air that go around the image of parallel light in a sea, and how far from that [rad].
+GLINT, WAVY = 0.5, 0.7
 #: Sine of the least angle from a lamp.
 LEAST_SINE = 1e-10
 
@@ -49,7 +52,7 @@ def shares_past(table, m, x, s):
     for k in range(s.chance.size):
         share = 0.0
         if lamps.kind[k] == PARALLEL_LAMP:
-            share = guide.size[k] * s.chance[k]
+            share = (guide.size[k] + image_share(guide, k, x)) * s.chance[k]
         elif lamps.kind[k] != SURROUNDINGS:
             p, size = guide.middle[k], guide.size[k]
             along, height = place_beside(guide, k, x)
@@ -115,9 +118,53 @@ def cone_around(table, k, x):
     return sine * sine / (1.0 + math.sqrt((1.0 - sine) * (1.0 + sine))), math.asin(sine)
 
 
+@inlined
+def height_of(guide, k, x):
+    """Scalar product of the place x as seen from the middle of the planet [m] and the direction to parallel lamp k."""
+    p = guide.middle[k]
+    return p[0] * x[0] + p[1] * x[1] + p[2] * (x[2] + guide.sea)
+
+
+@inlined
+def image_share(guide, k, x):
+    """Share of the directions from air at x that go around the image of parallel lamp k in the sea."""
+    return GLINT if guide.sea > 0.0 and height_of(guide, k, x) > 0.0 else 0.0
+
+
+@inlined
+def face_image(guide, k, x, d):
+    """Unit vector from x towards the image of parallel lamp k in a sea that is level as below x, into `d` (3,)."""
+    p, z = guide.middle[k], x[2] + guide.sea
+    back = 2.0 * height_of(guide, k, x) / (x[0] * x[0] + x[1] * x[1] + z * z)
+    d[0], d[1], d[2] = p[0] - back * x[0], p[1] - back * x[1], p[2] - back * z
+
+
+@inlined
+def sine_between(to, d):
+    """Sine of the angle between two unit vectors, not quite zero."""
+    a, b, c = to[1] * d[2] - to[2] * d[1], to[2] * d[0] - to[0] * d[2], to[0] * d[1] - to[1] * d[0]
+    return max(math.sqrt(a * a + b * b + c * c), LEAST_SINE)
+
+
+@inlined
+def density_around(guide, k, x, d, image, to):
+    """Density of directions around parallel lamp k times their share and 2 pi, with the share `image` of those around
+    its image.
+    """
+    density = guide.size[k] / (math.pi * sine_between(to, d))
+    if image > 0.0:
+        face_image(guide, k, x, to)
+        if to[0] * d[0] + to[1] * d[1] + to[2] * d[2] > math.cos(WAVY):
+            density += image / (WAVY * sine_between(to, d))
+    return density
+
+
 @kernel
-def density_past(table, m, x, d, share, to):
-    """Density of directions that pass lamps times their shares [sr-1]; `to` (3,) is scratch."""
+def density_past(table, m, x, d, share, from_air, to):
+    """Density of directions that pass lamps times their shares [sr-1]; `to` (3,) is scratch.
+
+    Only those `from_air` go around images of lamps, too.
+    """
     density = 0.0
     for k in range(share.size):
         if share[k] > 0.0:
@@ -126,11 +173,11 @@ def density_past(table, m, x, d, share, to):
                 density += 2.0 * math.pi * share[k] * density_to_beam(table.guide, k, x, along, height, d)
                 continue
             face_lamp(table, k, x, to)
-            a, b, c = to[1] * d[2] - to[2] * d[1], to[2] * d[0] - to[0] * d[2], to[0] * d[1] - to[1] * d[0]
-            sine = max(math.sqrt(a * a + b * b + c * c), LEAST_SINE)
             if table.lamps.kind[k] == PARALLEL_LAMP:
-                density += share[k] / (math.pi * sine)
+                image = image_share(table.guide, k, x) if from_air else 0.0
+                density += share[k] * density_around(table.guide, k, x, d, image, to) / (table.guide.size[k] + image)
                 continue
+            sine = sine_between(to, d)
             angle = math.atan2(sine, to[0] * d[0] + to[1] * d[1] + to[2] * d[2])
             halo = table.guide.halo[m]
             opening, half = cone_around(table, k, x)
@@ -145,15 +192,22 @@ def density_past(table, m, x, d, share, to):
 
 
 @kernel
-def draw_past(table, m, k, x, u, v, d):
-    """A direction that passes lamp k, into `d` (3,)."""
+def draw_past(table, m, k, x, from_air, u, v, d):
+    """A direction that passes lamp k, into `d` (3,); see `density_past`."""
     along, height = place_beside(table.guide, k, x)
     if height > 0.0:
         draw_to_beam(table.guide, k, x, along, height, u, v, d)
         return
     face_lamp(table, k, x, d)
     if table.lamps.kind[k] == PARALLEL_LAMP:
-        cosine = math.cos(math.pi * u)
+        wide, image = math.pi, image_share(table.guide, k, x) if from_air else 0.0
+        around = table.guide.size[k] / (table.guide.size[k] + image)
+        if u < around:
+            u /= around
+        else:
+            face_image(table.guide, k, x, d)
+            u, wide = (u - around) / (1.0 - around), WAVY
+        cosine = math.cos(wide * u)
     else:
         halo = table.guide.halo[m]
         opening, half = cone_around(table, k, x)
@@ -183,6 +237,6 @@ def draw_direction(table, m, hero, x, u, v, s, d):
     if past > 0.0:
         choice = uniform(s.walk.state)
         if choice < past:
-            draw_past(table, m, pick(s.chance, choice), x, u, v, d)
+            draw_past(table, m, pick(s.chance, choice), x, True, u, v, d)
             return True, past
     return draw_scattered(table.media, m, hero, u, v, s.media, d), past

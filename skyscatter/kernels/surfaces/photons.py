@@ -35,6 +35,7 @@ from skyscatter.kernels.surfaces.media import (
     make_media_work,
     scatter_walk,
 )
+from skyscatter.kernels.surfaces.mosaics import tile
 from skyscatter.kernels.surfaces.points import AMBIENT, DIRECT, FOCUSED, SCATTERED
 from skyscatter.kernels.surfaces.polarised import (
     begin_plain,
@@ -116,11 +117,11 @@ def media_behind(scene, s, body):
 def bounce(scene, body, m, beyond, hero, adjoint, s, polar):
     """A walk that has met a surface is reflected, refracted or absorbed; the event, see `sample_bsdf`."""
     walk, media = s.walk, scene.media
-    d, normal = walk.direction, s.hit[1:]
+    d, normal, material = walk.direction, s.hit[1:], tile(scene.materials, scene.shapes.material[body], walk.position)
     for n in range(3):
         s.towards[n] = -d[n]
     event = sample_bsdf(
-        scene.materials, scene.shapes.material[body], hero, normal, s.towards, uniform(walk.state),
+        scene.materials, material, hero, normal, s.towards, uniform(walk.state),
         uniform(walk.state), uniform(walk.state), uniform(walk.state), uniform(walk.state), media.index[m],
         media.index[beyond], media.dispersive[m] or media.dispersive[beyond], adjoint, d, s.factor, s.density,
     )  # fmt: skip
@@ -130,7 +131,7 @@ def bounce(scene, body, m, beyond, hero, adjoint, s, polar):
         walk.value[i] *= s.factor[i]
         walk.chance[i] *= s.density[i]
     bounce_polarised(
-        polar, scene.materials, scene.shapes.material[body], event, adjoint, normal, s.towards, walk, media.index[m],
+        polar, scene.materials, material, event, adjoint, normal, s.towards, walk, media.index[m],
         media.index[beyond],
     )  # fmt: skip
     if not rebalance(walk):
@@ -219,7 +220,7 @@ def follow(scene, peaks, points, surfaces, grid, floor, how, lamp, skip, hero, m
         else:
             body = item_body(shapes, item)
             beyond = media_behind(scene, s, body)
-            material = shapes.material[body]
+            material = tile(scene.materials, shapes.material[body], x)
             if passes(scene.materials.kind[material], m, beyond):
                 copy_stack(s.there, s.stack)
                 near, last, skip = hit[0], item, np.int64(-1)

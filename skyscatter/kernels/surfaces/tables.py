@@ -50,6 +50,10 @@ class MaterialTable(NamedTuple):
     bowl: np.ndarray
     lost: np.ndarray  #: (material, ratio, node) share that facets throw on others, see `facets.ratio_at`
     lost_mean: np.ndarray  #: (material, ratio) its mean over directions by the cosine
+    mosaic: np.ndarray  #: (material,) int64 number of the mosaic that this material lies around, -1 of others
+    mosaic_place: np.ndarray  #: (mosaic, 4) x and y of its middle, side of a cell, lowest z [m]
+    mosaic_shape: np.ndarray  #: (mosaic, 3) int64 first of its cells, number of rows and of columns
+    mosaic_cells: np.ndarray  #: (cell,) int64 by how many rows the material of each cell follows; rows go from north
 
 
 @by_address

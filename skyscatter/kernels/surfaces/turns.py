@@ -97,7 +97,7 @@ def scatter_at(table, hero, part, s):
     turned, past = draw_direction(table, m, hero, walk.position, u, v, s, d)
     if not turned:
         return OVER
-    passing = density_past(table, m, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
+    passing = density_past(table, m, walk.position, d, s.chance, True, s.aside) if past > 0.0 else 0.0
     cosine = d[0] * s.kept[1, 0] + d[1] * s.kept[1, 1] + d[2] * s.kept[1, 2]
     towards, total, more = s.media.towards, s.media.total, 1.0
     scattering(table.media, m, s.media.density, cosine, s.media, towards)
@@ -159,7 +159,7 @@ def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
     for n in range(LIT_CANDIDATES):
         z, turn = (n + u) / LIT_CANDIDATES, (v + n * GOLDEN) % 1.0
         if z < past:
-            draw_past(table, here, pick(s.chance, z / past), walk.position, uniform(walk.state), turn, d)
+            draw_past(table, here, pick(s.chance, z / past), walk.position, False, uniform(walk.state), turn, d)
         else:
             event = sample_bsdf(
                 table.materials, row, hero, s.normal, s.back, (z - past) / (1.0 - past), turn, uniform(walk.state),
@@ -170,7 +170,7 @@ def choose_lit(table, sky, row, hero, here, there, past, u, v, s):
                 continue
         if leave_towards(table, row, here, there, s) == ABSORBED:
             continue
-        passing = density_past(table, here, walk.position, d, s.chance, s.aside) if past > 0.0 else 0.0
+        passing = density_past(table, here, walk.position, d, s.chance, False, s.aside) if past > 0.0 else 0.0
         density = (1.0 - past) * s.density[hero] + passing
         light = middle_light(sky, walk.position, d) + LIT_MORE * sky.typical
         bright = s.factor[q] * light / density if density > 0.0 else 0.0
@@ -201,7 +201,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     if one_side and s.at[KNOWN] == 0 and table.sky is not None:
         event = choose_lit(table, table.sky, row, hero, here, there, past, u, v, s)
     elif choice < past:
-        draw_past(table, here, pick(s.chance, choice), walk.position, u, v, walk.direction)
+        draw_past(table, here, pick(s.chance, choice), walk.position, False, u, v, walk.direction)
         event = leave_towards(table, row, here, there, s)
     else:
         event = sample_bsdf(
@@ -211,7 +211,7 @@ def turn_at_surface(table, row, hero, here, there, s):
         )  # fmt: skip
     if event == ABSORBED:
         return OVER
-    passing = density_past(table, here, walk.position, walk.direction, s.chance, s.aside) if past > 0.0 else 0.0
+    passing = density_past(table, here, walk.position, walk.direction, s.chance, False, s.aside) if past > 0.0 else 0.0
     more = worth_of((1.0 - past) * s.density[hero] + passing, s.density[hero], passing)
     more = max(more, 1.0 / wanted_weight(table, here, walk.position, s))
     for i in range(walk.value.size):

@@ -59,6 +59,7 @@ from skyscatter.kernels.surfaces.gathering import (
     number,
 )
 from skyscatter.kernels.surfaces.media import current_medium
+from skyscatter.kernels.surfaces.mosaics import tile
 from skyscatter.kernels.surfaces.rays import closest_hit, fill_stack, next_hit
 from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
@@ -253,6 +254,7 @@ def meet(table, hero, sampling, s, sums):
         walk.position[n] += hit[0] * d[n]
         s.back[n], s.normal[n] = -d[n], hit[1 + n]
         s.kept[0, n], s.kept[1, n] = walk.position[n], facing * hit[1 + n]
+    row = tile(table.materials, row, walk.position)
     delta = is_delta(table.materials, row)
     both_sides = table.materials.kind[row] == DIELECTRIC
     s.kept[2, 0] = 1.0 if both_sides else 0.0
