@@ -33,7 +33,7 @@ from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
-from skyscatter.solvers.sweeps import Problem, Solution, Sums, Sweeper, bundles, make_problem, reach, view
+from skyscatter.solvers.sweeps import COARSER, Problem, Solution, Sums, Sweeper, bundles, make_problem, reach, view
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 
 #: Relative accuracy when nothing else is said.
 DEFAULT_TOLERANCE = ORDERS_TOLERANCE
-#: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
-COARSER = 4.0
 #: No grid is coarser than this asks for, but that for its error: less would save nothing.
 LOOSEST = 0.015
 #: Rays of a bundle on which both solutions are compared, at most.

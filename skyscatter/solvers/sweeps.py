@@ -48,6 +48,8 @@ LEVEL_PEAK_SHARE, MOST_LEVEL_PEAK = 10.0, 0.05
 #: more than the number below, in units of the tolerance, is cut then, a solution that tells the error keeps fewer
 #: degrees.
 TOLD_PEAK = 0.1
+#: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
+COARSER = 4.0
 #: Coefficients below this count as zero.
 LEAST_COEFFICIENT = 2e-4
 #: A coefficient this small beyond the kept degrees is no forward peak but a table's rounding.
@@ -235,7 +237,9 @@ def make_problem(
     if darkest is None:
         darkest = sun_zenith[1] - 2 * reach(table.columns.radius, table.columns.top)
     level, shadow = level_share(table, sun_zenith[1]), shadow_share(table, darkest)
-    kept = kept_degree(chi, column[:, None] * optics.sigma_s, tolerance, level, shadow) if degree is None else degree
+    depth = column[:, None] * optics.sigma_s
+    kept = kept_degree(chi, depth, tolerance, level, shadow) if degree is None else degree
+    told = _told_degree(kept, kept_degree(chi, depth, COARSER * tolerance, level, shadow)) if degree is None else None
     peak = chi[:, 0, kept + 1]
     peak = np.where((peak > LEAST_PEAK) & cut_peaks, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
@@ -258,10 +262,18 @@ def make_problem(
     )  # fmt: skip
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
     level_peaks = (peak * level).sum(axis=0)
-    coarser = None
-    if shadow > 0 and level_peaks.max() > TOLD_PEAK * tolerance:
-        coarser = max((lower for lower, _, _ in DEGREES if lower < kept), default=None)
+    cuts_much = shadow > 0 and level_peaks.max() > TOLD_PEAK * tolerance
+    coarser = told if cuts_much else None
     return Problem(table, diffuse, grid, moments, cut, whole, kinds, tolerance, level_peaks, kept, coarser)
+
+
+def _told_degree(kept: int, by_tolerance: int) -> int | None:
+    """Degree of a solution that tells what one of the degree `kept` cuts off; None if there is no lower one.
+
+    The next lower one alone tells too little where a tolerance as coarse as its own keeps fewer still.
+    """
+    lower = [degree for degree, _, _ in DEGREES if degree < kept]
+    return min(max(lower), by_tolerance) if lower else None
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:

@@ -113,6 +113,39 @@ def test_a_limb_at_dusk_is_that_of_walks(model: str) -> None:
     np.testing.assert_array_less(deviation[told], (0.01 * judge.radiance + 3 * judge.standard_error)[told])
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:sun_elevation_deg")
+@pytest.mark.parametrize(
+    ("model", "elevation", "altitude"),
+    [
+        ("earth-hazy", -8.0, 400e3),
+        ("earth-hazy", -12.0, 400e3),
+        ("mars", 10.0, 400e3),
+        ("mars", -4.0, 400e3),
+        ("mars", -8.0, 400e3),
+        ("titan", 20.0, 1500e3),
+        ("titan", -5.0, 1500e3),
+    ],
+)
+def test_limbs_through_haze_are_those_of_walks(model: str, elevation: float, altitude: float) -> None:
+    """Thirty rays from orbit past the limb of hazy air, through half of its height, all around."""
+    there = skyscatter.load_model(model).scene(sun_elevation_deg=elevation, sun_azimuth_deg=0.0, altitude=altitude)
+    radius, top = there.medium.radius, there.medium.top
+    rng = np.random.default_rng(7)
+    tangent, azimuth = 0.5 * top * rng.random(30), 180 * rng.random(30)
+    dip = np.degrees(np.arccos((radius + tangent) / (radius + altitude)))
+    rays = there.observer.position, sights(-dip, azimuth)
+    found = skyscatter.radiance(there, *rays, [450.0, 650.0], solver="orders")
+    judge = skyscatter.radiance(there, *rays, [450.0, 650.0], solver=skyscatter.Path(samples=32768, seed=3))
+    told = judge.standard_error < 0.03 * judge.radiance
+    share = np.abs(found.radiance - judge.radiance) / np.hypot(found.estimated_error, judge.standard_error)
+    within, most = np.mean(share[told] < 2), share[told].max()
+    print(f"{model} {elevation:g}: {told.sum()} told, {within:.3f} within two, most {most:.2f}")
+    assert told.sum() >= 15
+    assert within >= 0.95
+    assert most < 4
+
+
 @MODELS
 def test_a_limb_at_dusk_is_resolved(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     described = skyscatter.load_model(model)

@@ -15,10 +15,10 @@ from skyscatter.media.fields import Exponential
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import Rayleigh
 from skyscatter.solvers import cycles, mixing
-from skyscatter.solvers.field import COARSER, LOOSEST, solve_once, zenith_range
+from skyscatter.solvers.field import LOOSEST, solve_once, zenith_range
 from skyscatter.solvers.mixing import settled
 from skyscatter.solvers.series import ORDERS_SHARE
-from skyscatter.solvers.sweeps import Sweeper, make_problem, reach
+from skyscatter.solvers.sweeps import COARSER, Sweeper, make_problem, reach
 from skyscatter.solvers.transfer import Light, Transfer, light_of, pattern
 from skyscatter.workers import Workers
 
