@@ -32,8 +32,8 @@ def into_beam(table, x, u, share, to, d, density, kept):  # type: ignore[no-unty
     along, height = place_beside(table.guide, 0, x)
     kept[0, 0], kept[0, 1] = along, height
     for n in range(u.shape[0]):
-        draw_past(table, 0, 0, x, u[n, 0], u[n, 1], d[n])
-        density[n] = density_past(table, 0, x, d[n], share, to)
+        draw_past(table, 0, 0, x, True, u[n, 0], u[n, 1], d[n])
+        density[n] = density_past(table, 0, x, d[n], share, True, to)
     if height > 0.0:
         first = math.atan2(-along, height)
         for n in range(1, kept.shape[0]):

@@ -14,7 +14,7 @@ from skyscatter.kernels.jit import entry
 from skyscatter.kernels.surfaces.gathering import WalkTable
 from skyscatter.kernels.surfaces.lamps import aim, guess_at_point, meeting_density, pick
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, within_cone
-from skyscatter.kernels.surfaces.past import density_past, draw_past
+from skyscatter.kernels.surfaces.past import GLINT, WAVY, density_past, draw_past
 from skyscatter.solvers.surface_path import guided
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.surfaces.lamps import AreaLamp, ParallelLamp, PointLamp, SpotLamp, Surroundings
@@ -47,11 +47,11 @@ def on_leg(table, k, x, d, far, u, t, density, kept):  # type: ignore[no-untyped
 
 
 @entry
-def past_lamp(table, k, x, u, share, to, d, density):  # type: ignore[no-untyped-def]
+def past_lamp(table, k, x, from_air, u, share, to, d, density):  # type: ignore[no-untyped-def]
     """Directions (draw, 3) that pass lamp k, and their densities."""
     for n in range(u.shape[0]):
-        draw_past(table, 0, k, x, u[n, 0], u[n, 1], d[n])
-        density[n] = density_past(table, 0, x, d[n], share, to)
+        draw_past(table, 0, k, x, from_air, u[n, 0], u[n, 1], d[n])
+        density[n] = density_past(table, 0, x, d[n], share, from_air, to)
 
 
 @entry
@@ -161,12 +161,37 @@ def test_directions_past_lamps_have_the_density_that_is_stated(
     u = np.stack(np.meshgrid(*[(np.arange(600) + 0.5) / 600] * 2), axis=-1).reshape(-1, 2)
     d, density, share = np.empty((len(u), 3)), np.empty(len(u)), np.zeros(len(table["fog"].lamps.kind))
     share[k] = 0.25
-    past_lamp(table["fog"], k, np.array(x), u, share, np.zeros(3), d, density)
+    past_lamp(table["fog"], k, np.array(x), True, u, share, np.zeros(3), d, density)
     np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, rtol=1e-12)
     for c in ([0.0, 0.0, 1e-6], [2.0, -1.0, 0.5]):
         size = np.linalg.norm(c)
         # Draws are at even steps.  Far behind a lamp hardly any light is seen: few draws stand for much there.
         assert np.mean(np.exp(d @ c) / density) * 0.25 == pytest.approx(4 * math.pi * math.sinh(size) / size, rel=0.01)
+
+
+@pytest.mark.parametrize("from_air", [True, False])
+@pytest.mark.parametrize("x", [(0.0, 0.0, 2.0), (3.0, -1.0, 1.0), (0.0, -40.0, -10.0)])
+def test_directions_around_parallel_light_go_to_its_image_too(x: tuple[float, float, float], from_air: bool) -> None:
+    """Half of them from air over a sea, here around a ball of 10 m, where the lamp stands above the horizon."""
+    lamp = ParallelLamp(direction=(0.0, 0.8, 0.6), irradiance=1.0)
+    scene = guided(compile_surfaces(SurfaceScene(lamps=(lamp,)), WAVELENGTHS))
+    sea = scene._replace(guide=scene.guide._replace(size=np.array([0.2]), sea=10.0))
+    u = np.stack(np.meshgrid(*[(np.arange(600) + 0.5) / 600] * 2), axis=-1).reshape(-1, 2)
+    d, density, share = np.empty((len(u), 3)), np.empty(len(u)), np.array([0.25])
+    past_lamp(sea, 0, np.array(x), from_air, u, share, np.zeros(3), d, density)
+    for c in ([0.0, 0.0, 1e-6], [2.0, -1.0, 0.5]):
+        size = np.linalg.norm(c)
+        assert np.mean(np.exp(d @ c) / density) * 0.25 == pytest.approx(4 * math.pi * math.sinh(size) / size, rel=0.01)
+    # Up on the ball as seen from its middle, and what a level mirror there makes of the light.
+    up = np.add(x, [0.0, 0.0, 10.0]) / np.linalg.norm(np.add(x, [0.0, 0.0, 10.0]))
+    towards = np.array(lamp.direction) / np.linalg.norm(lamp.direction)
+    image = towards - 2 * (towards @ up) * up
+    seen = from_air and towards @ up > 0
+    often = GLINT / (GLINT + sea.guide.size[0]) if seen else 0.0
+    around = np.mean(d @ image > math.cos(WAVY))
+    assert around >= often
+    assert around < often + 0.5
+    assert seen == (x[2] > 0 and from_air)
 
 
 def test_where_lines_are_within_cones() -> None:
