@@ -89,7 +89,7 @@ def look(scene: SurfaceScene, solver: str, **options: Any) -> Any:
 
 def test_walks_find_the_cells() -> None:
     """As they find the same materials on surfaces of their own."""
-    found, other = look(painted(0.1), "path", samples=8192, seed=1), look(laid(0.1), "path", samples=8192, seed=2)
+    found, other = look(painted(0.1), "path", samples=4096, seed=1), look(laid(0.1), "path", samples=4096, seed=2)
     assert_agrees(found.radiance, other.radiance, np.hypot(found.standard_error, other.standard_error))
     assert found.radiance[1, 1] > 2 * found.radiance[0, 1], "snow is brighter than grass"
 
@@ -97,8 +97,8 @@ def test_walks_find_the_cells() -> None:
 @pytest.mark.parametrize("direct", [True, False])
 def test_photons_find_the_cells(direct: bool) -> None:
     """As walks find them; disks of 5 cm are far from all edges, and smooth light has no bias over them."""
-    found = look(painted(0.1), "photons", photons=200_000, radius=0.05, seed=3, direct=direct)
-    other = look(laid(0.1), "path", samples=8192, seed=4)
+    found = look(painted(0.1), "photons", photons=50_000, radius=0.05, seed=3, direct=direct)
+    other = look(laid(0.1), "path", samples=4096, seed=4)
     # Balls in the fog and disks on the floor: the light over 5 cm, 2 m below a lamp of 1 m, is even to 0.3 %.
     assert_agrees(found.radiance, other.radiance, np.hypot(found.standard_error, other.standard_error), slack=3e-3)
 
