@@ -83,17 +83,23 @@ def sample_cosine(optics, c, i, u):
 
 
 @inlined
+def cell_below(rows, columns, side, x, y):
+    """Number of the cell of a picture, row by row from north to south, at a place from its middle [m]; -1 outside."""
+    row, column = math.floor(0.5 * rows - y / side), math.floor(0.5 * columns + x / side)
+    if row < 0 or row >= rows or column < 0 or column >= columns:
+        return -1
+    return int(row) * columns + int(column)
+
+
+@inlined
 def ground_row(ground, x, y, z):
     """Row of ``ground.albedo`` at a point of the scene's frame [m]."""
     rows, columns = ground.cells.shape
     # The other side of the planet has the same x and y.
     if rows == 0 or z <= 0.0:
         return 0
-    row = math.floor(0.5 * rows - y / ground.side)
-    column = math.floor(0.5 * columns + x / ground.side)
-    if row < 0 or row >= rows or column < 0 or column >= columns:
-        return 0
-    return int(ground.cells[row, column])
+    cell = cell_below(rows, columns, ground.side, x, y)
+    return int(ground.cells[cell // columns, cell % columns]) if cell >= 0 else 0
 
 
 @entry

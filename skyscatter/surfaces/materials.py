@@ -27,8 +27,6 @@ from skyscatter.units import Metres, Number, OptionalNumber, PositiveMetres, def
 Array = NDArray[np.float64]
 #: Least GGX alpha of a rough surface: below it the lobe is narrower than anything that could be told from smooth.
 LEAST_ROUGHNESS = 1e-3
-#: Materials that a mosaic can have.
-MOST_TILES = 255
 
 
 class Interface(Record):
@@ -221,7 +219,7 @@ class Mosaic(Record):
         Which of `materials` each cell has, counted from 0.
     file : str
         A .npy or .npz file with the classes.
-    materials : tuple of material, at most 255
+    materials : tuple of material
         Any that lets no light through.
     rest : material
         What lies around the picture.
@@ -264,8 +262,8 @@ class Mosaic(Record):
         if (self.classes is None) == (self.file is None):
             rule = "give either the classes of all cells, or a file of them"
             raise DomainError("classes", None if self.classes is None else "an array", rule)
-        if not 1 <= len(self.materials) <= MOST_TILES:
-            raise DomainError("materials", len(self.materials), f"1 to {MOST_TILES} of them")
+        if not self.materials:
+            raise DomainError("materials", 0, "at least one of them")
         if self.classes is not None:
             check_classes("classes", self.classes.array, len(self.materials), "materials")
         return self

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 from skyscatter.kernels.jit import inlined
+from skyscatter.kernels.optics import cell_below
 
 
 @inlined
@@ -17,8 +16,5 @@ def tile(materials, k, x):
     if mosaic < 0:
         return k
     place, shape = materials.mosaic_place[mosaic], materials.mosaic_shape[mosaic]
-    row = math.floor(0.5 * shape[1] - (x[1] - place[1]) / place[2])
-    column = math.floor(0.5 * shape[2] + (x[0] - place[0]) / place[2])
-    if x[2] < place[3] or row < 0 or row >= shape[1] or column < 0 or column >= shape[2]:
-        return k
-    return k + materials.mosaic_cells[shape[0] + int(row) * shape[2] + int(column)]
+    cell = cell_below(shape[1], shape[2], place[2], x[0] - place[0], x[1] - place[1])
+    return k + materials.mosaic_cells[shape[0] + cell] if cell >= 0 and x[2] >= place[3] else k
