@@ -26,7 +26,14 @@ from skyscatter.kernels.jit import entry, kernel
 from skyscatter.kernels.lookup import columns_along, start_columns, trace_line
 from skyscatter.kernels.optics import disk_radiance, transmittance
 from skyscatter.kernels.rows import add_rows, clear
-from skyscatter.kernels.sunlight import light_bundle, light_node, narrow_aureole, scatter_once, spread_peaks
+from skyscatter.kernels.sunlight import (
+    chain_columns,
+    light_bundle,
+    light_node,
+    narrow_aureole,
+    scatter_once,
+    spread_peaks,
+)
 from skyscatter.kernels.work import Work, make_work
 
 #: Distance of stations for sunlight, which has edges, in units of that for other light.
@@ -225,8 +232,9 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
             light_bundle(columns, diffuse, line, n, rays, course, bundle, work)
             for ray in range(rays):
                 scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
-            if diffuse.peaks.shape[1] > 0 and not line.hits_ground:
-                spread_peaks(diffuse, n, course, bundle)
+            widens = diffuse.peaks.shape[1] > 0 and not line.hits_ground
+            if widens and chain_columns(columns, diffuse, s, origins[begin], directions[begin], line, n, course, work):
+                spread_peaks(diffuse, work.weighted, bundle)
                 for ray in range(rays):
                     narrow_aureole(diffuse, ray, bundle)
             gather(diffuse, field, line, n, rays, course, bundle)
@@ -252,6 +260,34 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
                 transmittance(work.along, optics.sigma_t, work.through)
                 for i in range(wavelengths):
                     direct[to, i] += work.sun[i] * work.through[i]
+
+
+@entry
+def peak_columns(columns, diffuse, sun, origins, directions, scratch, out):
+    """Columns of forward peaks on the sunlight of rays, see `chain_columns`, into `out` (ray, component, wavelength).
+
+    Parameters
+    ----------
+    columns : ColumnTable
+    diffuse : Diffuse
+    sun : (3,)
+        Direction of the Sun.
+    origins, directions : (ray, 3)
+    scratch : tuple
+        Made by `make_sweep_scratch`.
+    """
+    work, course, _, _ = scratch
+    for ray in range(origins.shape[0]):
+        o, d = origins[ray], directions[ray]
+        line = trace_line(columns, o[0], o[1], o[2], d[0], d[1], d[2])
+        found = False
+        if line.leave > line.enter:
+            n = lay_points(columns, diffuse, line, course, work)
+            lay_gauss(columns, diffuse, line, n, course, work)
+            found = chain_columns(columns, diffuse, sun, o, d, line, n, course, work)
+        for c in range(out.shape[1]):
+            for i in range(out.shape[2]):
+                out[ray, c, i] = work.weighted[c, i] if found else 0.0
 
 
 def make_sweep_scratch(

@@ -331,29 +331,70 @@ def scatter_once(columns, diffuse, first, line, n, ray, lit, course, bundle, wor
 
 
 @merged
-def spread_peaks(diffuse, n, course, bundle):
+def chain_columns(columns, diffuse, sun, origin, direction, line, n, course, work):
+    """Columns [m] on the way of sunlight to where it is scattered into a ray and from there to the observer.
+
+    Fills ``work.weighted`` (component, wavelength) with the mean over what the peaks scatter.  Of the rays that share a
+    course it is the one nearest to the Sun; returns whether that is near enough for `narrow_aureole`.
+    """
+    r, q, along = 0.0, 0.0, 0.0
+    for k in range(3):
+        r += origin[k] * origin[k]
+        q += origin[k] * sun[k]
+        along += origin[k] * direction[k]
+    r = math.sqrt(r)
+    nu = (q * along + math.sqrt(max((r - q) * (r + q), 0.0) * max((r - along) * (r + along), 0.0))) / (r * r)
+    if nu <= AUREOLE_END:
+        return False
+    chain, total = work.weighted, work.source
+    for i in range(total.size):
+        total[i] = 1e-300
+        for c in range(chain.shape[0]):
+            chain[c, i] = 0.0
+    for k in range(2 * (n - 1)):
+        t, r = course.gauss[k, 0], course.gauss[k, 1]
+        mu = min(max((q + (t - line.start) * nu) / r, -1.0), 1.0)
+        if columns_to_light(columns, r, mu, work.spare, work.to_sun):
+            transmittance(work.to_sun, diffuse.sigma_t, work.sun)
+            for i in range(total.size):
+                weight = 0.0
+                for c in range(chain.shape[0]):
+                    weight += course.source[k, c, i] * diffuse.peaks[c, 0, i]
+                weight *= work.sun[i]
+                total[i] += weight
+                for c in range(chain.shape[0]):
+                    here = 0.5 * (course.columns[k // 2, c] + course.columns[k // 2 + 1, c])
+                    chain[c, i] += weight * (here + work.to_sun[c])
+    for c in range(chain.shape[0]):
+        for i in range(total.size):
+            chain[c, i] /= total[i]
+    return True
+
+
+@merged
+def spread_peaks(diffuse, chain, bundle):
     """What first-order light in the forward peaks loses, because peaks that follow one another widen.
 
     Delta-M counts what the peaks scatter as unscattered, and gives all of that the whole phase function once more when
-    it is scattered to the observer.  Near the Sun, where the chain of scatterings runs along one line of optical depth
-    sum s_c, the moments of the light are exp(A_l) - 1 with A_l = sum s_c r_cl instead of A_l exp(F), F = sum s_c f_c:
-    the moments of the peaks count only by (exp(A_l) - 1) / (A_l exp(F)).  To second order in s that is the correction
-    of Nakajima & Tanaka (1988), J. Quant. Spectrosc. Radiat. Transfer 40, 51.
+    it is scattered to the observer.  Where the chain of scatterings runs along a way of optical depth sum s_c, from the
+    Sun to one of them and on to the observer, the moments of the light are exp(A_l) - 1 with A_l = sum s_c r_cl instead
+    of A_l exp(F), F = sum s_c f_c: the moments of the peaks count only by (exp(A_l) - 1) / (A_l exp(F)).  To second
+    order in s that is the correction of Nakajima & Tanaka (1988), J. Quant. Spectrosc. Radiat. Transfer 40, 51, who
+    take one line for the way.
 
-    Fills ``bundle.spread`` (component, degree, wavelength) with the lost part.
+    `chain` (component, wavelength) are the columns of that way [m].  Fills ``bundle.spread`` (component, degree,
+    wavelength) with the lost part.
     """
-    wavelengths = course.glow.size
     for d in range(diffuse.peaks.shape[1]):
-        for i in range(wavelengths):
+        for i in range(chain.shape[1]):
             peak, moment = 0.0, 0.0
             for c in range(diffuse.peaks.shape[0]):
-                column = course.columns[n - 1, c]
                 # Degree 0 belongs to the cut part: there r_l = f.
-                peak += column * diffuse.peaks[c, 0, i]
-                moment += column * diffuse.peaks[c, d, i] / (2 * d + 1)
+                peak += chain[c, i] * diffuse.peaks[c, 0, i]
+                moment += chain[c, i] * diffuse.peaks[c, d, i] / (2 * d + 1)
             peak *= 4.0 * math.pi
             moment = max(4.0 * math.pi * moment, 1e-12)
-            lost = 1.0 - (math.exp(moment - peak) - math.exp(-peak)) / moment
+            lost = 1.0 - math.exp(-peak) * math.expm1(moment) / moment
             for c in range(diffuse.peaks.shape[0]):
                 bundle.spread[c, d, i] = np.float32(lost * diffuse.peaks[c, d, i])
 

@@ -10,6 +10,8 @@ from skyscatter.solvers.base import Array
 #: Share of the difference that is reported: methods of second order on half the steps leave a third of it; the rest
 #: is caution.  Beyond the second number of a tolerance steps are so long that all of it may be left.
 ERROR_SHARE, ASSURED = 0.5, 0.01
+#: The largest share, where forward peaks are cut off.
+MOST_SHARE = 1.0
 #: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
 LEAST_ERROR = 0.4
 #: Share of the level sunlight that delta-M takes for unscattered that is reported as error.
@@ -18,9 +20,17 @@ LEVEL_ERROR = 0.3
 LEVEL = 80.0, 90.0
 
 
-def error_share(tolerance: float) -> float:
-    """Share of the difference between two solutions that is reported, where the finer one was made to a tolerance."""
-    return ERROR_SHARE if tolerance <= ASSURED else 1.0
+def error_share(tolerance: float, cut: Array | None = None, cut_coarser: Array | None = None) -> Array:
+    """Share of the difference between two solutions that is reported, where the finer one was made to a tolerance.
+
+    Of what forward peaks do each solution misses as much as it cuts off, (wavelength,): where both cut off much alike,
+    their difference is less than what is missing.
+    """
+    share = np.asarray(ERROR_SHARE if tolerance <= ASSURED else 1.0)
+    if cut is None or cut_coarser is None:
+        return share
+    missing = cut / np.maximum(cut_coarser - cut, cut / MOST_SHARE + 1e-300)
+    return np.maximum(share, missing)
 
 
 def levelness(zenith: ArrayLike) -> Array:
@@ -50,16 +60,17 @@ def stated_error(fine: Array, coarse: Array, tolerance: float) -> Array:
     return np.asarray(error_share(tolerance) * np.abs(fine - coarse) + LEAST_ERROR * tolerance * np.abs(fine))
 
 
-def relative_error(fine: Array, coarse: Array, tolerance: float, own: int) -> Array:
+def relative_error(fine: Array, coarse: Array, tolerance: float, own: int, share: Array) -> Array:
     """Estimated relative error of the rays of a bundle, (wavelength,), from some that were compared, (ray, wavelength).
 
     The worst of its own rays, of which there are the first so many; and no less than the root mean square of all.
+    `share` is as from `error_share`.
     """
     size = np.maximum(np.maximum(np.abs(fine), np.abs(coarse)), 1e-300)
     difference = np.abs(coarse - fine) / size
     typical = np.sqrt(np.mean(difference**2, axis=0))
     worst = np.maximum(difference[:own].max(axis=0), typical)
-    return np.asarray(error_share(tolerance) * worst + LEAST_ERROR * tolerance)
+    return np.asarray(share * worst + LEAST_ERROR * tolerance)
 
 
 def turned(origin: Array, direction: Array, count: int) -> tuple[Array, Array]:

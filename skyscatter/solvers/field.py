@@ -25,7 +25,7 @@ from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.cycles import all_orders
 from skyscatter.solvers.direct import outward_profile
 from skyscatter.solvers.effort import check_effort, check_memory
-from skyscatter.solvers.estimate import error_share, level_error, relative_error, turned
+from skyscatter.solvers.estimate import level_error, relative_error, turned
 from skyscatter.solvers.fluxes import Fluxes, Work, direct_beam, fluxes, sphere_rule
 from skyscatter.solvers.grid import Grid
 from skyscatter.solvers.options import ORDERS_TOLERANCE, Orders
@@ -33,7 +33,18 @@ from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.skytable import SkyTable, make_table
 from skyscatter.solvers.spectral import at_all, at_some, needed, some_of
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
-from skyscatter.solvers.sweeps import COARSER, Problem, Solution, Sums, Sweeper, bundles, make_problem, reach, view
+from skyscatter.solvers.sweeps import (
+    COARSER,
+    Problem,
+    Solution,
+    Sums,
+    Sweeper,
+    bundles,
+    make_problem,
+    reach,
+    stated_share,
+    view,
+)
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
@@ -873,14 +884,14 @@ class RadianceField:
         fine = np.concatenate([diffuse[chosen], self._diffuse(self.fine, table, o[number:], d[number:])])
         coarse = self._diffuse(self.coarse, table, o[rows], d[rows])
         of_own, of_extra = (np.cumsum([0] + [len(x) for x in lot]) for lot in (own, [e[0] for e in extra]))
-        error = np.empty_like(diffuse)
+        error, told = np.empty_like(diffuse), stated_share(self.fine.problem, self.coarse.problem)
         for k, rays in enumerate(own):
             mine = np.arange(of_own[k], of_own[k + 1])
             all_of_it = np.concatenate([mine, len(chosen) + np.arange(of_extra[k], of_extra[k + 1])])
-            share = relative_error(fine[all_of_it], coarse[all_of_it], self.tolerance, mine.size)
+            share = relative_error(fine[all_of_it], coarse[all_of_it], self.tolerance, mine.size, told)
             members = order[group[k] : group[k + 1]]
             error[members] = share * np.abs(diffuse[members])
-            error[rays] = np.maximum(error[rays], error_share(self.tolerance) * np.abs(coarse[mine] - fine[mine]))
+            error[rays] = np.maximum(error[rays], told * np.abs(coarse[mine] - fine[mine]))
         return np.asarray(error + self._alike(table, origins, directions, diffuse))
 
     def _alike(self, table: SceneTable, origins: Array, directions: Array, diffuse: Array) -> Array:

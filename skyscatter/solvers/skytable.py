@@ -21,12 +21,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.kernels.orders import make_sweep_scratch, peak_columns
 from skyscatter.kernels.skyrows import below_place, join_rays, place_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.estimate import relative_error
-from skyscatter.solvers.sweeps import Solution, view
+from skyscatter.solvers.sweeps import Solution, stated_share, view
 from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
@@ -297,8 +298,9 @@ def _table(sight: _Sight, share: float, pool: Workers) -> SkyTable | None:
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     phase = np.ascontiguousarray(fine.problem.whole[0, kept])
     disk = DISK * float(table.optics.disk_radius)
-    lost = lost_peaks(fine, table, origin, elevation, below, kept)
-    solved = _solved(fine, coarse, table, origin, frame.rays(elevation, turn), lost, tolerance, pool)
+    rays = frame.rays(elevation, turn)
+    lost = lost_peaks(fine, _chains(fine, table, origin, rays[below:, 0], below), kept)
+    solved = _solved(fine, coarse, table, origin, rays, lost, tolerance, pool)
     found = SkyTable(
         frame, sun, elevation, below, turn, edges.horizon, edges.top, phase, lost, *solved, edges.slant, disk, disk
     )
@@ -390,6 +392,7 @@ def _solved(
     shape = (*rays.shape[:2], wavelengths)
     parts = Parts(np.empty((kept.size, *shape)), *(np.empty(shape) for _ in range(3)))
     beyond, error = np.empty((2, len(rays), wavelengths))
+    told = stated_share(fine.problem, coarse.problem)
     toward = rays @ np.asarray(table.optics.disk_axis)
 
     def work(some: slice) -> None:
@@ -412,42 +415,49 @@ def _solved(
         rough = _viewed(coarse, table, origin, rays[some][:, compared].reshape(-1, 3))
         other = (rough[0] + np.maximum(rough[1], 0.0) + rough[2]).reshape(diffuse.shape)
         for k, number in enumerate(range(some.start, some.stop)):
-            error[number] = relative_error(diffuse[k], other[k], tolerance, ERROR_TURNS)
+            error[number] = relative_error(diffuse[k], other[k], tolerance, ERROR_TURNS, told)
 
     _share(pool, work, len(rays))
     return parts, beyond, error
 
 
-def lost_peaks(
-    fine: Solution, table: SceneTable, origin: Array, elevation: Array, below: int, kept: NDArray[np.int64]
-) -> Array:
+def _chains(fine: Solution, table: SceneTable, origin: Array, directions: Array, below: int) -> Array:
+    """Columns of the chains of scatterings, (node, component, wavelength), none at the nodes below the horizon."""
+    problem = fine.problem.seen
+    up = np.ascontiguousarray(directions)
+    columns = np.zeros((below + len(up), *problem.diffuse.sigma_t.shape))
+    if problem.diffuse.peaks.shape[1]:
+        scratch = make_sweep_scratch(problem.diffuse, fine.loaded, problem.stokes, 1)
+        origins, sun = np.broadcast_to(origin, up.shape).copy(), np.asarray(table.optics.disk_axis)
+        peak_columns(table.columns, problem.diffuse, sun, origins, up, scratch, columns[below:])
+    return columns
+
+
+def lost_peaks(fine: Solution, columns: Array, kept: NDArray[np.int64]) -> Array:
     """What phase functions lose of their peaks close to the Sun, (component, node, angle, wavelength).
 
     The law is that of `skyscatter.kernels.sunlight.spread_peaks` and `narrow_aureole`; what is made of it here need not
-    agree with them in all digits, for the difference is joined too.
+    agree with them in all digits, for the difference is joined too.  `columns` are those of the chains of scatterings,
+    (node, component, wavelength) [m]; none on rays to the ground.
     """
     peaks = fine.problem.diffuse.peaks
     _, degrees, wavelengths = peaks.shape
     last = fine.problem.whole.shape[2] - 1
     if not degrees or not peaks.any():
-        return np.zeros((kept.size, elevation.size, 0, wavelengths))
+        return np.zeros((kept.size, len(columns), 0, wavelengths))
     angles = math.ceil(last * math.sqrt(0.5 * (1 - AUREOLE_END))) + 1
     cosine = 1 - 2 * (np.arange(angles) / last) ** 2
     share = np.clip((cosine - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 0.0, 1.0)
     legendre = np.polynomial.legendre.legvander(cosine, degrees - 1) * (share * share * (3 - 2 * share))[:, None]
     gone = np.clip(2 * np.arange(degrees) * np.arccos(cosine)[:, None] / AUREOLE_WAVES - 1, 0.0, 1.0)
     legendre *= 1 - gone * gone * (3 - 2 * gone)
-    found = np.zeros((kept.size, elevation.size, angles, wavelengths))
-    height = float(np.linalg.norm(origin)) - table.columns.radius
+    found = np.zeros((kept.size, len(columns), angles, wavelengths))
     peaked = [(k, c) for k, c in enumerate(kept) if peaks[c].any()]
-    for node in range(below, elevation.size):
-        columns = slant_columns(table.columns, height, math.sin(float(elevation[node])))
-        if columns is None:
-            continue
-        peak = 4 * math.pi * np.einsum("c,cw->w", columns, peaks[:, 0])
-        moment = 4 * math.pi * np.einsum("c,cdw->dw", columns, peaks) / (2 * np.arange(degrees)[:, None] + 1)
+    for node in np.flatnonzero(columns.any(axis=(1, 2))):
+        peak = 4 * math.pi * np.einsum("cw,cw->w", columns[node], peaks[:, 0])
+        moment = 4 * math.pi * np.einsum("cw,cdw->dw", columns[node], peaks) / (2 * np.arange(degrees)[:, None] + 1)
         moment = np.maximum(moment, 1e-12)
-        gone = 1 - (np.exp(moment - peak) - np.exp(-peak)) / moment
+        gone = 1 - np.exp(-peak) * np.expm1(moment) / moment
         for k, c in peaked:
             found[k, node] = legendre @ (gone * peaks[c])
     return found

@@ -109,7 +109,7 @@ def at_some(problem: Problem, scene: Scene, wavelengths: Array, chosen: Numbers)
     return dataclasses.replace(
         problem, table=compile_scene(scene, wavelengths[chosen]), diffuse=diffuse._replace(**some),
         cut=np.ascontiguousarray(problem.cut[..., chosen]), whole=np.ascontiguousarray(problem.whole[..., chosen]),
-        level_peaks=problem.level_peaks[chosen],
+        level_peaks=problem.level_peaks[chosen], view_peaks=problem.view_peaks[chosen],
     )  # fmt: skip
 
 

@@ -30,24 +30,24 @@ from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.direct import outward_profile
-from skyscatter.solvers.estimate import levelness
+from skyscatter.solvers.estimate import error_share, levelness
 from skyscatter.solvers.moments import MomentTable, expand, moment_table, take_moments
 
 Array = NDArray[np.float64]
 
 #: Degrees to which phase functions may be kept, each with the tolerances below which it may be chosen, and no lower one
 #: may; what is more forward-peaked is cut off (delta-M).
-DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.02, 0.003), (16, 0.02, 0.001), (24, 0.001, 0.0))
+DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.02, 0.003), (16, 0.02, 0.001), (24, 0.002, 0.0))
 #: Optical depth of the cut peaks that is good enough, in units of the tolerance.
 PEAK_SHARE = 1.5
 #: What cut peaks may take, in units of the tolerance and at most, from sunlight that comes in nearly level.  Delta-M
 #: lets it go on as if it had not been scattered; but where its way is long, a few degrees lead out of a layer.
 LEVEL_PEAK_SHARE, MOST_LEVEL_PEAK = 10.0, 0.05
 #: The first of these shrinks to one as the Sun sinks under a scale height: what lies in shadow is lit by light that was
-#: turned by a few degrees, once or several times.  A veil in clear air then leaves out six times what it cuts.  Where
-#: more than the number below, in units of the tolerance, is cut then, a solution that tells the error keeps fewer
-#: degrees.
-TOLD_PEAK = 0.1
+#: turned by a few degrees, once or several times.  A veil in clear air then leaves out six times what it cuts.
+#: Where more than the first number below, in units of the tolerance, is cut from level light, be it sunlight or what is
+#: seen, a solution that tells the error keeps fewer degrees: of those, the highest within the second number's share.
+TOLD_PEAK, TOLD_DEGREES = 0.1, 0.7
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
 #: Coefficients below this count as zero.
@@ -100,6 +100,7 @@ class Problem:
     stokes: int  #: Stokes parameters: 1, 3 or 4
     tolerance: float  #: for which the grid was made
     level_peaks: Array  #: share of level sunlight that delta-M takes for unscattered; (wavelength,)
+    view_peaks: Array  #: the same of light that is seen along level rays; (wavelength,)
     degree: int  #: to which phase functions are kept
     coarser_degree: int | None  #: to which a solution that tells the error keeps phase functions; None: as it likes
 
@@ -108,6 +109,13 @@ class Problem:
         """The same as rays to an observer meet it: with more rows under a low Sun."""
         rows = self.grid.seen
         return replace(self, grid=replace(self.grid, rows=rows), diffuse=self.diffuse._replace(shell=rows))
+
+
+def stated_share(fine: Problem, coarse: Problem) -> Array:
+    """Share of the difference of two solutions that is stated as the finer one's error; (wavelength,) or a number."""
+    if fine.view_peaks.max() > LEVEL_PEAK_SHARE * fine.tolerance:
+        return error_share(fine.tolerance, fine.view_peaks, coarse.view_peaks)
+    return error_share(fine.tolerance)
 
 
 @dataclass(frozen=True)
@@ -171,16 +179,10 @@ def kept_degree(chi: Array, depth: Array, tolerance: float, level: Array | float
     return max(min(needed, allowed[-1]), 2)
 
 
-def level_share(table: SceneTable, sun_zenith: float) -> Array:
-    """Share of sunlight that every component scatters on its way if it comes in level; (component, wavelength).
-
-    Zero while the Sun stands high.
-    """
-    how_level, sigma_s = float(levelness(sun_zenith)), table.optics.sigma_s
-    if how_level == 0.0:
-        return np.zeros_like(sigma_s)
+def level_share(table: SceneTable) -> Array:
+    """Share of level sunlight that every component scatters on its way; (component, wavelength)."""
     longest = outward_profile(table.columns, sample_altitudes(table.columns), 0.0).max(axis=0)
-    return np.asarray(how_level * -np.expm1(-longest[:, None] * sigma_s))
+    return np.asarray(-np.expm1(-longest[:, None] * table.optics.sigma_s))
 
 
 def sinking(columns: ColumnTable, altitude: Array, depth: Array) -> float:
@@ -236,10 +238,11 @@ def make_problem(
     column = outward_profile(table.columns)[0]
     if darkest is None:
         darkest = sun_zenith[1] - 2 * reach(table.columns.radius, table.columns.top)
-    level, shadow = level_share(table, sun_zenith[1]), shadow_share(table, darkest)
+    level, shadow = level_share(table), shadow_share(table, darkest)
+    sunlit = float(levelness(sun_zenith[1])) * level
     depth = column[:, None] * optics.sigma_s
-    kept = kept_degree(chi, depth, tolerance, level, shadow) if degree is None else degree
-    told = _told_degree(kept, kept_degree(chi, depth, COARSER * tolerance, level, shadow)) if degree is None else None
+    kept = kept_degree(chi, depth, tolerance, sunlit, shadow) if degree is None else degree
+    told = _told_degree(kept, kept_degree(chi, depth, COARSER * tolerance, sunlit, shadow)) if degree is None else None
     peak = chi[:, 0, kept + 1]
     peak = np.where((peak > LEAST_PEAK) & cut_peaks, np.minimum(peak, 0.999), 0.0)
     identity = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])[: chi.shape[1]]
@@ -261,19 +264,19 @@ def make_problem(
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3
-    level_peaks = (peak * level).sum(axis=0)
-    cuts_much = shadow > 0 and level_peaks.max() > TOLD_PEAK * tolerance
-    coarser = told if cuts_much else None
-    return Problem(table, diffuse, grid, moments, cut, whole, kinds, tolerance, level_peaks, kept, coarser)
+    level_peaks, view_peaks = ((peak * share).sum(axis=0) for share in (sunlit, level))
+    coarser = told if view_peaks.max() > TOLD_PEAK * tolerance else None
+    return Problem(table, diffuse, grid, moments, cut, whole, kinds, tolerance, level_peaks, view_peaks, kept, coarser)
 
 
 def _told_degree(kept: int, by_tolerance: int) -> int | None:
     """Degree of a solution that tells what one of the degree `kept` cuts off; None if there is no lower one.
 
-    The next lower one alone tells too little where a tolerance as coarse as its own keeps fewer still.
+    It tells too little where it is close to that, or where a tolerance as coarse as its own keeps fewer still.
     """
     lower = [degree for degree, _, _ in DEGREES if degree < kept]
-    return min(max(lower), by_tolerance) if lower else None
+    far = [degree for degree in lower if degree <= TOLD_DEGREES * kept]
+    return min(max(far or lower), by_tolerance) if lower else None
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:

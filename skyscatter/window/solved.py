@@ -27,6 +27,7 @@ from skyscatter.window.colours import ENDS, EVERY, Colours, colours_of
 from skyscatter.workers import Workers, steady_algebra
 
 if TYPE_CHECKING:
+    from skyscatter.kernels.optics import SceneTable
     from skyscatter.scene import Scene
     from skyscatter.solvers.grid import Grid
 
@@ -166,7 +167,7 @@ def seen_lights(
     elevation, turn = fineness.elevations(horizon), fineness.azimuths()
     kept = np.flatnonzero(solution.problem.diffuse.scatters)
     table = compile_scene(scene, colours.wavelengths)
-    lost = lost_peaks(solution, table, observer.position, elevation, fineness.below, kept)
+    lost = lost_peaks(solution, _straight(table, observer.altitude, elevation, fineness.below), kept)
     per_density = table.optics.sigma_s[kept]
     phase = [solution.problem.whole[0, c] / per_density[k] for k, c in enumerate(kept)]
     bands = [_bands(scene, int(c), colours.wavelengths) for c in kept]
@@ -228,6 +229,16 @@ class _Looked:
             for hat in hats
         ]
         return np.stack(terms), smooth
+
+
+def _straight(table: SceneTable, altitude: float, elevation: Array, below: int) -> Array:
+    """Columns along rays above the horizon, (node, component, 1): those of light that runs straight on.
+
+    What chains of scatterings under some other Sun lose beside them is joined with the rest.
+    """
+    up = [slant_columns(table.columns, altitude, float(np.sin(e))) for e in elevation[below:]]
+    none = np.zeros(table.optics.sigma_s.shape[0])
+    return np.array([none] * below + [none if c is None else c for c in up])[:, :, None]
 
 
 def _chance(phase: Array, lost: Array, elevation: NDArray[np.int64], cell: NDArray[np.int64], share: Array) -> Array:

@@ -149,6 +149,28 @@ def test_limbs_through_haze_are_those_of_walks(model: str, elevation: float, alt
     assert most < 4
 
 
+def test_aureoles_over_a_curved_planet_are_those_of_more_degrees(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sunlight comes to a limb by a short way and leaves it by a long one: forward peaks widen by both, not by one.
+
+    Degrees enough to follow the dust's peak change them by no more than is stated, also where the tolerance is small.
+    """
+    there = skyscatter.load_model("mars").scene(sun_elevation_deg=10.0, sun_azimuth_deg=0.0, altitude=30e3)
+    # From 20 to 40 degrees from the Sun, along the limb below and through the air above it.
+    rays = there.observer.position, sights([-5.5, -4.5, -2.5, -1.7, 0.5, 1.5], [25, 40, 25, 17, 12, 25])
+
+    def found(tolerance: float) -> Any:
+        return skyscatter.radiance(there, *rays, [450.0], solver=skyscatter.Orders(tolerance=tolerance))
+
+    usual, fine = found(DEFAULT_TOLERANCE), found(0.002)
+    assert fine.estimated_error.max() < 0.025 * fine.radiance.max()  # and covers, below
+    monkeypatch.setattr(sweeps, "DEGREES", ((32, 1.0, 1.0),))
+    finer = found(DEFAULT_TOLERANCE)
+    for answer in (usual, fine):
+        error = np.hypot(answer.estimated_error, finer.estimated_error)
+        assert np.all(np.abs(answer.radiance - finer.radiance) < 1.5 * error)
+    np.testing.assert_allclose(usual.radiance, finer.radiance, rtol=0.015)
+
+
 @MODELS
 def test_a_limb_at_dusk_is_resolved(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     described = skyscatter.load_model(model)

@@ -58,7 +58,7 @@ def make_cells(place: np.ndarray, radius: float, side: float = 2.0) -> Cells:
     reach = radius * (1.0 + _HAIR) + _HAIR * np.abs(place).max()
     low, high = low - reach, high + reach
     extent = high - low
-    width = side * radius
+    width = side * reach  # not of the radius: one lost in the rounding of places would fill all cells with each point
     while np.prod(np.ceil(extent / width)) > MOST_CELLS:
         width *= 1.1
     cells = np.ceil(extent / width).astype(np.int64)
