@@ -46,8 +46,9 @@ LEVEL_PEAK_SHARE, MOST_LEVEL_PEAK = 10.0, 0.05
 #: The first of these shrinks to one as the Sun sinks under a scale height: what lies in shadow is lit by light that was
 #: turned by a few degrees, once or several times.  A veil in clear air then leaves out six times what it cuts.
 #: Where more than the first number below, in units of the tolerance, is cut from level light, be it sunlight or what is
-#: seen, a solution that tells the error keeps fewer degrees: of those, the highest within the second number's share.
-TOLD_PEAK, TOLD_DEGREES = 0.1, 0.7
+#: seen, a solution that tells the error keeps fewer degrees: the highest of these that is within the second number's
+#: share or no more than the third.
+TOLD_PEAK, TOLD_DEGREES, TOLD_LEAST = 0.1, 0.6, 8
 #: The solution whose difference tells the error is coarser by this factor of the tolerance, that is half as fine.
 COARSER = 4.0
 #: Coefficients below this count as zero.
@@ -275,8 +276,8 @@ def _told_degree(kept: int, by_tolerance: int) -> int | None:
     It tells too little where it is close to that, or where a tolerance as coarse as its own keeps fewer still.
     """
     lower = [degree for degree, _, _ in DEGREES if degree < kept]
-    far = [degree for degree in lower if degree <= TOLD_DEGREES * kept]
-    return min(max(far or lower), by_tolerance) if lower else None
+    far = [degree for degree in lower if degree <= max(TOLD_DEGREES * kept, TOLD_LEAST)]
+    return min(max(far), by_tolerance) if far else None
 
 
 def _peaks(phase: Array, peak: Array, kept: int) -> Array:
