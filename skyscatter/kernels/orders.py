@@ -185,7 +185,7 @@ def refine(packed, row_node, row_weight, low, high, moments):
 
 @entry
 def look(columns, diffuse, optics, first, field, origins, directions, group, scratch,
-         scattered, reflected, multiple, direct, lit):  # fmt: skip
+         scattered, reflected, multiple, direct, lit, chain):  # fmt: skip
     """Radiance along rays from a solved field.
 
     Parameters
@@ -207,6 +207,8 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
         Sun, emission, light from outside) [W m-2 sr-1 nm-1].
     lit : (ray, component, wavelength), output
         Sunlight that is scattered once, without the phase function, see `light_bundle`; empty where nobody asks.
+    chain : (ray, component, wavelength), output
+        Columns [m] along which forward peaks widen, see `chain_columns`; empty where nobody asks, else zeros.
     """
     work, course, bundle, _ = scratch
     s = optics.disk_axis
@@ -237,6 +239,10 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
                 spread_peaks(diffuse, work.weighted, bundle)
                 for ray in range(rays):
                     narrow_aureole(diffuse, ray, bundle)
+                    if chain.shape[0] > 0:
+                        for c in range(chain.shape[1]):
+                            for i in range(wavelengths):
+                                chain[begin + ray, c, i] = work.weighted[c, i]
             gather(diffuse, field, line, n, rays, course, bundle)
         for ray in range(rays):
             to = begin + ray
@@ -260,34 +266,6 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
                 transmittance(work.along, optics.sigma_t, work.through)
                 for i in range(wavelengths):
                     direct[to, i] += work.sun[i] * work.through[i]
-
-
-@entry
-def peak_columns(columns, diffuse, sun, origins, directions, scratch, out):
-    """Columns of forward peaks on the sunlight of rays, see `chain_columns`, into `out` (ray, component, wavelength).
-
-    Parameters
-    ----------
-    columns : ColumnTable
-    diffuse : Diffuse
-    sun : (3,)
-        Direction of the Sun.
-    origins, directions : (ray, 3)
-    scratch : tuple
-        Made by `make_sweep_scratch`.
-    """
-    work, course, _, _ = scratch
-    for ray in range(origins.shape[0]):
-        o, d = origins[ray], directions[ray]
-        line = trace_line(columns, o[0], o[1], o[2], d[0], d[1], d[2])
-        found = False
-        if line.leave > line.enter:
-            n = lay_points(columns, diffuse, line, course, work)
-            lay_gauss(columns, diffuse, line, n, course, work)
-            found = chain_columns(columns, diffuse, sun, o, d, line, n, course, work)
-        for c in range(out.shape[1]):
-            for i in range(out.shape[2]):
-                out[ray, c, i] = work.weighted[c, i] if found else 0.0
 
 
 def make_sweep_scratch(

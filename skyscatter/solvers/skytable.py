@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.kernels.orders import make_sweep_scratch, peak_columns
 from skyscatter.kernels.skyrows import below_place, join_rays, place_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
@@ -298,11 +297,9 @@ def _table(sight: _Sight, share: float, pool: Workers) -> SkyTable | None:
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     phase = np.ascontiguousarray(fine.problem.whole[0, kept])
     disk = DISK * float(table.optics.disk_radius)
-    rays = frame.rays(elevation, turn)
-    lost = lost_peaks(fine, _chains(fine, table, origin, rays[below:, 0], below), kept)
-    solved = _solved(fine, coarse, table, origin, rays, lost, tolerance, pool)
+    solved = _solved(fine, coarse, table, origin, frame.rays(elevation, turn), tolerance, pool)
     found = SkyTable(
-        frame, sun, elevation, below, turn, edges.horizon, edges.top, phase, lost, *solved, edges.slant, disk, disk
+        frame, sun, elevation, below, turn, edges.horizon, edges.top, phase, *solved, edges.slant, disk, disk
     )
     return _checked(found, fine, table, origin, directions, tolerance, pool)
 
@@ -380,11 +377,10 @@ def _solved(
     table: SceneTable,
     origin: Array,
     rays: Array,
-    lost: Array,
     tolerance: float,
     pool: Workers,
-) -> tuple[Parts, Array, Array]:
-    """Light along rays (node, turn, 3), from beyond the air opposite to the Sun, and the relative error."""
+) -> tuple[Array, Parts, Array, Array]:
+    """Of rays (node, turn, 3): what peaks lose, light, that from beyond the air opposite to the Sun, relative error."""
     turns = rays.shape[1]
     compared = np.linspace(0, turns - 1, ERROR_TURNS).astype(int)
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
@@ -392,13 +388,17 @@ def _solved(
     shape = (*rays.shape[:2], wavelengths)
     parts = Parts(np.empty((kept.size, *shape)), *(np.empty(shape) for _ in range(3)))
     beyond, error = np.empty((2, len(rays), wavelengths))
+    angles = lost_peaks(fine, np.zeros((0, components, wavelengths)), kept).shape[2]
+    lost = np.empty((kept.size, len(rays), angles, wavelengths))
     told = stated_share(fine.problem, coarse.problem)
     toward = rays @ np.asarray(table.optics.disk_axis)
 
     def work(some: slice) -> None:
         here = (-1, turns, wavelengths)
         lit = np.empty((rays[some].size // 3, components, wavelengths), np.float32)
-        scattered, multiple, ground, direct = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit)
+        chain = np.empty(lit.shape)
+        scattered, multiple, ground, direct = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit, chain)
+        lost[:, some] = lost_peaks(fine, chain.reshape(-1, turns, components, wavelengths)[:, 0], kept)
         cell, share = angle_cells(toward[some].ravel(), fine.problem.whole.shape[2] - 1)
         inner = cell[:, 1] < lost.shape[2]
         node = np.repeat(np.arange(some.start, some.stop), turns)[inner]
@@ -418,19 +418,7 @@ def _solved(
             error[number] = relative_error(diffuse[k], other[k], tolerance, ERROR_TURNS, told)
 
     _share(pool, work, len(rays))
-    return parts, beyond, error
-
-
-def _chains(fine: Solution, table: SceneTable, origin: Array, directions: Array, below: int) -> Array:
-    """Columns of the chains of scatterings, (node, component, wavelength), none at the nodes below the horizon."""
-    problem = fine.problem.seen
-    up = np.ascontiguousarray(directions)
-    columns = np.zeros((below + len(up), *problem.diffuse.sigma_t.shape))
-    if problem.diffuse.peaks.shape[1]:
-        scratch = make_sweep_scratch(problem.diffuse, fine.loaded, problem.stokes, 1)
-        origins, sun = np.broadcast_to(origin, up.shape).copy(), np.asarray(table.optics.disk_axis)
-        peak_columns(table.columns, problem.diffuse, sun, origins, up, scratch, columns[below:])
-    return columns
+    return lost, parts, beyond, error
 
 
 def lost_peaks(fine: Solution, columns: Array, kept: NDArray[np.int64]) -> Array:
@@ -464,11 +452,18 @@ def lost_peaks(fine: Solution, columns: Array, kept: NDArray[np.int64]) -> Array
 
 
 def _viewed(
-    solution: Solution, table: SceneTable, origin: Array, directions: Array, lit: NDArray[np.float32] | None = None
+    solution: Solution,
+    table: SceneTable,
+    origin: Array,
+    directions: Array,
+    lit: NDArray[np.float32] | None = None,
+    chain: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Scattered once and more often, ground, and straight light; (ray, wavelength) each."""
     origins = np.broadcast_to(origin, directions.shape).copy()
-    scattered, multiple, ground, direct = view(solution.problem, solution.loaded, table, origins, directions, lit)
+    scattered, multiple, ground, direct = view(
+        solution.problem, solution.loaded, table, origins, directions, lit, chain
+    )
     return scattered[:, 0], multiple[:, 0], ground, direct
 
 

@@ -586,10 +586,11 @@ def view(
     origins: Array,
     directions: Array,
     lit: NDArray[np.float32] | None = None,
+    chain: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Radiance along rays from a loaded field, with the Sun where `table` has it.
 
-    `lit` (ray, component, wavelength) is filled where it is given.
+    `lit` and `chain` (ray, component, wavelength) are filled where they are given.
 
     Returns
     -------
@@ -605,14 +606,17 @@ def view(
     reflected, direct = (np.empty((rays, wavelengths)) for _ in range(2))
     scratch = make_sweep_scratch(problem.diffuse, field, problem.stokes, int(np.diff(group).max(initial=1)))
     sunlit = np.empty((0, 0, 0) if lit is None else lit.shape, np.float32)
+    chains = np.zeros((0, 0, 0) if chain is None else chain.shape)
     look(
         table.columns, problem.diffuse, table.optics, problem.whole, field, origins[order], directions[order], group,
-        scratch, scattered, reflected, multiple, direct, sunlit,
+        scratch, scattered, reflected, multiple, direct, sunlit, chains,
     )  # fmt: skip
     back = np.empty_like(order)
     back[order] = np.arange(rays)
     if lit is not None:
         lit[:] = sunlit[back]
+    if chain is not None:
+        chain[:] = chains[back]
     return scattered[back], multiple[back], reflected[back], direct[back]
 
 
