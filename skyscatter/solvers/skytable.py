@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -421,6 +421,17 @@ def _solved(
     return lost, parts, beyond, error
 
 
+@lru_cache(maxsize=4)
+def _aureole_functions(last: int, degrees: int) -> Array:
+    """Legendre polynomials at the nodes of angle that are near the Sun, faded out as `narrow_aureole` does."""
+    angles = math.ceil(last * math.sqrt(0.5 * (1 - AUREOLE_END))) + 1
+    cosine = 1 - 2 * (np.arange(angles) / last) ** 2
+    share = np.clip((cosine - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 0.0, 1.0)
+    legendre = np.polynomial.legendre.legvander(cosine, degrees - 1) * (share * share * (3 - 2 * share))[:, None]
+    gone = np.clip(2 * np.arange(degrees) * np.arccos(cosine)[:, None] / AUREOLE_WAVES - 1, 0.0, 1.0)
+    return np.asarray(legendre * (1 - gone * gone * (3 - 2 * gone)))
+
+
 def lost_peaks(fine: Solution, columns: Array, kept: NDArray[np.int64]) -> Array:
     """What phase functions lose of their peaks close to the Sun, (component, node, angle, wavelength).
 
@@ -433,13 +444,8 @@ def lost_peaks(fine: Solution, columns: Array, kept: NDArray[np.int64]) -> Array
     last = fine.problem.whole.shape[2] - 1
     if not degrees or not peaks.any():
         return np.zeros((kept.size, len(columns), 0, wavelengths))
-    angles = math.ceil(last * math.sqrt(0.5 * (1 - AUREOLE_END))) + 1
-    cosine = 1 - 2 * (np.arange(angles) / last) ** 2
-    share = np.clip((cosine - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 0.0, 1.0)
-    legendre = np.polynomial.legendre.legvander(cosine, degrees - 1) * (share * share * (3 - 2 * share))[:, None]
-    gone = np.clip(2 * np.arange(degrees) * np.arccos(cosine)[:, None] / AUREOLE_WAVES - 1, 0.0, 1.0)
-    legendre *= 1 - gone * gone * (3 - 2 * gone)
-    found = np.zeros((kept.size, len(columns), angles, wavelengths))
+    legendre = _aureole_functions(last, degrees)
+    found = np.zeros((kept.size, len(columns), len(legendre), wavelengths))
     peaked = [(k, c) for k, c in enumerate(kept) if peaks[c].any()]
     for node in np.flatnonzero(columns.any(axis=(1, 2))):
         peak = 4 * math.pi * np.einsum("cw,cw->w", columns[node], peaks[:, 0])
