@@ -152,12 +152,6 @@ def test_rays_to_the_lamp_bring_the_first_order_without_bias() -> None:
     np.testing.assert_allclose(answer.layers["order1"], answer.radiance, rtol=1e-12)
 
 
-def test_points_in_one_place_share_few_cells() -> None:
-    """Spheres that are lost in the rounding of their places: a cell is no smaller than that, or each would fill all."""
-    cells = make_cells(np.full((50, 3), 3.0), 1e-300)
-    assert cells.entry.size <= 8 * 50
-
-
 def test_the_ratios_of_the_paper() -> None:
     """Weights out of the kernels are colour x (sum of tau over sum of tau eps), and the same with F for photons."""
     table = guided(compile_surfaces(lamp_in_fog(), WAVELENGTHS))
