@@ -208,7 +208,7 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
     lit : (ray, component, wavelength), output
         Sunlight that is scattered once, without the phase function, see `light_bundle`; empty where nobody asks.
     chain : (ray, component, wavelength), output
-        Columns [m] along which forward peaks widen, see `chain_columns`; empty where nobody asks, else zeros.
+        Columns [m] along which peaks widen, see `chain_columns`; empty where nobody asks, else zeros to begin with.
     """
     work, course, bundle, _ = scratch
     s = optics.disk_axis

@@ -23,7 +23,7 @@ FLAT = SpectralTable(wavelengths=(WAVELENGTH,), values=(1.0,))  # power 1
 
 
 def lump(cells: int = 24) -> Lump:
-    """Clumps, thicker and thinner by a factor of ten; 2.5 deep through the middle."""
+    """Clumps, mostly thicker and thinner than usual by up to a factor of five; 0.6 to 1.6 deep through the middle."""
     random = np.random.default_rng(3)
     middles = (np.arange(cells) + 0.5) / cells * 2 - 1
     squared = middles[:, None, None] ** 2 + middles[:, None] ** 2 + middles**2
@@ -75,6 +75,6 @@ def test_walks_see_what_light_traced_from_the_star_brings(photons: int, number: 
     for judged, light in zip(runs.T, (once, rest), strict=True):
         error = judged.std(ddof=1) / np.sqrt(len(judged))
         assert error < POWER * light.mean() * np.sqrt(60_000 / photons)
-        # Neighbours among the rays differ by less than their spread over the ring: more than chance between them.
+        # What one ray by chance in each part leaves of the mean's error: neighbours differ by no less, walks included.
         of_rays = np.diff(light).std() / np.sqrt(2 * len(light))
         assert_agrees(judged.mean(), light.mean(), np.hypot(error, of_rays), freedom=len(judged) - 1)

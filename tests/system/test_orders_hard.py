@@ -167,8 +167,9 @@ def test_aureoles_over_a_curved_planet_are_those_of_more_degrees(monkeypatch: py
     finer = found(DEFAULT_TOLERANCE)
     for answer in (usual, fine):
         error = np.hypot(answer.estimated_error, finer.estimated_error)
-        assert np.all(np.abs(answer.radiance - finer.radiance) < 1.5 * error)
-    np.testing.assert_allclose(usual.radiance, finer.radiance, rtol=0.015)
+        assert np.all(np.abs(answer.radiance - finer.radiance) < error)
+    # The dust's 16 degrees miss up to 0.9 % here; widened over the whole view ray they missed 3.5 %.
+    np.testing.assert_allclose(usual.radiance, finer.radiance, rtol=0.012)
 
 
 @MODELS
