@@ -49,7 +49,7 @@ def fits(request: common.RunRequest, rays: int = 1, **given: Any) -> bool:
         Where it can be made in neither way, before any work.
     """
     width, height = request.size
-    layers = (given.get("orders") or 0) + (2 if request.halved else 0)
+    layers = (given.get("orders") or 0) + (2 if request.halved else 0) + (6 if given.get("stokes") else 0)
     try:
         memory.check_picture(width, height, request.wavelengths.size, layers, rays)
     except DomainError as error:

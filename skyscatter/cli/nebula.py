@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skyscatter.cli import common, large, parse, pictures, sequence
+from skyscatter.cli import common, large, parse, pictures, polarised, sequence
 from skyscatter.cli import nebula_options as options
 from skyscatter.cli.nebula_options import Request
 from skyscatter.cli.solver_options import given, option
@@ -72,6 +72,7 @@ def nebula(
     orders: Annotated[
         str | None, typer.Option(metavar="N", help="Layers with the light scattered once, ..., N times (path).")
     ] = None,
+    stokes: polarised.Stokes = False,
     sampling: Annotated[str | None, option("sampling", options.SOLVERS)] = None,
     transmittance: Annotated[str | None, option("transmittance", options.SOLVERS)] = None,
     photons: Annotated[str | None, option("photons", options.SOLVERS)] = None,
@@ -197,6 +198,7 @@ def nebula(
             seed=None if solver == "single" and aperture is not None else seed,
         ),
         orders=parse.parse_integer(orders, "orders", 1, "give a number of layers, 1 or more"),
+        stokes=stokes,
         filters=filters,
         png=developed,
         observation=observation,
@@ -267,7 +269,8 @@ def run_turn(request: Request, turn: sequence.FrameList) -> int:
 
 def _layers(request: Request) -> dict[str, Any]:
     """The layers that were asked for, as `skyscatter.render` takes them."""
-    return {} if request.orders is None else {"orders": request.orders}
+    layers: dict[str, Any] = {} if request.orders is None else {"orders": request.orders}
+    return layers | ({"stokes": True} if request.stokes else {})
 
 
 def build_camera(request: Request, scene: Any, suited: float | None = None) -> Any:
@@ -295,7 +298,7 @@ def run(request: Request, arguments: list[str]) -> int:
     started = clock.monotonic()
     model: Any = skyscatter.load_model(request.model)
     common.check_command(model, request.model, "nebula")
-    fits = large.fits(request, orders=request.orders, **request.observation)
+    fits = large.fits(request, **_layers(request), **request.observation)
     scene: Any = model.scene(**request.turned)
     # What suits a nebula may cut off what sticks out when it is turned.
     camera = build_camera(request, scene, None if request.turned else model.picture_width)
@@ -363,6 +366,7 @@ def summarise(
         "noise": noise,
         "filters": request.filters,
         "observation": observed or None,
+        "polarisation": polarised.summary(rendered.image) if isinstance(rendered, common.Rendered) else None,
         "exposure_ev": None if exposure is None else float(exposure),
     }
 
@@ -375,6 +379,7 @@ def describe(summary: dict[str, Any]) -> str:
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
     accuracy += common.describe_denoising(summary)
     accuracy += ", smoothed in the picture" if summary.get("smoothed") else ""
+    accuracy += polarised.described(summary["polarisation"])
     accuracy += "" if exposure is None else f"; EV {exposure:.1f}"
     width = summary["size"][0] * summary["pixel_scale_arcsec"]
     return (

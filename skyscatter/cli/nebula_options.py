@@ -28,6 +28,7 @@ class Request(common.RunRequest):
     field: tuple[str, float] | None
     pixel_scale_deg: float | None
     orders: int | None
+    stokes: bool
     filters: str | None
     png: dict[str, Any]
     observation: dict[str, Any]
@@ -42,7 +43,7 @@ class Request(common.RunRequest):
         """Whether noise is taken off .png files alone."""
         if self.denoise or self.solver == "single" or not common.has_suffix(self.outputs, ".png"):
             return False
-        return self._can_be_halved and self.first if self.smooth is None else self.smooth
+        return self._can_be_halved and self.first and not self.stokes if self.smooth is None else self.smooth
 
     @property
     def _can_be_halved(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from skyscatter.cli import common, large, parse, pictures
+from skyscatter.cli import common, large, parse, pictures, polarised
 from skyscatter.cli.solver_options import given, option, suited
 from skyscatter.errors import DomainError, UnitsError
 from skyscatter.units import metres
@@ -26,14 +26,15 @@ class Request(common.RunRequest):
     seen: dict[str, tuple[float, float, float]]
     field_of_view: float | None
     orders: int | None
+    stokes: bool
     subpixels: int | None
     png: dict[str, Any]
 
     @property
     def more(self) -> dict[str, Any]:
         """Arguments of `skyscatter.render` that only this command has, as far as they were given."""
-        names = ("orders", "subpixels")
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        names = ("orders", "stokes", "subpixels")
+        return {name: getattr(self, name) for name in names if getattr(self, name)}
 
 
 def render(
@@ -75,6 +76,7 @@ def render(
         str | None,
         typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges."),
     ] = None,
+    stokes: polarised.Stokes = False,
     sampling: Annotated[str | None, option("sampling", NAMED)] = None,
     photons: Annotated[str | None, option("photons", NAMED)] = None,
     radius: Annotated[str | None, option("radius", NAMED)] = None,
@@ -131,6 +133,7 @@ def render(
             radius=radius, estimator=estimator, direct=direct, seed=seed,
         ),
         orders=whole(orders, "orders", 1, "give a number of layers, 1 or more"),
+        stokes=stokes,
         subpixels=whole(subpixels, "subpixels", 1, "give a number of rays along each side of a pixel, 1 or more"),
         png=pictures.natural_options(look, development),
         outputs=outputs,
@@ -189,7 +192,7 @@ def choose(request: Request, scene: Any) -> str:
         return able[0]
     from skyscatter.solvers.choice import preferred_solver
 
-    return preferred_solver(scene, request.wavelengths, request.halved)
+    return preferred_solver(scene, request.wavelengths, request.halved, request.stokes)
 
 
 def run(request: Request, arguments: list[str]) -> int:
@@ -202,7 +205,7 @@ def run(request: Request, arguments: list[str]) -> int:
     camera = build_camera(request, model)
     rays = (request.subpixels or 1) ** 2
     request = replace(request, size=(camera.width, camera.height))
-    fits = large.fits(request, rays, orders=request.orders, subpixels=request.subpixels)
+    fits = large.fits(request, rays, **request.more)
     scene = model.scene(**request.seen)
     request = replace(request, solver=choose(request, scene))
     if not fits:
@@ -238,6 +241,7 @@ def summarise(
         "viewpoint": {"position_m": list(viewpoint.position), "target_m": list(viewpoint.target)},
         "subpixels": request.subpixels or 1,
         "noise": noise,
+        "polarisation": polarised.summary(rendered.image) if isinstance(rendered, common.Rendered) else None,
         "exposure_ev": None if exposure is None else float(exposure),
     }
 
@@ -249,6 +253,7 @@ def describe(summary: dict[str, Any]) -> str:
     noise = summary["noise"]
     accuracy = "" if noise is None else f", median noise {common.percent(noise)}"
     accuracy += common.describe_denoising(summary)
+    accuracy += polarised.described(summary["polarisation"])
     exposure = "" if summary["exposure_ev"] is None else f"EV {summary['exposure_ev']:.1f}; "
     return (
         f"{common.describe_part(summary)}{summary['model']}: solver {summary['solver']}{accuracy}; "

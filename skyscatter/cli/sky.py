@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from skyscatter.cli import common, parse, pictures, sequence
+from skyscatter.cli import common, parse, pictures, polarised, sequence
 from skyscatter.cli.composed import DEFAULT_ALTITUDE, composed
 from skyscatter.cli.lights import LightChoice, Lights, SolarFlux, Stars, Without, centre_of, light_choice
 from skyscatter.cli.solver_options import given, option
@@ -136,12 +135,7 @@ def sky(
     noise: Annotated[str | None, option("noise", SOLVERS)] = None,
     tolerance: Annotated[str | None, option("tolerance", SOLVERS)] = None,
     max_order: Annotated[str | None, option("max_order", SOLVERS)] = None,
-    stokes: Annotated[
-        bool,
-        typer.Option(
-            "--stokes", help="Polarised light: Stokes Q, U, V in .exr, .fits, .nc; the summary has the degree."
-        ),
-    ] = False,
+    stokes: polarised.Stokes = False,
     subpixels: Annotated[
         str | None,
         typer.Option(metavar="N", help="N x N rays through each pixel, for smooth edges of bodies and clouds (path)."),
@@ -457,27 +451,6 @@ def _png_options(request: Request, exposure: float) -> dict[str, Any]:
     return {"show": request.show, "wavelength": request.shown_wavelength, "bits": request.bits}
 
 
-def polarisation_summary(image: Any, wavelength: float | None) -> dict[str, float | None] | None:
-    """Mean and greatest degree of linear polarisation over the pixels that have light; None for unpolarised images.
-
-    Of one wavelength [nm], or over all of them weighted by luminous efficiency; null if none of them is visible.
-    """
-    if not image.polarised:
-        return None
-    from skyscatter.image.polarisation import band_degree
-
-    try:
-        degree = band_degree(image, wavelength)
-    except DomainError:
-        degree = np.full(1, np.nan)
-    lit = degree[np.isfinite(degree)]
-    return {
-        "mean_degree": float(lit.mean()) if lit.size else None,
-        "maximum_degree": float(lit.max()) if lit.size else None,
-        "wavelength_nm": wavelength,
-    }
-
-
 def summarise(
     request: Request, model: Any, scene: Any, rendered: common.Rendered, exposure: float, seconds: float
 ) -> dict[str, Any]:
@@ -498,7 +471,7 @@ def summarise(
         # Chance and what a grid misses are not the same thing, and `single` states neither.
         "noise": error if request.solver == "path" else None,
         "estimated_error": error if request.solver == "orders" else None,
-        "polarisation": polarisation_summary(rendered.image, request.shown_wavelength),
+        "polarisation": polarised.summary(rendered.image, request.shown_wavelength),
         "exposure_ev": float(exposure),
     }
 
@@ -512,10 +485,7 @@ def describe(summary: dict[str, Any]) -> str:
     accuracy += common.describe_denoising(summary)
     accuracy += "" if error is None else f", median estimated error {common.percent(error)}"
     accuracy += common.missed(error, summary["tolerance"])
-    polarised = summary["polarisation"]
-    if polarised is not None and polarised["mean_degree"] is not None:
-        accuracy += f"; degree of linear polarisation {common.percent(polarised['mean_degree'])} on average"
-        accuracy += f", {common.percent(polarised['maximum_degree'])} at most"
+    accuracy += polarised.described(summary["polarisation"])
     others = [name for name in summary["lights"] if name != "sun"]
     return (
         f"{common.describe_part(summary)}{summary['model']}: "

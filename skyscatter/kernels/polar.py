@@ -98,6 +98,25 @@ def plane(v, dx, dy, dz, ex, ey, ez):
     return cosine * cosine - sine * sine, 2.0 * cosine * sine, nx, ny, nz
 
 
+@kernel
+def multiply(m, f, c2, s2):
+    """M R F into M: F by its elements relative to the first, c2 and s2 of twice the angle from v to its plane."""
+    for r in range(4):
+        for i in range(m.shape[2]):
+            q, u = m[r, 1, i] * c2 + m[r, 2, i] * s2, m[r, 2, i] * c2 - m[r, 1, i] * s2
+            lead, v = m[r, 0, i], m[r, 3, i]
+            m[r, 0, i] = lead + q * f[B1, i]
+            m[r, 1, i] = lead * f[B1, i] + q * f[A2, i]
+            m[r, 2, i] = u * f[A3, i] - v * f[B2, i]
+            m[r, 3, i] = u * f[B2, i] + v * f[A4, i]
+
+
+@inlined
+def follow(across, nx, ny, nz, kx, ky, kz):
+    """The vector v = n x k after light was turned in a plane with the normal n, k being its way."""
+    across[0], across[1], across[2] = ny * kz - nz * ky, nz * kx - nx * kz, nx * ky - ny * kx
+
+
 @inlined
 def begin(polar, ray, batch):
     """A new walk of a ray: M is the identity, v the camera's."""
@@ -129,16 +148,8 @@ def _scatter(polar, sigma_s, density, dx, dy, dz, e):
         share = 1.0 / max(f[A1, i], 1e-300)
         for k in range(A2, B2 + 1):
             f[k, i] *= share
-    for r in range(4):
-        for i in range(polar.gain.size):
-            q, u = m[r, 1, i] * c2 + m[r, 2, i] * s2, m[r, 2, i] * c2 - m[r, 1, i] * s2
-            lead, v = m[r, 0, i], m[r, 3, i]
-            m[r, 0, i] = lead + q * f[B1, i]
-            m[r, 1, i] = lead * f[B1, i] + q * f[A2, i]
-            m[r, 2, i] = u * f[A3, i] - v * f[B2, i]
-            m[r, 3, i] = u * f[B2, i] + v * f[A4, i]
-    across = polar.across
-    across[0], across[1], across[2] = e[1] * nz - e[2] * ny, e[2] * nx - e[0] * nz, e[0] * ny - e[1] * nx
+    multiply(m, f, c2, s2)
+    follow(polar.across, nx, ny, nz, -e[0], -e[1], -e[2])
 
 
 @inlined

@@ -20,10 +20,10 @@ from skyscatter.solvers.base import Array
 DEEP, DEEP_DENOISED = 0.4, 42.0
 
 
-def preferred_solver(scene: Any, wavelengths: Array, denoised: bool = False) -> str:
-    """``path`` or ``photons`` for a scene at wavelengths [nm], whose picture is or is not denoised."""
+def preferred_solver(scene: Any, wavelengths: Array, denoised: bool = False, stokes: bool = False) -> str:
+    """``path`` or ``photons`` for a scene at wavelengths [nm]; whether its picture is denoised, its light polarised."""
     from skyscatter.solvers.far_lamps import current_medium
-    from skyscatter.solvers.photons import check_table
+    from skyscatter.solvers.photons import check_table, refuse_rough
     from skyscatter.solvers.surface_path import out_of_reach
     from skyscatter.solvers.surfaces import compile_surfaces
     from skyscatter.surfaces.packing import starting_stack
@@ -32,6 +32,8 @@ def preferred_solver(scene: Any, wavelengths: Array, denoised: bool = False) -> 
     table = compile_surfaces(scene, [float(middle)])
     try:
         check_table(table)
+        if stokes:
+            refuse_rough(table.materials)
     except DomainError:  # what photons cannot do
         return "path"
     media = table.media

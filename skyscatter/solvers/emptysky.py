@@ -88,7 +88,7 @@ def is_even(ground: Ground) -> bool:
 
 def is_knowable(scene: Scene, rays: int, asked: Asked[Path]) -> bool:
     """Whether the light of the empty sky is worth to be known for so many rays, and can be taken for part of theirs."""
-    whole = not asked.parts and not asked.orders and asked.how.max_order is None
+    whole = not (asked.parts or asked.orders or asked.stokes) and asked.how.max_order is None
     many = asked.how.noise is not None or rays * walks_for(asked) >= WORTH
     return bool(whole and many and asked.how.sampling is None)
 

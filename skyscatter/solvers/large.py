@@ -176,7 +176,7 @@ def render_stored(
 
     wl, asked = check_wavelengths(wavelengths), Asked(record_of(solver), parts, orders)
     check_large(scene, camera, asked.how.name)
-    module = load_solver(asked.how.name, scene)
+    module = load_solver(asked.how.name, scene, asked.stokes)
     module.check(asked)
     rays, count = PixelRays(scene, camera), worker_count(threads)
     folder = open_store(store, recipe_of(scene, camera, wl, asked, 1), "space" if is_space(scene) else "surfaces")
@@ -232,7 +232,8 @@ class StoredPicture:
         with self._opened() as store:
             self.recipe = store.attributes["recipe"]
             self.scene, self.camera, self.wavelengths = recorded(store.attributes)
-            self.module = load_solver(self.recipe["solver"], self.scene)
+            stokes = self.recipe["options"].get("stokes", False)
+            self.module = load_solver(self.recipe["solver"], self.scene, stokes)
             self._rays = PixelRays(self.scene, self.camera)
             self._tiles = tiles_in(store, self.module, len(self._rays))
             finished = store.numbers()

@@ -152,7 +152,7 @@ def refuse_rough(materials: MaterialTable) -> None:
     """Facets of glass and metal polarise light in a way that is not modelled."""
     rough = materials.roughness[materials.kind != LAMBERT]
     if np.any(rough > 0):
-        rule = "is 0 where light is polarised: smooth glass and metal, or Lambert's surfaces; or leave out stokes"
+        rule = "is 0 where photons are polarised: smooth glass or metal, Lambertian surfaces; or take the solver path"
         raise DomainError("roughness", float(rough.max()), rule)
 
 

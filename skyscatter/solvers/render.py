@@ -361,7 +361,7 @@ def picture_of(store: str | os.PathLike[str]) -> SpectralImage:
         grid = seen(scene, camera)
         inside = np.isfinite(grid[..., 0])
         state = _begun(scene, recipe, int(inside.sum()), wl)
-        module = load_solver(recipe["solver"], scene)
+        module = load_solver(recipe["solver"], scene, recipe["options"].get("stokes", False))
         if not state.done.all():
             fill(state, folder, module, recipe.get("subpixels", 1))
     if "samples" in recipe["options"] and state.samples.size:

@@ -66,8 +66,8 @@ class Interrupted(KeyboardInterrupt):
         super().__init__("render interrupted")
 
 
-def load_solver(name: str, scene: AnyScene) -> Any:
-    """The module of a solver for a scene."""
+def load_solver(name: str, scene: AnyScene, stokes: bool = False) -> Any:
+    """The module of a solver for a scene, whose light may be polarised."""
     if isinstance(scene, Scene) and scene.world:
         modules = WORLDS
         if name in SHELLS and name not in modules:
@@ -75,6 +75,8 @@ def load_solver(name: str, scene: AnyScene) -> Any:
             raise DomainError("solver", name, rule)
     else:
         modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES
+        if stokes and is_space(scene):
+            modules = modules | {"path": "volume_stokes"}
     if name not in modules:
         raise DomainError("solver", name, f"choose from {', '.join(modules)}")
     if name == "orders" and isinstance(scene, Scene) and _eclipsed(scene):
@@ -112,7 +114,7 @@ def solve_rays(
     of threads, and wherever `executor` has the tiles solved; with a `store` each finished part is kept there.  `wrap`
     makes another solver of the one that was named, see `skyscatter.solvers.subpixels`.
     """
-    module = load_solver(asked.how.name, scene)
+    module = load_solver(asked.how.name, scene, asked.stokes)
     if wrap is not None:
         module = wrap(module)
     by_passes = getattr(module, "PASSES", False)
@@ -304,9 +306,10 @@ def radiance(
         and V_error; `Answer.stokes` puts them together.  They are referred to the meridian plane (see
         `skyscatter.geometry.meridian.meridian_frame`): Q > 0 is upright, U > 0 leans to the left, V > 0 turns
         anticlockwise for the observer (IAU 1974).  Without it multiple scattering is that of scalar light, which
-        misses the radiance of a clear sky by up to a few per cent.  In scenes of surfaces and nebulae (``photons``) the
-        meridian plane holds the z axis of the scene, Lambertian surfaces depolarise, mirrors, smooth glass and smooth
-        metals follow Fresnel's amplitudes, and rough glass and metal are refused.
+        misses the radiance of a clear sky by up to a few per cent.  In scenes of surfaces and nebulae (``path`` and
+        ``photons``) the meridian plane holds the z axis of the scene.  Lambertian surfaces and land depolarise; mirrors,
+        glass, metals and the sea follow Fresnel's amplitudes, facet by facet where they are rough, which ``photons``
+        refuse.
     threads : int, optional
         All processors when not given.
     executor : int, concurrent.futures.Executor or distributed.Client, optional

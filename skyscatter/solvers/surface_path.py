@@ -8,12 +8,13 @@ worse than the better one.  The surroundings are met in any case; a lamp without
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.errors import DomainError
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.kernels.codes.surfaces import (
     CONDUCTOR,
     DIELECTRIC,
@@ -25,11 +26,12 @@ from skyscatter.kernels.codes.surfaces import (
     SURROUNDINGS,
 )
 from skyscatter.kernels.path import BATCHES
-from skyscatter.kernels.surfaces.flights import make_scratch
+from skyscatter.kernels.surfaces.flights import MOST_SPLITS, make_scratch
 from skyscatter.kernels.surfaces.gathering import ANGULAR, AREA, BOTH, WalkTable
 from skyscatter.kernels.surfaces.lamps import LampGuide
 from skyscatter.kernels.surfaces.rays import sample_items
 from skyscatter.kernels.surfaces.tables import MediaTable, SurfaceTable
+from skyscatter.kernels.surfaces.walkpolar import make_walk_polar
 from skyscatter.kernels.surfaces.walks import surface_path_rays
 from skyscatter.solvers.base import Answer, Asked, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
@@ -40,13 +42,16 @@ from skyscatter.solvers.path import MOST_ORDERS, walks_for
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from skyscatter.space import SpaceScene
     from skyscatter.surfaces.scene import SurfaceScene
 
-__all__ = ["check", "forwardness", "guided", "no_walks", "prepare", "solve"]
+__all__ = ["Context", "check", "forwardness", "guided", "no_walks", "prepare", "solve"]
 
 Array = NDArray[np.float64]
 
 SAMPLINGS = {None: BOTH, "area": AREA, "angular": ANGULAR}
+#: The zenith among surfaces.
+UP = np.array([0.0, 0.0, 1.0])
 #: Nodes of the integral of the phase function over the angle.
 ANGLES = 513
 #: Share of it that takes scattering as equal in all directions.
@@ -64,23 +69,30 @@ NARROW = 0.966
 POINTS = 256
 
 
+class Context(NamedTuple):
+    """What is prepared once for all rays."""
+
+    table: WalkTable
+    matrix: Array | None = None  #: scattering matrices, with ``stokes``
+
+
 def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself."""
-    asked.refuse("path with surfaces", "stokes", "tolerance", "transmittance")
+    asked.refuse("path with surfaces", "tolerance", "transmittance")
     if asked.how.sampling not in SAMPLINGS:
         raise DomainError("sampling", asked.how.sampling, "choose area or angular, or leave it out for both")
 
 
 def prepare(
-    scene: SurfaceScene,
+    scene: SurfaceScene | SpaceScene,
     rays: Rays,
     wavelengths: Array,
     asked: Asked[Path],
     threads: int,
     progress: Callable[[float], None] | None,
-) -> WalkTable:
+) -> Context:
     """The tables of a scene, and where its light is."""
-    from skyscatter.solvers.surfaces import compile_surfaces
+    from skyscatter.solvers.surfaces import compile_matrices, compile_surfaces
 
     table = compile_surfaces(scene, tuple(float(w) for w in wavelengths))
     if asked.how.sampling == "angular" and np.any(without_extent(table)):
@@ -96,7 +108,7 @@ def prepare(
     walks = guided(table)
     warn_of_far_lamps(walks, rays.origins, walks_for(asked), "choose the solver photons, or give more samples")
     warn_of_small_lamps(walks, walks_for(asked))
-    return walks
+    return Context(walks, compile_matrices(scene, wavelengths) if asked.stokes else None)
 
 
 def without_extent(table: SurfaceTable) -> NDArray[np.bool_]:
@@ -112,32 +124,42 @@ def out_of_reach(table: SurfaceTable) -> bool:
     return bool(smooth.any() and np.isin(table.lamps.kind, (POINT_LAMP, PARALLEL_LAMP)).any())
 
 
-def no_walks(table: WalkTable, rays: int, asked: Asked[Path]) -> Walks:
+def no_walks(context: Context, rays: int, asked: Asked[Path]) -> Walks:
     """The sums with which walks begin; what comes straight, was scattered or turned once is told apart."""
-    batches = min(walks_for(asked), BATCHES)
-    return Walks.none(rays, 1, batches, asked.orders + 3, table.media.index.shape[1])
+    batches, layers = min(walks_for(asked), BATCHES), 1 if context.matrix is None else 4
+    return Walks.none(rays, layers, batches, asked.orders + 3, context.table.media.index.shape[1])
 
 
 def solve(
-    table: WalkTable, rays: Rays, asked: Asked[Path], walks: Walks | None = None, seen: Array | None = None
+    context: Context,
+    rays: Rays,
+    asked: Asked[Path],
+    walks: Walks | None = None,
+    seen: Array | None = None,
+    up: Array = UP,
 ) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`; `walks` that were made before are gone on with.
 
-    `seen` (ray, wavelength) is the diffuse light of the empty sky along the rays, where the table knows that sky.
+    `seen` (ray, wavelength) is the diffuse light of the empty sky along the rays, where the table knows that sky; `up`
+    (3,) or (ray, 3) leads to the zenith, which is in the meridian plane.
     """
+    table, matrix = context
     n, wavelengths = len(rays.origins), table.media.index.shape[1]
     mean, error = np.empty((n, wavelengths)), np.empty((n, wavelengths))
     used = np.empty(n, np.int64)
     count = walks_for(asked)
-    walks = walks or no_walks(table, n, asked)
+    walks = walks or no_walks(context, n, asked)
     orders, apart = (np.ascontiguousarray(part) for part in np.split(walks.marked, [asked.orders], axis=1))
-    components, lamps = len(table.media.density), len(table.lamps.kind)
-    scratch = make_scratch(components, wavelengths, lamps, min(count, BATCHES))
+    components, lamps, batches = len(table.media.density), len(table.lamps.kind), min(count, BATCHES)
+    polar = None
+    if matrix is not None:
+        polar = make_walk_polar(matrix, meridian_frame(up, rays.directions)[0], MOST_SPLITS, batches)
     surface_path_rays(
         table, rays.origins, rays.directions, rays.numbers, np.zeros((n, 0)) if seen is None else seen,
         np.int64(asked.how.seed), count, walks.done,
         walks.sums, asked.how.noise or 0.0, MOST_ORDERS if asked.how.max_order is None else int(asked.how.max_order),
-        SAMPLINGS[asked.how.sampling], scratch, mean, error, orders, apart, used,
+        SAMPLINGS[asked.how.sampling], make_scratch(components, wavelengths, lamps, batches, polar), mean, error,
+        orders, apart, used,
     )  # fmt: skip
     if np.any(used < 0):
         place = tuple(float(v) for v in rays.origins[int(np.argmin(used))])
@@ -145,10 +167,13 @@ def solve(
     walks.done, walks.marked = count // walks.sums.shape[2], np.concatenate([orders, apart], axis=1)
     by_order, apart = np.split(walks.mean(slice(None), used), [asked.orders], axis=1)
     layers = {}
+    if polar is not None:
+        layers = {name: polar.mean[:, k] for k, name in enumerate("QUV")}
+        layers |= {f"{name}_error": polar.error[:, k] for k, name in enumerate("QUV")}
     if asked.parts:
         direct, scattered, reflected = np.moveaxis(apart, 1, 0)
         multiple = mean - direct - scattered - reflected
-        layers = {"direct": direct, "scattered": scattered, "reflected": reflected, "multiple": multiple}
+        layers |= {"direct": direct, "scattered": scattered, "reflected": reflected, "multiple": multiple}
     layers |= {f"order{k + 1}": by_order[:, k] for k in range(asked.orders)}
     return Answer(mean, error, layers, used)
 

@@ -50,7 +50,6 @@ class Context(NamedTuple):
 
 def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself."""
-    asked.refuse("path in three dimensions", "stokes")
     if asked.how.sampling is not None and asked.how.sampling not in SAMPLINGS:
         raise DomainError("sampling", asked.how.sampling, f"choose from {', '.join(SAMPLINGS)}")
     if asked.how.sampling in ("free-flight", "delta"):

@@ -144,8 +144,8 @@ def check_scene(scene: Scene) -> None:
 
 def check(asked: Asked[Path]) -> None:
     """Refuse what contradicts itself, or means nothing here."""
-    given = {"stokes": asked.stokes or None, **asked.how.given}
-    for name in ("stokes", "sampling", "tolerance", "transmittance"):
+    given = asked.how.given
+    for name in ("sampling", "tolerance", "transmittance"):
         if given.get(name) not in (None, "march" if name == "sampling" else None):
             rule = "means nothing to walks in skies that hold bodies, fields, lamps or another ground; leave it out"
             raise DomainError(name, given[name], rule)
@@ -160,7 +160,7 @@ def among_surfaces(asked: Asked[Path]) -> Asked[Path]:
 class World(NamedTuple):
     """Tables of a scene, how far its frame lies above that of its rays [m], and what is known of its empty sky."""
 
-    table: WalkTable
+    walks: surface_path.Context
     lift: float
     known: KnownSky | None = None
 
@@ -180,18 +180,18 @@ def prepare(
 ) -> World:
     """The tables of a scene, with the light of its empty sky where that is worth its while."""
     surfaces, lift = as_surfaces(scene, wavelengths), scene.medium.radius
-    table = surface_path.prepare(surfaces, local(rays, lift), wavelengths, among_surfaces(asked), threads, progress)
+    walks = surface_path.prepare(surfaces, local(rays, lift), wavelengths, among_surfaces(asked), threads, progress)
     ground = scene.ground.material
     sea = lift if isinstance(ground.rest if isinstance(ground, Mosaic) else ground, Sea) else 0.0
-    table = table._replace(guide=table.guide._replace(level=ROULETTE_LEVEL, sea=sea))
+    table = walks.table._replace(guide=walks.table.guide._replace(level=ROULETTE_LEVEL, sea=sea))
     if not is_night(scene) and is_knowable(scene, len(rays.origins), asked):
         # The star is the first parallel lamp; bodies that shine come before it.
         star = int(np.flatnonzero(table.lamps.kind == PARALLEL_LAMP)[0])
         known = known_sky(scene, rays, wavelengths, star, threads, progress)
         if known is not None:
-            return World(table._replace(sky=known.table), lift, known)
+            return World(walks._replace(table=table._replace(sky=known.table)), lift, known)
     warn_of_the_sun(scene, wavelengths, table)
-    return World(table, lift)
+    return World(walks._replace(table=table), lift)
 
 
 def warn_of_the_sun(scene: Scene, wavelengths: Array, table: WalkTable) -> None:
@@ -224,16 +224,16 @@ def sun_is_dim(scene: Scene, wavelengths: Array) -> bool:
 
 def no_walks(world: World, rays: int, asked: Asked[Path]) -> Walks:
     """The sums with which walks begin."""
-    return surface_path.no_walks(world.table, rays, among_surfaces(asked))
+    return surface_path.no_walks(world.walks, rays, among_surfaces(asked))
 
 
 def solve(world: World, rays: Rays, asked: Asked[Path], walks: Walks | None = None) -> Answer:
     """Radiance of all orders, see `skyscatter.radiance`."""
     known, here, asked = world.known, local(rays, world.lift), among_surfaces(asked)
     if known is None:
-        return surface_path.solve(world.table, here, asked, walks)
+        return surface_path.solve(world.walks, here, asked, walks, up=rays.origins)
     seen, unsure = known.along(rays)
-    found = surface_path.solve(world.table, here, asked, walks, seen)
+    found = surface_path.solve(world.walks, here, asked, walks, seen)
     # What a ray sees of bodies is light that was looked up between nodes.
     changed = np.minimum(np.abs(found.radiance), np.abs(found.radiance - seen))
     error = np.hypot(found.standard_error, unsure + known.error * changed)

@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 import skyscatter
 from skyscatter.cli import common
-from skyscatter.cli import sky as sky_module
+from skyscatter.cli import polarised
 from skyscatter.cli.main import main
 from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_wavelengths
 from skyscatter.errors import DomainError, ModelFileError, SkyscatterError
@@ -389,7 +389,7 @@ def test_where_no_degree_is_defined_it_is_null(case):
         image.radiance = 0 * image.radiance
     else:
         image.wavelengths = np.array([1000.0, 1100.0])
-    assert sky_module.polarisation_summary(image, None) == {
+    assert polarised.summary(image) == {
         "mean_degree": None,
         "maximum_degree": None,
         "wavelength_nm": None,

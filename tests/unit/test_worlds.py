@@ -83,7 +83,7 @@ def test_other_solvers_refuse_before_the_work(held: dict[str, Any], name: str) -
         skyscatter.solve(scene, WAVELENGTHS)
 
 
-@pytest.mark.parametrize("option", [{"stokes": True}, {"sampling": "free-flight"}, {"tolerance": 1e-3}])
+@pytest.mark.parametrize("option", [{"transmittance": "ratio"}, {"sampling": "free-flight"}, {"tolerance": 1e-3}])
 def test_options_without_meaning_are_refused(option: dict[str, Any]) -> None:
     """None is taken and ignored."""
     with pytest.raises(DomainError, match="means nothing"):

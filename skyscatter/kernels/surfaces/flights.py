@@ -34,6 +34,7 @@ from skyscatter.kernels.surfaces.media import (
     spectral_depth,
     transmit,
 )
+from skyscatter.kernels.surfaces.walkpolar import WalkPolar
 
 #: Numbers in ``Scratch.at``: interactions so far; what the last was; what the vertex before was; the item that ends the
 #: leg, -1 where it does not end; the item on which the ray starts; the leg's medium; whether the walk has been divided
@@ -97,9 +98,12 @@ class Scratch(NamedTuple):
     joined: np.ndarray  #: (component + 1, wavelength) of the empty sky's light
     sums: np.ndarray  #: (batch, wavelength)
     shift: np.ndarray  #: (batch, dimension) uint32
+    polar: WalkPolar | None
 
 
-def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) -> Scratch:
+def make_scratch(
+    components: int, wavelengths: int, lamps: int, batches: int, polar: WalkPolar | None = None
+) -> Scratch:
     """Scratch arrays for a scene of that size; a thread needs its own."""
     spectra = [np.zeros(wavelengths) for _ in range(16)]
     stacks = [np.full(STACK, -1, np.int64) for _ in range(5)]
@@ -113,6 +117,7 @@ def make_scratch(components: int, wavelengths: int, lamps: int, batches: int) ->
         np.zeros((components + 1, wavelengths)),
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
+        polar,
     ])  # fmt: skip
 
 

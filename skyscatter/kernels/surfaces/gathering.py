@@ -61,6 +61,13 @@ from skyscatter.kernels.surfaces.tables import (
     MediaTable,
     ShapeTable,
 )
+from skyscatter.kernels.surfaces.walkpolar import (
+    add_polarised,
+    scattering_terms,
+    see_plain,
+    see_turned,
+    surface_terms,
+)
 
 #: How lamps with a surface are found: both ways, only by aiming at them, only by meeting them.
 BOTH, AREA, ANGULAR = 0, 1, 2
@@ -100,8 +107,9 @@ def number(walk, order, k):
 
 
 @kernel
-def add_light(light, factor, order, last, sums):
+def add_light(polar, light, factor, order, last, sums):
     """Add light (wavelength,) times a factor after so many interactions, the last of which was a `last`."""
+    add_polarised(polar, factor)
     for i in range(light.size):
         sums.total[i] += factor * light[i]
     if 0 < order <= sums.by_order.shape[0]:
@@ -249,6 +257,8 @@ def light_leg(table, hero, sampling, first, s):
         s.light[i] *= mean * walk.value[i] * s.halfway[i] * towards[i] * lamps.power[k, i]
     if lamps.limb_row[k] >= 0:
         darken(lamps, k, ring_of(lamps, k, s.aside), s.light)
+    scattering_terms(s.polar, media, m, s.media.density, cosine)
+    see_turned(s.polar, d, s.aside, s.light)
     return True
 
 
@@ -295,6 +305,10 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
         s.light[i] *= mean * walk.value[i] * s.factor[i] * lamps.power[k, i]
     if lamps.limb_row[k] >= 0:
         darken(lamps, k, ring_of(lamps, k, s.aside), s.light)
+    surface_terms(
+        s.polar, table.materials, row, s.normal, s.back, s.aside, s.factor, media.index[here], media.index[there]
+    )
+    see_turned(s.polar, walk.direction, s.aside, s.light)
     return True
 
 
@@ -304,7 +318,8 @@ def glow(table, s, sums):
     gather_emission(table.media, s.at[IN], s.start, s.walk.direction, s.far[LENGTH], s)
     for i in range(s.factor.size):
         s.factor[i] *= s.walk.value[i]
-    add_light(s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
+    see_plain(s.polar, s.factor)
+    add_light(s.polar, s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
 
 
 @merged
@@ -315,13 +330,15 @@ def light_end(table, sampling, s, sums):
         if table.guide.open:
             for i in range(s.factor.size):
                 s.factor[i] = walk.value[i] * s.through[i] * table.guide.background[i]
-            add_light(s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
+            see_plain(s.polar, s.factor)
+            add_light(s.polar, s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
         # Disks are far smaller than what scatters: they are met only where none of them was aimed at.
         unaimed = sampling == ANGULAR or s.at[BEFORE] == NO_AIM
         if unaimed and lamps.limb.shape[0] > 0 and disk_light(lamps, d, s.factor, s.spare):
             for i in range(s.factor.size):
                 s.factor[i] *= walk.value[i] * s.through[i]
-            add_light(s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
+            see_plain(s.polar, s.factor)
+            add_light(s.polar, s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
         return
     k = table.shapes.lamp[item_body(table.shapes, s.at[ITEM])]
     if k < 0 or (sampling == AREA and s.at[BEFORE] != NO_AIM):
@@ -333,4 +350,5 @@ def light_end(table, sampling, s, sums):
             light /= meeting_weight(table, k, cosine, s)
         for i in range(s.factor.size):
             s.factor[i] = walk.value[i] * s.through[i] * lamps.power[k, i]
-        add_light(s.factor, light, s.at[ORDER], s.at[LAST], sums)
+        see_plain(s.polar, s.factor)
+        add_light(s.polar, s.factor, light, s.at[ORDER], s.at[LAST], sums)

@@ -26,7 +26,7 @@ from skyscatter.kernels.codes.surfaces import CONDUCTOR, DELTA, MIRROR, REFLECTE
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.path import rebalance
-from skyscatter.kernels.polar import A1, A2, A3, A4, B1, B2, plane
+from skyscatter.kernels.polar import A1, A2, A3, A4, B1, B2, follow, multiply, plane
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.bsdf import frame_of
 from skyscatter.kernels.tabulated import angle_cell
@@ -133,12 +133,6 @@ def _scatter(polar, first, last, sigma_s, hero, density, walk):
     return rebalance(walk)
 
 
-@inlined
-def follow(across, nx, ny, nz, kx, ky, kz):
-    """The vector v = n x k after a scattering, k being the way of the light."""
-    across[0], across[1], across[2] = ny * kz - nz * ky, nz * kx - nx * kz, nx * ky - ny * kx
-
-
 # --- surfaces -----------------------------------------------------------------------------------------------------
 
 
@@ -202,10 +196,12 @@ def _bounce(polar, materials, k, event, photon, normal, towards, walk, index_her
         if materials.kind[k] == CONDUCTOR:
             index, absorption = materials.index[k, i] / here, materials.absorption[k, i] / here
         f[B1, i], f[A3, i], f[B2, i] = fresnel_terms(materials.kind[k], reflected, cosine, index, absorption)
+        f[A2, i], f[A4, i] = 1.0, f[A3, i]
     if photon:
         _reflect_photon(polar, walk, c2, s2)
     else:
-        _reflect_matrix(polar, c2, s2)
+        polar.chains[1] = -1
+        multiply(polar.matrix, f, c2, s2)
     follow(polar.across, nx, ny, nz, -sign * d[0], -sign * d[1], -sign * d[2])
 
 
@@ -219,18 +215,6 @@ def _reflect_photon(polar, walk, c2, s2):
         norm = 1.0 / max(factor, 1e-300)
         s[0, i], s[1, i] = (f[B1, i] + q) * norm, (f[A3, i] * u + f[B2, i] * v) * norm
         s[2, i] = (f[A3, i] * v - f[B2, i] * u) * norm
-
-
-@inlined
-def _reflect_matrix(polar, c2, s2):
-    f, m = polar.element, polar.matrix
-    polar.chains[1] = -1
-    for r in range(4):
-        for i in range(m.shape[2]):
-            q, u = m[r, 1, i] * c2 + m[r, 2, i] * s2, m[r, 2, i] * c2 - m[r, 1, i] * s2
-            lead, v = m[r, 0, i], m[r, 3, i]
-            m[r, 0, i], m[r, 1, i] = lead + q * f[B1, i], lead * f[B1, i] + q
-            m[r, 2, i], m[r, 3, i] = u * f[A3, i] - v * f[B2, i], u * f[B2, i] + v * f[A3, i]
 
 
 # --- walks from the camera ----------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.surfaces.flights import BEGUN, IN, KNOWN, LENGTH, ORDER, SPLITS, VERTEX
 from skyscatter.kernels.surfaces.shadows import copy_stack
+from skyscatter.kernels.surfaces.walkpolar import keep_part, take_part
 
 #: Least weight that is wanted, parts of a walk at most, and how far above the wanted weight it is split.
 LEAST_WEIGHT, MOST_PARTS, SPLIT_ABOVE = 1.0 / 1024.0, 16, 2.0
@@ -76,6 +77,7 @@ def split(wanted, s):
     s.parted[n, 6], s.parted[n, 7] = s.far[LENGTH], s.far[VERTEX]
     s.parts[n, 0], s.parts[n, 1], s.parts[n, 2] = parts - 1, s.at[ORDER], s.at[IN]
     copy_stack(s.stack, s.parted_stack[n])
+    keep_part(s.polar, n)
     s.at[SPLITS] = n + 1
     return True
 
@@ -93,6 +95,7 @@ def next_part(s):
     # Light diffuses in bodies alone, where no light of a sky is known.
     s.at[ORDER], s.at[IN], s.at[KNOWN] = s.parts[n, 1], s.parts[n, 2], 0
     copy_stack(s.parted_stack[n], s.stack)
+    take_part(s.polar, n)
     s.parts[n, 0] -= 1
     if s.parts[n, 0] == 0:
         s.at[SPLITS] = n

@@ -32,6 +32,7 @@ from skyscatter.kernels.surfaces.media import scattering
 from skyscatter.kernels.surfaces.past import PASSING, density_past, draw_direction, draw_past, shares_from_wall
 from skyscatter.kernels.surfaces.shadows import copy_stack
 from skyscatter.kernels.surfaces.splits import split, wanted_weight
+from skyscatter.kernels.surfaces.walkpolar import scattering_terms, surface_terms, turn_walk
 
 #: From these orders on at most these shares of the walks go on, whatever they carry: none is endless.
 LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
@@ -101,6 +102,8 @@ def scatter_at(table, hero, part, s):
     cosine = d[0] * s.kept[1, 0] + d[1] * s.kept[1, 1] + d[2] * s.kept[1, 2]
     towards, total, more = s.media.towards, s.media.total, 1.0
     scattering(table.media, m, s.media.density, cosine, s.media, towards)
+    scattering_terms(s.polar, table.media, m, s.media.density, cosine)
+    turn_walk(s.polar, s.kept[1, 0], s.kept[1, 1], s.kept[1, 2], d)
     for i in range(walk.value.size):
         s.kept_chance[i], s.kept_free[i] = walk.chance[i], walk.chance[i] * s.free[i]
         by_phase = towards[i] / total[i] if total[i] > 0.0 else 0.0
@@ -211,6 +214,10 @@ def turn_at_surface(table, row, hero, here, there, s):
         )  # fmt: skip
     if event == ABSORBED:
         return OVER
+    surface_terms(
+        s.polar, table.materials, row, s.normal, s.back, walk.direction, s.factor, media.index[here], media.index[there]
+    )
+    turn_walk(s.polar, -s.back[0], -s.back[1], -s.back[2], walk.direction)
     passing = density_past(table, here, walk.position, walk.direction, s.chance, False, s.aside) if past > 0.0 else 0.0
     more = worth_of((1.0 - past) * s.density[hero] + passing, s.density[hero], passing)
     more = max(more, 1.0 / wanted_weight(table, here, walk.position, s))

@@ -65,6 +65,7 @@ from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
 from skyscatter.kernels.surfaces.splits import next_part
 from skyscatter.kernels.surfaces.turns import BEHIND, LEG, OVER, TURN, balance, scatter_at, turn_at_surface
+from skyscatter.kernels.surfaces.walkpolar import begin, end_sums, look_again, take_up_sums
 
 #: Walks of each batch before the noise is judged first, and before a ray may count as quiet.
 FIRST_WALKS, SURE_WALKS = 4, 32
@@ -124,6 +125,7 @@ def divide(s):
 def go_back(s):
     """Take up the other part of a divided walk."""
     s.at[DIVIDED], s.at[ORDER], s.at[BEFORE], s.at[LAST] = 0, 0, NO_AIM, SCATTERED
+    look_again(s.polar)
     s.at[ITEM], s.at[KNOWN] = np.int64(s.saved[2, 0]), np.int64(s.saved[2, 1])
     copy_stack(s.saved_stack, s.stack)
     for n in range(4):
@@ -167,7 +169,7 @@ def add_known(factor, s, sums):
     """Add light of the empty sky in ``s.factor`` (wavelength,) times a factor."""
     for i in range(s.factor.size):
         s.factor[i] *= s.walk.value[i]
-    add_light(s.factor, factor, s.at[ORDER], s.at[LAST], sums)
+    add_light(None, s.factor, factor, s.at[ORDER], s.at[LAST], sums)
 
 
 @kernel
@@ -218,7 +220,7 @@ def take_leg(table, hero, sampling, s, sums):
         points = table.guide.points if s.at[ORDER] == 0 else 1
         for n in range(points if sampling != ANGULAR else 0):
             if light_leg(table, hero, sampling, n == 0, s):
-                add_light(s.light, 1.0 / points, s.at[ORDER] + 1, SCATTERED, sums)
+                add_light(s.polar, s.light, 1.0 / points, s.at[ORDER] + 1, SCATTERED, sums)
         if coming == TURN:
             return TURN if s.far[VERTEX] >= 0.0 else OVER
         for i in range(walk.chance.size):
@@ -259,7 +261,7 @@ def meet(table, hero, sampling, s, sums):
     both_sides = table.materials.kind[row] == DIELECTRIC
     s.kept[2, 0] = 1.0 if both_sides else 0.0
     if sampling != ANGULAR and not delta and light_surface(table, row, both_sides, here, there, sampling, s):
-        add_light(s.light, 1.0, at[ORDER] + 1, REFLECTED_ONCE, sums)
+        add_light(s.polar, s.light, 1.0, at[ORDER] + 1, REFLECTED_ONCE, sums)
     return turn_at_surface(table, row, hero, here, there, s)
 
 
@@ -322,7 +324,7 @@ def surface_path_rays(
     first : int
         Walks of each batch that were made before, whose sums are in `kept`, `by_order` and `apart`.
     kept : (ray, 1, batch, wavelength)
-        Sums over the walks; added to.
+        Sums over the walks, of polarised light those of Q, U and V as well (ray, 4, ...); added to.
     noise : float
         Stop when the relative standard error is below this; 0 to use all samples.
     max_order : int
@@ -330,6 +332,7 @@ def surface_path_rays(
     sampling : int
         BOTH, AREA or ANGULAR.
     s : Scratch
+        With ``s.polar``, its output too where polarisation is asked for; `mean` then is that of polarised light.
     mean, error : (ray, wavelength), output
     by_order : (ray, order, wavelength), output
         Sum over the walks by number of interactions from 1 on, as far as there is room.
@@ -351,6 +354,7 @@ def surface_path_rays(
             for k in range(EVEN_DIMENSIONS):
                 s.shift[b, k] = np.uint32(uniform(walk.state) * 4294967296.0)
         copy_sums(kept[ray, 0], s.sums)
+        take_up_sums(s.polar, kept[ray])
         done, goal, quiet = first, max(first, first_goal), False
         while True:
             # Walk by walk over the batches: walks that are added later come after all that were made before.
@@ -360,6 +364,7 @@ def surface_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     copy_stack(s.first_stack, s.stack)
+                    begin(s.polar, ray, b)
                     walk_once(table, origins[ray], directions[ray], max_order, sampling, s, sums)
             done = goal
             statistics(s.sums, batches, done, mean[ray], error[ray])
@@ -371,3 +376,4 @@ def surface_path_rays(
             goal = min(2 * done, samples // batches)
         used[ray] = done * batches
         copy_sums(s.sums, kept[ray, 0])
+        end_sums(s.polar, ray, batches, done, kept[ray])
