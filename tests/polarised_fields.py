@@ -22,6 +22,8 @@ Array = NDArray[Any]
 POWER, THIN = 2.0, 1e-5
 LAMP = np.array([0.5, 1.0, 0.8])
 EYE = np.array([-2.0, 0.3, 1.5])
+#: Of integrals along a ray.
+NODES = np.polynomial.legendre.leggauss(256)
 #: Where the gas is.
 ROOM = Box(position=(0, 0, 2), size=(6, 6, 3.9))
 #: What lies below z = 0, with the indices above and below; complex ones of metal.
@@ -121,7 +123,7 @@ def leg(
 
     Of `images` False is the lamp itself, True the one in the mirror.
     """
-    x, w = np.polynomial.legendre.leggauss(256)
+    x, w = NODES
     # Distances evenly by angle from the point nearest to the lamp.
     sides = (np.array(ROOM.position) + np.outer([-0.5, 0.5], ROOM.size) - origin) / d
     ends = max(ends[0], sides.min(axis=0).max()), min(ends[1], sides.max(axis=0).min())

@@ -307,9 +307,9 @@ def radiance(
         `skyscatter.geometry.meridian.meridian_frame`): Q > 0 is upright, U > 0 leans to the left, V > 0 turns
         anticlockwise for the observer (IAU 1974).  Without it multiple scattering is that of scalar light, which
         misses the radiance of a clear sky by up to a few per cent.  In scenes of surfaces and nebulae (``path`` and
-        ``photons``) the meridian plane holds the z axis of the scene.  Lambertian surfaces and land depolarise; mirrors,
-        glass, metals and the sea follow Fresnel's amplitudes, facet by facet where they are rough, which ``photons``
-        refuse.
+        ``photons``) the meridian plane holds the z axis of the scene.  Lambertian surfaces and land depolarise;
+        mirrors, glass, metals and the sea follow Fresnel's amplitudes, facet by facet where they are rough, which
+        ``photons`` refuse.
     threads : int, optional
         All processors when not given.
     executor : int, concurrent.futures.Executor or distributed.Client, optional

@@ -86,6 +86,27 @@ def test_light_scattered_once_before_it_is_reflected(floor: str) -> None:
     assert (np.abs(answer.layers["V"]).max() > 0) == (floor in ("metal", "total"))
 
 
+def shining_ball(radius: float) -> Body:
+    """In the lamp's place, with its power."""
+    shine = AreaLamp(power=POWER)
+    shape = Sphere(position=tuple(LAMP), radius=radius)
+    return Body(name="lamp", shape=shape, material=Lambert(albedo=0), lamp=shine)
+
+
+def test_light_that_comes_to_thin_gas_by_way_of_a_mirror() -> None:
+    """Half of the light is the lamp's image, which walks meet by chance, and of walks to thin gas few went on.
+
+    With roulette by what walks carry alone 27 to 41 % of it were missing at 500 000 walks, and a thousandth stated.
+    """
+    scene = over_floor("metal")
+    scene = scene.model_copy(update={"bodies": (*scene.bodies, shining_ball(0.15)), "lamps": ()})
+    o, d = sights(*LOOKS)
+    answer = walked(scene, o, d, samples=1 << 18, max_order=3)
+    # A ball of 0.15 m a metre away: (0.15 / 1)^2 / 2 at most of a point's light, on its axis.
+    assert_stokes(answer, truth("metal", o, d), 0.012)
+    assert np.all(answer.stokes_error[..., 0] < 0.05 * answer.radiance)
+
+
 # --- surfaces that are not smooth ---------------------------------------------------------------------------------
 
 
@@ -159,7 +180,7 @@ def test_polarised_light_off_the_sea() -> None:
     # From below the gas: all of the second order is scattered first, and then reflected.
     d = direction_from_azimuth_elevation(np.array([80.0, 150.0, -30.0]), np.array([-35.0, -50.0, -65.0]))
     o = np.array([-0.5, -0.5, 0.04]) + np.zeros_like(d)
-    both, first = (walked(scene, o, d, samples=n, max_order=k) for n, k in ((1 << 16, 2), (1 << 10, 1)))
+    both, first = (walked(scene, o, d, samples=n, max_order=k) for n, k in ((1 << 18, 2), (1 << 10, 1)))
     slope = Sea(wind_speed=5).slope
     foot = o - d * (o[:, 2:] / d[:, 2:])
     expected = np.array([
@@ -169,7 +190,7 @@ def test_polarised_light_off_the_sea() -> None:
     found = both.stokes[..., :3] - first.stokes[..., :3]
     error = np.hypot(both.stokes_error, first.stokes_error)[..., :3]
     assert np.all(np.abs(expected[:, 1:3] / expected[:, :1]).max(axis=0) > 0.2)
-    assert np.all(error < 0.04 * expected[:, None, :1])
+    assert np.all(error < 0.02 * expected[:, None, :1])
     # 24 nodes or 36 of each slope differ by 1e-4.
     assert_agrees(found, np.repeat(expected[:, None, :3], 2, axis=1), error + 2e-4 * expected[:, None, :1])
 
@@ -241,12 +262,8 @@ def test_rayleigh_slab_against_corrected_coulson_tables(made: Any, samples: int,
 @pytest.mark.parametrize("floor", [None, *FLOORS])
 def test_fog_over_a_floor_is_that_of_photons(floor: str | None) -> None:
     """A ball that shines in fog of an optical depth near 1, over metal, a mirror or glass: all orders of both."""
-    lamp = Body(
-        name="lamp", shape=Sphere(position=tuple(LAMP), radius=0.3), material=Lambert(albedo=0),
-        lamp=AreaLamp(radiance=1.0),
-    )  # fmt: skip
     scene = over_floor(floor, 0.3)
-    scene = scene.model_copy(update={"bodies": (*scene.bodies, lamp), "lamps": ()})
+    scene = scene.model_copy(update={"bodies": (*scene.bodies, shining_ball(0.3)), "lamps": ()})
     o, d = sights(*LOOKS)
     walks = walked(scene, o, d, samples=1 << 17)
     gathered = skyscatter.radiance(

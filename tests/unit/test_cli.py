@@ -15,8 +15,7 @@ import pytest
 from pydantic import model_validator
 
 import skyscatter
-from skyscatter.cli import common
-from skyscatter.cli import polarised
+from skyscatter.cli import common, polarised
 from skyscatter.cli.main import main
 from skyscatter.cli.parse import parse_noise, parse_show, parse_size, parse_wavelengths
 from skyscatter.errors import DomainError, ModelFileError, SkyscatterError

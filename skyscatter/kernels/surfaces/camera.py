@@ -118,8 +118,11 @@ def widest(ball, extinction):
 
 
 @kernel
-def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball, s, polar):
-    """Events on a leg; the transmittance of the whole leg into ``s.light_through``."""
+def leave_events(scene, points, ray, m, hero, far, events, part, parts, accepts, order, ball, s, polar):
+    """Events on a leg; the transmittance of the whole leg into ``s.light_through``.
+
+    Walks that share a leg each take their `part` of so many of every stratum of it.
+    """
     walk, media, work = s.walk, scene.media, s.work
     x, d, whole, through = walk.position, walk.direction, s.light_through, s.light
     transmit(media, m, x, d, far, work, whole)
@@ -133,7 +136,7 @@ def leave_events(scene, points, ray, m, hero, far, events, accepts, order, ball,
     high = (math.atan((far - near) / apart) if far < math.inf else 0.5 * math.pi) if k >= 0 else 0.0
     share = ANGLE_SHARE if high > low else 0.0
     for n in range(events):
-        u = (n + uniform(walk.state)) / events
+        u = (n + (part + uniform(walk.state)) / parts) / events
         t = place_event(media, m, x, d, far, hero, lost, u, near, apart, low, high, s)
         if not 0.0 <= t < far:
             continue
@@ -251,8 +254,10 @@ def end_leg(scene, peaks, m, hero, far, s):
 
 
 @merged
-def look(scene, peaks, ray, events, weak, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar):
-    """One walk from the camera."""
+def look(
+    scene, peaks, ray, events, part, parts, weak, most, ball, disk, direct, points, surfaces, s, sums, by_order, polar
+):  # fmt: skip
+    """One walk from the camera, a `part` of so many."""
     walk, shapes, media, hit = s.walk, scene.shapes, scene.media, s.hit
     x, d = walk.position, walk.direction
     accepts = FOCUSED | SCATTERED | AMBIENT
@@ -269,7 +274,8 @@ def look(scene, peaks, ray, events, weak, most, ball, disk, direct, points, surf
         if media.first[m + 1] > media.first[m]:
             # Photons are dear, walks are cheap: those that were scattered leave one point a leg.
             leave_events(
-                scene, points, ray, m, hero, far, events if straight else 1, accepts, order, ball, s, polar,
+                scene, points, ray, m, hero, far, events if straight else 1, part if straight else 0,
+                parts if straight else 1, accepts, order, ball, s, polar,
             )  # fmt: skip
             t = end_leg(scene, peaks, m, hero, far, s)
             if t >= 0.0:
@@ -371,7 +377,7 @@ def leave_points(
             if fill_stack(scene.shapes, origins[ray], directions[ray], np.int64(-1), s.first, s.other_hit) < 0:
                 return -1
             filled = True
-        for _ in range(looks):
+        for part in range(looks):
             copy_stack(s.first, s.stack)
             for n in range(3):
                 walk.position[n], walk.direction[n] = origins[ray, n], directions[ray, n]
@@ -379,7 +385,7 @@ def leave_points(
                 walk.value[i], walk.chance[i] = 1.0 / looks, 1.0
             begin_look(polar, ray)
             look(
-                scene, peaks, ray, events, WEAK / looks, most, ball, disk, direct, points, surfaces, s, sums, by_order,
-                polar,
+                scene, peaks, ray, events, part, looks, WEAK / looks, most, ball, disk, direct, points, surfaces, s,
+                sums, by_order, polar,
             )  # fmt: skip
     return origins.shape[0]

@@ -1,7 +1,8 @@
 """One leg of a camera walk through one medium: what is lost on it, what shines on it, where it may be scattered.
 
 Every leg has two ends: a *vertex* in the medium, always on the leg (forced scattering), and the surface or the depth
-behind it.  A walk takes one of them, its first time both.  The chance of the vertex is
+behind it.  A walk takes one of them; its first time, and beyond mirrors where the leg is thin, both.  The chance of the
+vertex is
 
     q = w (1 - T) / (w (1 - T) + r T)
 
@@ -39,12 +40,14 @@ from skyscatter.kernels.surfaces.walkpolar import WalkPolar
 #: Numbers in ``Scratch.at``: interactions so far; what the last was; what the vertex before was; the item that ends the
 #: leg, -1 where it does not end; the item on which the ray starts; the leg's medium; whether the walk has been divided
 #: or may be; the most interactions; how many splits have parts left, see `kernels.surfaces.splits`; whether the empty
-#: sky's light is counted already, see `kernels.surfaces.emptysky`.
-ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST, SPLITS, KNOWN = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+#: sky's light is counted already, see `kernels.surfaces.emptysky`; and whether nothing but mirrors and smooth glass has
+#: turned the walk.
+ORDER, LAST, BEFORE, ITEM, SKIP, IN, DIVIDED, WHOLE, MOST, SPLITS, KNOWN, STRAIGHT = range(12)
 #: Numbers in ``Scratch.far``: where on the ray the leg begins; its length; what the chances kept were divided by since,
 #: inverted; the vertex that was drawn on the leg; how much of the view lamps fill at the vertex turned at; what
-#: the walk was worth where it began, 0 before; how much more often a vertex is drawn than by free flight alone.
-NEAR, LENGTH, SCALE, VERTEX, NEARBY, BEGUN, OFTEN = 0, 1, 2, 3, 4, 5, 6
+#: the walk was worth where it began, 0 before; how much more often a vertex is drawn than by free flight alone; what
+#: the level of roulette is multiplied by, see `kernels.surfaces.turns`.
+NEAR, LENGTH, SCALE, VERTEX, NEARBY, BEGUN, OFTEN, FADED = 0, 1, 2, 3, 4, 5, 6, 7
 #: Splits of a walk that may have parts left.
 MOST_SPLITS = 12
 
@@ -55,8 +58,8 @@ class Scratch(NamedTuple):
 
     walk: Walk
     media: MediaWork
-    at: np.ndarray  #: (11,) int64 state of the walk, see `ORDER` and so on
-    far: np.ndarray  #: (7,) state of the walk, see `NEAR` and so on
+    at: np.ndarray  #: (12,) int64 state of the walk, see `ORDER` and so on
+    far: np.ndarray  #: (8,) state of the walk, see `NEAR` and so on
     first_stack: np.ndarray  #: (STACK,) media in which the camera's ray begins
     stack: np.ndarray  #: (STACK,) media that the walk is inside of
     other_stack: np.ndarray  #: (STACK,) beyond a surface
@@ -110,7 +113,7 @@ def make_scratch(
     points = [np.zeros(3) for _ in range(6)]
     hits = [np.zeros(4) for _ in range(3)]
     return Scratch._make([
-        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(11, np.int64), np.zeros(7), *stacks,
+        make_walk(wavelengths), make_media_work(components, wavelengths), np.zeros(12, np.int64), np.zeros(8), *stacks,
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((MOST_SPLITS, 3), np.int64), np.full((MOST_SPLITS, STACK), -1, np.int64), np.zeros((MOST_SPLITS, 8)),
         np.zeros((MOST_SPLITS, 4, wavelengths)),

@@ -13,6 +13,7 @@ from skyscatter.kernels.surfaces.bsdf import evaluate_bsdf, is_delta, sample_bsd
 from skyscatter.kernels.surfaces.emptysky import middle_light
 from skyscatter.kernels.surfaces.flights import (
     BEFORE,
+    FADED,
     IN,
     ITEM,
     KNOWN,
@@ -23,6 +24,7 @@ from skyscatter.kernels.surfaces.flights import (
     ORDER,
     SCALE,
     SKIP,
+    STRAIGHT,
     VERTEX,
     look_at,
 )
@@ -38,6 +40,9 @@ from skyscatter.kernels.surfaces.walkpolar import scattering_terms, surface_term
 LONG, LONG_SHARE, ENDLESS, ENDLESS_SHARE = 128, 0.99, 1024, 0.9
 #: How much more a walk is worth where a lamp fills all of the view.
 CLOSE_WORTH = 100.0
+#: Of walks that are scattered for the first time at least this share goes on, however thin the medium is: where nothing
+#: else is seen, or what else is seen is dark, theirs is all the light.  From there on roulette begins lower.
+FIRST_SHARE = 0.1
 #: Candidates for directions that surfaces turn light to under a known sky, and the golden ratio less 1.
 LIT_CANDIDATES, GOLDEN = 8, 0.6180339887498949
 #: What counts for a direction beside the light that is known to come from there, in parts of what is typical.
@@ -62,12 +67,18 @@ def balance(walk):
 
 
 @inlined
-def survives(walk, order, level):
-    """Russian roulette; survivors carry the weight of the fallen."""
+def brightest(walk):
+    """The largest of the walk's values."""
     largest = 0.0
     for i in range(walk.value.size):
         largest = max(largest, walk.value[i])
-    q = min(largest / level, 1.0)
+    return largest
+
+
+@inlined
+def survives(walk, order, level):
+    """Russian roulette; survivors carry the weight of the fallen."""
+    q = min(brightest(walk) / level, 1.0) if level > 0.0 else 1.0
     if order >= LONG:
         q = min(q, LONG_SHARE if order < ENDLESS else ENDLESS_SHARE)
     if q < 1.0:
@@ -115,12 +126,15 @@ def scatter_at(table, hero, part, s):
             more = worth_of(by_all, by_phase, passing) * max(s.far[OFTEN], 1.0)
     more = max(more * (1.0 + CLOSE_WORTH * s.far[NEARBY]), 1.0 / wanted)
     mean = balance(walk)
+    if s.at[STRAIGHT] == 1:
+        s.far[FADED] = min(brightest(walk) / (FIRST_SHARE * table.guide.level), 1.0)
+    s.at[STRAIGHT] = 0
     s.at[ORDER], s.at[LAST], s.at[BEFORE] = order + 1, SCATTERED, MEDIUM
     s.at[ITEM], s.at[SKIP] = -1, -1
     if not mean > 0.0:
         return OVER
     s.far[SCALE] = 1.0 / mean
-    return LEG if survives(walk, order + 1, table.guide.level / more) else OVER
+    return LEG if survives(walk, order + 1, s.far[FADED] * table.guide.level / more) else OVER
 
 
 @inlined
@@ -228,6 +242,7 @@ def turn_at_surface(table, row, hero, here, there, s):
     mean = balance(walk)
     s.at[ORDER], s.at[LAST] = order + 1, REFLECTED_ONCE
     s.at[BEFORE] = NO_AIM if event & DELTA else SURFACE
+    s.at[STRAIGHT] = s.at[STRAIGHT] if event & DELTA else 0
     s.at[SKIP] = s.at[ITEM]
     s.at[ITEM] = -1
     if event & TRANSMITTED:
@@ -235,4 +250,4 @@ def turn_at_surface(table, row, hero, here, there, s):
     if not mean > 0.0:
         return OVER
     s.far[SCALE] = 1.0 / mean
-    return LEG if survives(walk, order + 1, table.guide.level / more) else OVER
+    return LEG if survives(walk, order + 1, s.far[FADED] * table.guide.level / more) else OVER

@@ -42,8 +42,8 @@ class WalkPolar(NamedTuple):
     across: np.ndarray  #: (3,) v of the current leg
     element: np.ndarray  #: (6, wavelength) of what turns the light, relative to the first
     light: np.ndarray  #: (3, wavelength) Q, U, V at the camera of light that is about to be added
-    parted_matrix: np.ndarray  #: (split, 4, 4, wavelength) M of walks that have parts left
-    parted_across: np.ndarray  #: (split, 3) v of the same
+    parted_matrix: np.ndarray  #: (split + 1, 4, 4, wavelength) M of walks that have parts left
+    parted_across: np.ndarray  #: (split + 1, 3) v of the same
     at: np.ndarray  #: (2,) int64, numbers of the ray and of the sums to which the walk belongs
     frame: np.ndarray  #: (ray, 3) v at the camera
     sums: np.ndarray  #: (3, batch, wavelength) Q, U, V
@@ -56,7 +56,7 @@ def make_walk_polar(tables: np.ndarray, frame: np.ndarray, splits: int, batches:
     rays, wavelengths = len(frame), tables.shape[3]
     return WalkPolar(
         tables, np.zeros((4, 4, wavelengths)), np.zeros(3), np.zeros((6, wavelengths)), np.zeros((3, wavelengths)),
-        np.zeros((splits, 4, 4, wavelengths)), np.zeros((splits, 3)), np.zeros(2, np.int64),
+        np.zeros((splits + 1, 4, 4, wavelengths)), np.zeros((splits + 1, 3)), np.zeros(2, np.int64),
         np.array(frame, order="C"), np.zeros((3, batches, wavelengths)), np.zeros((rays, 3, wavelengths)),
         np.zeros((rays, 3, wavelengths)),
     )  # fmt: skip
@@ -67,29 +67,21 @@ def make_walk_polar(tables: np.ndarray, frame: np.ndarray, splits: int, batches:
 
 @kernel
 def begin(polar, ray, batch):
-    """A new walk of a ray."""
+    """A new walk of a ray: M is the identity, v the camera's."""
     if polar is None:
         return
     polar.at[0], polar.at[1] = ray, batch
-    look_again(polar)
-
-
-@kernel
-def look_again(polar):
-    """The walk stands at the camera, or on the way straight from there: M is the identity, v the camera's."""
-    if polar is None:
-        return
     polar.matrix[:] = 0.0
     for i in range(polar.matrix.shape[2]):
         for r in range(4):
             polar.matrix[r, r, i] = 1.0
     for n in range(3):
-        polar.across[n] = polar.frame[polar.at[0], n]
+        polar.across[n] = polar.frame[ray, n]
 
 
 @kernel
 def keep_part(polar, number):
-    """Keep M and v of a walk that is split."""
+    """Keep M and v of a walk that is split, or divided."""
     if polar is None:
         return
     kept = polar.parted_matrix[number]

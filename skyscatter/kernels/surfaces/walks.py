@@ -28,17 +28,20 @@ from skyscatter.kernels.surfaces.flights import (
     BEFORE,
     BEGUN,
     DIVIDED,
+    FADED,
     IN,
     ITEM,
     KNOWN,
     LAST,
     LENGTH,
     MOST,
+    MOST_SPLITS,
     NEAR,
     ORDER,
     SCALE,
     SKIP,
     SPLITS,
+    STRAIGHT,
     VERTEX,
     WHOLE,
     draw_vertex,
@@ -65,10 +68,12 @@ from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
 from skyscatter.kernels.surfaces.splits import next_part
 from skyscatter.kernels.surfaces.turns import BEHIND, LEG, OVER, TURN, balance, scatter_at, turn_at_surface
-from skyscatter.kernels.surfaces.walkpolar import begin, end_sums, look_again, take_up_sums
+from skyscatter.kernels.surfaces.walkpolar import begin, end_sums, keep_part, take_part, take_up_sums
 
 #: Walks of each batch before the noise is judged first, and before a ray may count as quiet.
 FIRST_WALKS, SURE_WALKS = 4, 32
+#: What a leg loses where it counts as thin.
+THIN = 0.1
 
 
 @inlined
@@ -115,7 +120,8 @@ def divide(s):
         s.saved_hit[n] = s.hit[n]
     for n in range(3):
         s.saved[0, n], s.saved[1, n] = s.walk.position[n], s.walk.direction[n]
-    s.saved[2, 0], s.saved[2, 1] = s.at[ITEM], s.at[KNOWN]
+    s.saved[2, 0], s.saved[2, 1], s.saved[2, 2] = s.at[ITEM], s.at[KNOWN], s.at[ORDER]
+    keep_part(s.polar, MOST_SPLITS)
     for i in range(s.through.size):
         s.saved_value[i] = s.walk.value[i] * s.through[i]
         s.saved_chance[i] = s.walk.chance[i]
@@ -124,9 +130,10 @@ def divide(s):
 @inlined
 def go_back(s):
     """Take up the other part of a divided walk."""
-    s.at[DIVIDED], s.at[ORDER], s.at[BEFORE], s.at[LAST] = 0, 0, NO_AIM, SCATTERED
-    look_again(s.polar)
-    s.at[ITEM], s.at[KNOWN] = np.int64(s.saved[2, 0]), np.int64(s.saved[2, 1])
+    s.at[DIVIDED], s.at[BEFORE], s.at[STRAIGHT], s.far[FADED] = 0, NO_AIM, 1, 1.0
+    s.at[ITEM], s.at[KNOWN], s.at[ORDER] = np.int64(s.saved[2, 0]), np.int64(s.saved[2, 1]), np.int64(s.saved[2, 2])
+    s.at[LAST] = SCATTERED if s.at[ORDER] == 0 else REFLECTED_ONCE
+    take_part(s.polar, MOST_SPLITS)
     copy_stack(s.saved_stack, s.stack)
     for n in range(4):
         s.hit[n] = s.saved_hit[n]
@@ -142,9 +149,10 @@ def choose_end(table, hero, s):
     walk, media, m = s.walk, table.media, s.at[IN]
     lossy = 0.0
     for i in range(s.lost.size):
-        lossy += s.lost[i]
-    # Whether it is divided must not depend on the hero.  Later a walk that comes back would have to know more.
-    both = s.at[WHOLE] == 1 and s.at[ORDER] == 0 and lossy > 0.0
+        lossy += s.lost[i] / s.lost.size
+    # Whether it is divided must not depend on the hero.  Behind mirrors it is where hardly any would be scattered.
+    first = s.at[WHOLE] == 1 and s.at[ORDER] == 0
+    both = lossy > 0.0 and (first or (s.at[STRAIGHT] == 1 and lossy < THIN))
     coming = BEHIND
     if both:
         for i in range(s.event.size):
@@ -276,7 +284,8 @@ def wander(table, max_order, sampling, s, sums):
     at[ORDER], at[LAST], at[BEFORE], at[ITEM], at[SKIP] = 0, SCATTERED, NO_AIM, -1, -1
     at[DIVIDED], at[WHOLE], at[MOST] = 0, 1, max_order
     at[SPLITS], at[KNOWN] = 0, 0
-    s.far[SCALE], s.far[BEGUN] = 1.0, 0.0
+    s.at[STRAIGHT] = 1
+    s.far[SCALE], s.far[BEGUN], s.far[FADED] = 1.0, 0.0, 1.0
     coming, part = LEG, False
     while True:
         if coming == LEG:
