@@ -11,8 +11,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyscatter.errors import SkyscatterError
+from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.ground import Ground
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.kernels.surfaces.emptysky import EmptySky, empty_lights
@@ -48,6 +50,8 @@ WORTH = 50_000
 JUDGED, MOST_OF = 64, 0.9
 #: Height up to which light is known with the Sun where it stands [m].
 LOW_AIR = 2000.0
+#: Least angle of nodes from the vertical [rad], above that below which `orders` takes a meridian of its own.
+HAIR = 1e-4
 #: Rays of a picture that tell where the field is needed.
 LOOKED_AT = 2048
 
@@ -63,7 +67,15 @@ class KnownSky(NamedTuple):
     def along(self, rays: Rays) -> tuple[Array, Array]:
         """Diffuse light along rays from the planet's centre, and its error, (ray, wavelength) each."""
         field, table, sky = self.context
-        return field.diffuse(table, rays.origins, rays.directions, self.share, sky)
+        if not field.stokes:
+            return field.diffuse(table, rays.origins, rays.directions, self.share, sky)
+        light = np.empty((len(rays.origins), self.error.size))
+        lift = np.array([0.0, 0.0, -self.table.radius])
+        empty_lights(
+            self.table, rays.origins + lift, rays.directions,
+            np.empty((self.table.light.shape[4], self.error.size)), light,
+        )
+        return light, (self.share + self.error) * light
 
 
 def empty(scene: Scene, wavelengths: Array) -> Scene:
@@ -88,7 +100,7 @@ def is_even(ground: Ground) -> bool:
 
 def is_knowable(scene: Scene, rays: int, asked: Asked[Path]) -> bool:
     """Whether the light of the empty sky is worth to be known for so many rays, and can be taken for part of theirs."""
-    whole = not (asked.parts or asked.orders or asked.stokes) and asked.how.max_order is None
+    whole = not asked.parts and not asked.orders and asked.how.max_order is None
     many = asked.how.noise is not None or rays * walks_for(asked) >= WORTH
     return bool(whole and many and asked.how.sampling is None)
 
@@ -100,10 +112,11 @@ def known_sky(
     lamp: int,
     threads: int,
     progress: Callable[[float], None] | None,
+    stokes: bool = False,
 ) -> KnownSky | None:
     """The empty sky of a scene, or None where `orders` refuses it; rays are from the planet's centre.
 
-    `lamp` is the number of the star among the lamps.
+    `lamp` is the number of the star among the lamps.  Of polarised light all that is known comes from the table.
     """
     bare = empty(scene, wavelengths)
     table = compile_scene(bare, wavelengths)
@@ -121,13 +134,13 @@ def known_sky(
     )  # fmt: skip
     if progress is not None:
         say("light of the empty sky")
+    window, darkest = window_of(*seen), darkest_sun(*seen)
     try:
-        field = solve_range(
-            bare, wavelengths, window_of(*seen), DEFAULT_TOLERANCE, False, None, threads, None, None, darkest_sun(*seen)
-        )
+        field = solve_range(bare, wavelengths, window, DEFAULT_TOLERANCE, stokes, None, threads, None, None, darkest)
     except SkyscatterError:  # a medium that orders cannot do
         return None
-    context = Context(field, table, field.sky_table(table, rays.origins, rays.directions, threads))
+    joins = None if stokes else field.sky_table(table, rays.origins, rays.directions, threads)
+    context = Context(field, table, joins)
     ground = int(is_even(scene.ground))
     known = _tabulated(field.fine, table, nodes, origins, directions, lamp, ground, threads)
     some = slice(None, None, max(len(rays.origins) // JUDGED, 1))
@@ -184,7 +197,8 @@ def elevations(radius: float, height: float, longest: float) -> Array:
     dip = np.arccos(radius / (radius + height))
     down = -np.arcsin(np.minimum((way**2 + height * (2 * radius + height)) / (2 * way * (radius + height)), 1.0))
     up = -dip + hair + (np.pi / 2 + dip - hair) * np.linspace(0, 1, ABOVE) ** 2
-    return np.concatenate([np.minimum(down, -dip - hair), up])
+    # A hair from the vertical, so that each azimuth has its own meridian.
+    return np.clip(np.concatenate([np.minimum(down, -dip - hair), up]), HAIR - np.pi / 2, np.pi / 2 - HAIR)
 
 
 def _tabulated(
@@ -194,9 +208,12 @@ def _tabulated(
     """The light at the nodes."""
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     whole = np.ascontiguousarray(fine.problem.whole[0, kept])
+    stokes = fine.problem.stokes
+    polarised = np.ascontiguousarray(fine.problem.whole[1, kept]) if stokes > 1 else np.zeros((0, 0, 0))
     components, wavelengths = table.optics.sigma_s.shape
+    star = np.asarray(table.optics.disk_axis, float)
     flat_o, flat_d = origins.reshape(-1, 3), directions.reshape(-1, 3)
-    light = np.empty((len(flat_o), kept.size + 1, wavelengths), np.float32)
+    light = np.zeros((len(flat_o), kept.size + (1 if stokes == 1 else 4), wavelengths), np.float32)
 
     def work(start: int) -> None:
         some = slice(start, min(start + TOGETHER, len(flat_o)))
@@ -204,12 +221,15 @@ def _tabulated(
         o, d = np.ascontiguousarray(flat_o[some]), np.ascontiguousarray(flat_d[some])
         scattered, multiple, ground, _ = view(fine.problem, fine.loaded, table, o, d, lit)
         rest = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
-        cell, share = angle_cells(d @ np.asarray(table.optics.disk_axis), whole.shape[1] - 1)
+        cell, share = angle_cells(d @ star, whole.shape[1] - 1)
         for k, c in enumerate(kept):
-            chance = share[:, :1] * whole[k, cell[:, 0]] + share[:, 1:] * whole[k, cell[:, 1]]
-            rest -= chance * lit[:, c]
+            rest -= _joined(whole[k], cell, share) * lit[:, c]
             light[some, k] = lit[:, c]
-        light[some, -1] = rest
+        light[some, kept.size] = rest
+        if stokes > 1:
+            once = sum(_joined(polarised[k], cell, share) * lit[:, c] for k, c in enumerate(kept))
+            light[some, kept.size + 1 : kept.size + stokes] = scattered[:, 1:] + multiple[:, 1:]
+            light[some, kept.size + 1 : kept.size + 3] -= _turned(o, d, star)[:, :, None] * np.asarray(once)[:, None]
 
     _ = fine.loaded
     with Workers(threads) as pool:
@@ -221,7 +241,7 @@ def _tabulated(
         ground=ground,
         radius=float(table.columns.radius),
         centre=np.array([0.0, 0.0, -float(table.columns.radius)]),
-        star=np.asarray(table.optics.disk_axis, float),
+        star=star,
         zenith=nodes.zenith,
         lowest=LOWEST,
         top=float(nodes.height[-1]),
@@ -230,8 +250,23 @@ def _tabulated(
         short=SHORT,
         longest=horizon_way(float(table.columns.radius), float(nodes.height[-1])),
         whole=whole,
-        light=light.reshape(*origins.shape[:4], kept.size + 1, wavelengths),
+        polarised=polarised,
+        light=light.reshape(*origins.shape[:4], *light.shape[1:]),
     )
+
+
+def _joined(phase: Array, cell: NDArray[np.int64], share: Array) -> Array:
+    """A phase function (angle, wavelength) between its nodes."""
+    return np.asarray(share[:, :1] * phase[cell[:, 0]] + share[:, 1:] * phase[cell[:, 1]])
+
+
+def _turned(origins: Array, directions: Array, star: Array) -> Array:
+    """Q and U (ray, 2) at the meridian of what has Q = 1 and U = 0 at the plane of the ray and the star."""
+    v, left = meridian_frame(origins, directions)
+    p = star - (directions @ star)[:, None] * directions
+    p /= np.maximum(np.linalg.norm(p, axis=1, keepdims=True), 1e-12)
+    cosine, sine = np.sum(p * v, axis=1), np.sum(p * left, axis=1)
+    return np.stack([cosine**2 - sine**2, 2 * cosine * sine], axis=1)
 
 
 def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> tuple[Array, Array]:

@@ -187,7 +187,7 @@ def prepare(
     if not is_night(scene) and is_knowable(scene, len(rays.origins), asked):
         # The star is the first parallel lamp; bodies that shine come before it.
         star = int(np.flatnonzero(table.lamps.kind == PARALLEL_LAMP)[0])
-        known = known_sky(scene, rays, wavelengths, star, threads, progress)
+        known = known_sky(scene, rays, wavelengths, star, threads, progress, asked.stokes)
         if known is not None:
             return World(walks._replace(table=table._replace(sky=known.table)), lift, known)
     warn_of_the_sun(scene, wavelengths, table)
@@ -233,8 +233,11 @@ def solve(world: World, rays: Rays, asked: Asked[Path], walks: Walks | None = No
     if known is None:
         return surface_path.solve(world.walks, here, asked, walks, up=rays.origins)
     seen, unsure = known.along(rays)
-    found = surface_path.solve(world.walks, here, asked, walks, seen)
+    if asked.stokes:
+        found = surface_path.solve(world.walks, here, asked, walks, up=rays.origins)
+    else:
+        found = surface_path.solve(world.walks, here, asked, walks, seen)
     # What a ray sees of bodies is light that was looked up between nodes.
-    changed = np.minimum(np.abs(found.radiance), np.abs(found.radiance - seen))
-    error = np.hypot(found.standard_error, unsure + known.error * changed)
-    return replace(found, standard_error=error)
+    unsure += known.error * np.minimum(np.abs(found.radiance), np.abs(found.radiance - seen))
+    layers = {name: np.hypot(value, unsure) for name, value in found.layers.items() if name.endswith("_error")}
+    return replace(found, standard_error=np.hypot(found.standard_error, unsure), layers=found.layers | layers)

@@ -95,6 +95,38 @@ def test_a_cloud_under_a_known_sky() -> None:
     assert_agrees(known.radiance, march.radiance, np.hypot(known.error, march.error))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "sun", "material"),
+    [("earth", 50.0, None), ("earth", 8.0, None), ("earth-maritime", 30.0, None), ("earth-simple", 20.0, SEA)],
+    ids=["earth-50", "earth-8", "maritime-30", "sea-20"],
+)
+def test_polarised_light_of_a_known_sky(model: str, sun: float, material: Any) -> None:
+    """I, Q, U and V are those of walks alone, and the same again but for little: Mie's V, both sides of the Sun."""
+    scene, d = sky(model, sun, bodies=(HOUSE,)), directions(RAYS)
+    if material is not None:
+        scene = scene.model_copy(update={"ground": skyscatter.Ground(material=material)})
+    known, again = (look(scene, d=d, samples=4560, seed=seed, stokes=True) for seed in (1, 3))
+    march = look(scene, d=d, samples=1 << 15, seed=2, sampling="march", stokes=True)
+    assert_agrees(known.stokes, march.stokes, np.hypot(known.stokes_error, march.stokes_error))
+    linear = np.hypot(march.layers["Q"], march.layers["U"]) / march.radiance
+    assert linear.max() > 0.2
+    # What orders and the table state of themselves is no noise; of the sky all is known.
+    if material is None:
+        above = d[:, 2] > np.sin(np.radians(10.0))
+        noise = np.abs(known.stokes - again.stokes)[above] / known.radiance[above][..., None]
+        assert np.median(noise) < 2e-3
+
+
+@pytest.mark.slow
+def test_polarised_twilight_is_that_of_orders() -> None:
+    scene, d = sky("earth-simple", -4.0, bodies=(WALL,)), directions([[180, 30], [90, 10], [270, 60], [200, 89.99]])
+    known = look(scene, d=d, samples=17024, seed=1, stokes=True)
+    orders = look(sky("earth-simple", -4.0), "orders", d, stokes=True)
+    assert_agrees(known.stokes, orders.stokes, known.stokes_error)
+    assert np.median(np.hypot(orders.layers["Q"], orders.layers["U"]) / orders.radiance) > 0.5
+
+
 def test_twilight_is_found() -> None:
     """Walks alone do not find it, and say so; beside a far wall the sky is that without it."""
     scene, d = sky("earth-simple", -4.0, bodies=(WALL,)), directions([[180, 30], [90, 10], [270, 60]])

@@ -285,11 +285,11 @@ def test_a_sky_with_a_body_far_behind_is_the_plain_sky(name: str, elevation: flo
     azimuths, elevations = np.array([0, 60, 120, 200, 300, 30.0]), np.array([60, 30, 15, 5, -10, 85.0])
     d = direction_from_azimuth_elevation(azimuths, elevations)
     answers = []
-    for bodies, samples in (((), 1 << 13), ((box,), 1 << 14)):
+    for bodies, samples, how in (((), 1 << 13, {}), ((box,), 1 << 14, {"sampling": "march"})):
         scene = model.model_copy(update={"bodies": bodies}).scene(
             sun_elevation_deg=elevation, sun_azimuth_deg=120, altitude="2 m"
         )
-        answers.append(walked(scene, scene.observer.position, d, samples=samples))
+        answers.append(walked(scene, scene.observer.position, d, samples=samples, **how))
     plain, world = answers
     assert np.median(world.standard_error / world.radiance) < 0.01
     error = np.hypot(plain.stokes_error, world.stokes_error)

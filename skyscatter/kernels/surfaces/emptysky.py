@@ -54,8 +54,10 @@ class EmptySky(NamedTuple):
     short: float  #: way up to which nodes are even, from where on they are so in its logarithm [m]
     longest: float  #: way of the last of them [m]
     whole: np.ndarray  #: (component, angle, wavelength) phase functions times scattering per unit density
+    polarised: np.ndarray  #: the same of what polarises, b1; no components where light is not polarised
     #: (sun, height, elevation, turn, component + 1, wavelength) starlight that each component scatters once, without
-    #: its phase function, and last the rest of the diffuse light [W m-2 sr-1 nm-1]
+    #: its phase function, and last the rest of the diffuse light [W m-2 sr-1 nm-1]; of polarised light component + 4,
+    #: with the rest of Q, U and V behind, which refer to the meridian at the place
     light: np.ndarray
 
 
@@ -145,11 +147,11 @@ def slope_place(sky, height, node, way, cosine):
 def empty_light(sky, x, d, work, out):
     """Diffuse light of the empty sky that arrives at x against the direction d, into `out` (wavelength,).
 
-    `work` (component + 1 or more, wavelength) is scratch.
+    `work` (component + 1 or more, wavelength) is left with what has been joined from the nodes.
     """
     (i, u), (j, v), (m, t), way, height, cosine, between = places(sky, x, d)
-    last = sky.light.shape[4] - 1
-    for n in range(last + 1):
+    last, rows = sky.whole.shape[0], sky.light.shape[4]
+    for n in range(rows):
         for q in range(out.size):
             work[n, q] = 0.0
     for g in range(2):
@@ -159,7 +161,7 @@ def empty_light(sky, x, d, work, out):
             share = (u if p else 1.0 - u) * (v if g else 1.0 - v) * (w if h else 1.0 - w) * (t if f else 1.0 - t)
             if share > 0.0:
                 here = sky.light[i + p, j + g, k + h, m + f]
-                for n in range(last + 1):
+                for n in range(rows):
                     for q in range(out.size):
                         work[n, q] += share * here[n, q]
     cell, along = angle_cell(between, sky.whole.shape[1] - 1)
@@ -177,7 +179,7 @@ def middle_light(sky, x, d):
     (i, u), (j, v), (m, t), way, height, cosine, between = places(sky, x, d)
     j += 1 if v > 0.5 else 0
     k, w = slope_place(sky, height, j, way, cosine)
-    last, q = sky.light.shape[4] - 1, sky.light.shape[5] // 2
+    last, q = sky.whole.shape[0], sky.light.shape[5] // 2
     here = sky.light[i + (1 if u > 0.5 else 0), j, k + (1 if w > 0.5 else 0), m + (1 if t > 0.5 else 0)]
     cell, _ = angle_cell(between, sky.whole.shape[1] - 1)
     light = float(here[last, q])

@@ -98,7 +98,7 @@ class Scratch(NamedTuple):
     parted_stack: np.ndarray  #: (split, STACK) media that they are inside of
     parted: np.ndarray  #: (split, 8) start, direction, length and vertex of their leg
     parted_spectra: np.ndarray  #: (split, 4, wavelength) value, chances, q, 1 - T
-    joined: np.ndarray  #: (component + 1, wavelength) of the empty sky's light
+    joined: np.ndarray  #: (component + 4, wavelength) of the empty sky's light
     sums: np.ndarray  #: (batch, wavelength)
     shift: np.ndarray  #: (batch, dimension) uint32
     polar: WalkPolar | None
@@ -117,7 +117,7 @@ def make_scratch(
         *points, *hits, np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(lamps), *spectra,
         np.zeros((MOST_SPLITS, 3), np.int64), np.full((MOST_SPLITS, STACK), -1, np.int64), np.zeros((MOST_SPLITS, 8)),
         np.zeros((MOST_SPLITS, 4, wavelengths)),
-        np.zeros((components + 1, wavelengths)),
+        np.zeros((components + 4, wavelengths)),
         np.zeros((batches, wavelengths)),
         np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
         polar,

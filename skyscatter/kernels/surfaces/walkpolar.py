@@ -14,6 +14,7 @@ comes up from the water, land and Lambertian surfaces are not polarised.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -28,9 +29,12 @@ from skyscatter.kernels.surfaces.fresnel import fresnel_conductor, fresnel_diele
 from skyscatter.kernels.surfaces.ggx import reflected_lobe, refracted_lobe
 from skyscatter.kernels.surfaces.grounds import cosines, mirror_lobe
 from skyscatter.kernels.surfaces.polarised import fresnel_terms, mix_matrix
+from skyscatter.kernels.tabulated import angle_cell
 
 #: Elements of light that is not polarised.
 NONE = (0.0, 0.0, 0.0)
+#: Cosine from the vertical beyond which a look has no meridian: 0.5 minutes of arc.
+VERTICAL = 1.0 - 1e-8
 
 
 @by_address
@@ -44,6 +48,7 @@ class WalkPolar(NamedTuple):
     light: np.ndarray  #: (3, wavelength) Q, U, V at the camera of light that is about to be added
     parted_matrix: np.ndarray  #: (split + 1, 4, 4, wavelength) M of walks that have parts left
     parted_across: np.ndarray  #: (split + 1, 3) v of the same
+    up: np.ndarray  #: (3,) direction from the planet's centre
     at: np.ndarray  #: (2,) int64, numbers of the ray and of the sums to which the walk belongs
     frame: np.ndarray  #: (ray, 3) v at the camera
     sums: np.ndarray  #: (3, batch, wavelength) Q, U, V
@@ -56,7 +61,7 @@ def make_walk_polar(tables: np.ndarray, frame: np.ndarray, splits: int, batches:
     rays, wavelengths = len(frame), tables.shape[3]
     return WalkPolar(
         tables, np.zeros((4, 4, wavelengths)), np.zeros(3), np.zeros((6, wavelengths)), np.zeros((3, wavelengths)),
-        np.zeros((splits + 1, 4, 4, wavelengths)), np.zeros((splits + 1, 3)), np.zeros(2, np.int64),
+        np.zeros((splits + 1, 4, 4, wavelengths)), np.zeros((splits + 1, 3)), np.zeros(3), np.zeros(2, np.int64),
         np.array(frame, order="C"), np.zeros((3, batches, wavelengths)), np.zeros((rays, 3, wavelengths)),
         np.zeros((rays, 3, wavelengths)),
     )  # fmt: skip
@@ -200,6 +205,44 @@ def see_turned(polar, d, e, light):
         for r in range(3):
             polar.light[r, i] = (m[r + 1, 0, i] + m[r + 1, 1, i] * q + m[r + 1, 2, i] * u) * light[i]
         light[i] *= m[0, 0, i] + m[0, 1, i] * q + m[0, 2, i] * u
+
+
+@kernel
+def see_sky(polar, sky, x, d, joined, value, light):
+    """The same of the empty sky, which `empty_light` has left in `joined` and `light`; Q, U and V times `value`.
+
+    Starlight scattered once is referred to its plane of scattering, the rest to the meridian at x.  It is known on one
+    side of the star alone: on the other U and V change their signs.
+    """
+    if polar is None:
+        return
+    star, count = sky.star, sky.whole.shape[0]
+    c2, s2, _, _, _ = plane(polar.across, d[0], d[1], d[2], star[0], star[1], star[2])
+    up, r = polar.up, 0.0
+    for n in range(3):
+        up[n] = x[n] - sky.centre[n]
+        r += up[n] * up[n]
+    for n in range(3):
+        up[n] /= math.sqrt(r)
+    # Straight up or down the plane of the star is the meridian, in which such light was looked up.
+    cm, sm = c2, s2
+    if abs(dot(up, d)) < VERTICAL:
+        cm, sm, _, _, _ = plane(polar.across, d[0], d[1], d[2], up[0], up[1], up[2])
+    side = (up[1] * star[2] - up[2] * star[1]) * d[0] + (up[2] * star[0] - up[0] * star[2]) * d[1]
+    side = math.copysign(1.0, side + (up[0] * star[1] - up[1] * star[0]) * d[2])
+    cell, w = angle_cell(d[0] * star[0] + d[1] * star[1] + d[2] * star[2], sky.polarised.shape[1] - 1)
+    m = polar.matrix
+    for i in range(light.size):
+        once = 0.0
+        for n in range(count):
+            low, high = sky.polarised[n, cell, i], sky.polarised[n, cell + 1, i]
+            once += joined[n, i] * (low + w * (high - low))
+        qm, um, v = joined[count + 1, i], side * joined[count + 2, i], side * joined[count + 3, i]
+        q, u = once * c2 + qm * cm - um * sm, once * s2 + qm * sm + um * cm
+        for r in range(3):
+            row = m[r + 1, 0, i] * light[i] + m[r + 1, 1, i] * q + m[r + 1, 2, i] * u + m[r + 1, 3, i] * v
+            polar.light[r, i] = row * value[i]
+        light[i] = m[0, 0, i] * light[i] + m[0, 1, i] * q + m[0, 2, i] * u + m[0, 3, i] * v
 
 
 @kernel

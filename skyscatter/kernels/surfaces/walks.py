@@ -68,7 +68,7 @@ from skyscatter.kernels.surfaces.shadows import copy_stack, cross, passes
 from skyscatter.kernels.surfaces.shapes import item_body
 from skyscatter.kernels.surfaces.splits import next_part
 from skyscatter.kernels.surfaces.turns import BEHIND, LEG, OVER, TURN, balance, scatter_at, turn_at_surface
-from skyscatter.kernels.surfaces.walkpolar import begin, end_sums, keep_part, take_part, take_up_sums
+from skyscatter.kernels.surfaces.walkpolar import begin, end_sums, keep_part, see_sky, take_part, take_up_sums
 
 #: Walks of each batch before the noise is judged first, and before a ray may count as quiet.
 FIRST_WALKS, SURE_WALKS = 4, 32
@@ -177,7 +177,7 @@ def add_known(factor, s, sums):
     """Add light of the empty sky in ``s.factor`` (wavelength,) times a factor."""
     for i in range(s.factor.size):
         s.factor[i] *= s.walk.value[i]
-    add_light(None, s.factor, factor, s.at[ORDER], s.at[LAST], sums)
+    add_light(s.polar, s.factor, factor, s.at[ORDER], s.at[LAST], sums)
 
 
 @kernel
@@ -188,6 +188,7 @@ def leave_sky(sky, body, s, sums):
         for n in range(3):
             s.place[n] = s.walk.position[n] + s.hit[0] * s.walk.direction[n]
         empty_light(sky, s.place, s.walk.direction, s.joined, s.factor)
+        see_sky(s.polar, sky, s.place, s.walk.direction, s.joined, s.walk.value, s.factor)
         add_known(-1.0, s, sums)
 
 
@@ -209,6 +210,7 @@ def enter_sky(table, sky, s, sums):
                 s.factor[i] = sums.seen[i]
         else:
             empty_light(sky, s.start, d, s.joined, s.factor)
+            see_sky(s.polar, sky, s.start, d, s.joined, walk.value, s.factor)
         add_known(-1.0 if cloudy else 1.0, s, sums)
     return not before or cloudy or body != 0
 
