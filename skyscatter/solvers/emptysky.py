@@ -72,8 +72,11 @@ class KnownSky(NamedTuple):
         light = np.empty((len(rays.origins), self.error.size))
         lift = np.array([0.0, 0.0, -self.table.radius])
         empty_lights(
-            self.table, rays.origins + lift, rays.directions,
-            np.empty((self.table.light.shape[4], self.error.size)), light,
+            self.table,
+            rays.origins + lift,
+            rays.directions,
+            np.empty((self.table.light.shape[4], self.error.size)),
+            light,
         )
         return light, (self.share + self.error) * light
 
@@ -122,7 +125,7 @@ def known_sky(
     table = compile_scene(bare, wavelengths)
     if table.optics.glows:
         return None
-    nodes = _Nodes.around(bare, table)
+    nodes = _Nodes.around(bare, table, stokes)
     step = max(len(rays.origins) // LOOKED_AT, 1)
     origins, directions = nodes.rays(bare)
     # Beyond what the rays and low air see of the Sun its last value goes on: little of that comes back to bodies.
@@ -157,11 +160,12 @@ class _Nodes(NamedTuple):
     height: Array  #: [m]
 
     @classmethod
-    def around(cls, scene: Scene, table: SceneTable) -> _Nodes:
+    def around(cls, scene: Scene, table: SceneTable, stokes: bool) -> _Nodes:
         """Those of a scene."""
         beside = np.array(SUNS)
         components, wavelengths = table.optics.sigma_s.shape
-        if beside.size * HEIGHTS * (BELOW + ABOVE) * TURNS * (components + 1) * wavelengths > MOST:
+        rows = components + (4 if stokes else 1)
+        if beside.size * HEIGHTS * (BELOW + ABOVE) * TURNS * rows * wavelengths > MOST:
             beside = np.zeros(1)
         zenith = np.radians(np.unique(np.clip(90.0 - scene.sun.elevation_deg + beside, 0.5, 179.5)))
         return cls(zenith, np.maximum(scattering_top(table) * np.linspace(0, 1, HEIGHTS) ** 2, LOWEST))

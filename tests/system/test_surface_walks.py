@@ -432,7 +432,7 @@ def test_noise_decides_how_many_walks() -> None:
 @pytest.mark.parametrize(
     "given",
     [
-        {"sampling": "march"}, {"samples": 16, "noise": 0.1}, {"stokes": True}, {"tolerance": 1e-3},
+        {"sampling": "march"}, {"samples": 16, "noise": 0.1}, {"tolerance": 1e-3},
         {"transmittance": "ratio"}, {"sampling": "angular"},
     ],
 )  # fmt: skip

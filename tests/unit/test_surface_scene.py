@@ -286,7 +286,7 @@ def test_pictures_with_subpixels(monkeypatch: pytest.MonkeyPatch, tmp_path: Any)
     from skyscatter.solvers.state import RenderState
 
     import_module("skyscatter.solvers.render")  # what takes the name from there has done so before it is another
-    monkeypatch.setattr("skyscatter.solvers.run.load_solver", lambda name, scene: _Plane)
+    monkeypatch.setattr("skyscatter.solvers.run.load_solver", lambda *_: _Plane)
     camera, looked = Perspective(width=3, height=2, fov_deg=50.0), scene(BALL)
     image = skyscatter.render(looked, camera, WL[:2], solver=skyscatter.Path(samples=18), subpixels=3)
     directions = fine_directions(camera, looked.observer, camera.directions(looked.observer), 3)
