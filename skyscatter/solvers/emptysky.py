@@ -69,16 +69,8 @@ class KnownSky(NamedTuple):
         field, table, sky = self.context
         if not field.stokes:
             return field.diffuse(table, rays.origins, rays.directions, self.share, sky)
-        light = np.empty((len(rays.origins), self.error.size))
-        lift = np.array([0.0, 0.0, -self.table.radius])
-        empty_lights(
-            self.table,
-            rays.origins + lift,
-            rays.directions,
-            np.empty((self.table.light.shape[4], self.error.size)),
-            light,
-        )
-        return light, (self.share + self.error) * light
+        light = _looked_up(self.table, rays.origins, rays.directions)
+        return light, (self.share + self.error) * np.abs(light)
 
 
 def empty(scene: Scene, wavelengths: Array) -> Scene:
@@ -289,6 +281,12 @@ def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> tuple[Array, 
     o = (known.radius + LOWEST + LOW_AIR * rng.random(COMPARED)[:, None] ** 2) * up
     scattered, multiple, ground, _ = view(fine.problem, fine.loaded, table, o, d)
     exact = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
-    looked = np.empty_like(exact)
-    empty_lights(known, o + known.centre, d, np.empty((known.light.shape[4], exact.shape[1])), looked)
-    return weight @ exact, weight @ np.abs(looked - exact)
+    return weight @ exact, weight @ np.abs(_looked_up(known, o, d) - exact)
+
+
+def _looked_up(known: EmptySky, origins: Array, directions: Array) -> Array:
+    """Light along rays from the planet's centre by the table, (ray, wavelength)."""
+    rows, wavelengths = known.light.shape[4:]
+    light = np.empty((len(origins), wavelengths))
+    empty_lights(known, origins + known.centre, directions, np.empty((rows, wavelengths)), light)
+    return light

@@ -85,17 +85,21 @@ def begin(polar, ray, batch):
 
 
 @kernel
+def _copy(matrix, across, to_matrix, to_across):
+    for r in range(4):
+        for c in range(4):
+            for i in range(matrix.shape[2]):
+                to_matrix[r, c, i] = matrix[r, c, i]
+    for n in range(3):
+        to_across[n] = across[n]
+
+
+@kernel
 def keep_part(polar, number):
     """Keep M and v of a walk that is split, or divided."""
     if polar is None:
         return
-    kept = polar.parted_matrix[number]
-    for r in range(4):
-        for c in range(4):
-            for i in range(kept.shape[2]):
-                kept[r, c, i] = polar.matrix[r, c, i]
-    for n in range(3):
-        polar.parted_across[number, n] = polar.across[n]
+    _copy(polar.matrix, polar.across, polar.parted_matrix[number], polar.parted_across[number])
 
 
 @kernel
@@ -103,13 +107,7 @@ def take_part(polar, number):
     """Take up M and v of a part."""
     if polar is None:
         return
-    kept = polar.parted_matrix[number]
-    for r in range(4):
-        for c in range(4):
-            for i in range(kept.shape[2]):
-                polar.matrix[r, c, i] = kept[r, c, i]
-    for n in range(3):
-        polar.across[n] = polar.parted_across[number, n]
+    _copy(polar.parted_matrix[number], polar.parted_across[number], polar.matrix, polar.across)
 
 
 @kernel
