@@ -386,10 +386,7 @@ def build_scene(request: Request) -> tuple[Any, Any]:
         return model, model.scene(
             sun_elevation_deg=request.sun_elevation, sun_azimuth_deg=request.sun_azimuth, altitude=request.altitude
         )
-    lights = request.lights
-    if getattr(model, "world", "") and lights.lights is None:
-        lights = replace(lights, lights=("sun",))
-    return model, model.scene_at(*request.place, request.time, request.altitude, lights)
+    return model, model.scene_at(*request.place, request.time, request.altitude, request.lights)
 
 
 def run(request: Request, arguments: list[str]) -> int:

@@ -88,7 +88,7 @@ def held_lines(model: Any) -> list[str]:
 def check_held(file: str, model: Any) -> None:
     """Compile once what a sky holds beside its shells."""
     from skyscatter.solvers.surfaces import compile_surfaces
-    from skyscatter.solvers.world import as_surfaces
+    from skyscatter.solvers.worldscene import as_surfaces
 
     try:
         media = compile_surfaces(as_surfaces(model.scene(), CHECKED_WAVELENGTHS), CHECKED_WAVELENGTHS).media

@@ -46,6 +46,8 @@ SUNS, MOST = (-2.0, 0.0, 2.0), 50_000_000
 TOGETHER, COMPARED, BESIDE_STAR = 4096, 2048, np.radians(25.0)
 #: Walks in all from which on the empty sky is solved first: a second of walks, about, for two or three of its solution.
 WORTH = 50_000
+#: Elevation of the Sun [degree] below which walks find its light too rarely for their error bars.
+TWILIGHT = 0.0
 #: Rays of which `orders` tells the error, and the share of these whose error is not above that of all.
 JUDGED, MOST_OF = 64, 0.9
 #: Height up to which light is known with the Sun where it stands [m].
@@ -94,9 +96,12 @@ def is_even(ground: Ground) -> bool:
 
 
 def is_knowable(scene: Scene, rays: int, asked: Asked[Path]) -> bool:
-    """Whether the light of the empty sky is worth to be known for so many rays, and can be taken for part of theirs."""
+    """Whether the light of the empty sky is worth to be known for so many rays, and can be taken for part of theirs.
+
+    In twilight walks alone hardly find it.
+    """
     whole = not asked.parts and not asked.orders and asked.how.max_order is None
-    many = asked.how.noise is not None or rays * walks_for(asked) >= WORTH
+    many = asked.how.noise is not None or rays * walks_for(asked) >= WORTH or scene.sun.elevation_deg < TWILIGHT
     return bool(whole and many and asked.how.sampling is None)
 
 

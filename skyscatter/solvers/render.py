@@ -18,9 +18,9 @@ from skyscatter.solvers.base import Array, Asked, Rays
 from skyscatter.solvers.checks import check_wavelengths, is_space
 from skyscatter.solvers.corrections import Corrections, seen
 from skyscatter.solvers.options import Path, Solver, record_of
-from skyscatter.solvers.run import Interrupted, load_solver, solve_rays
+from skyscatter.solvers.run import Interrupted, add_sky_lights, load_solver, solve_rays
 from skyscatter.solvers.state import Checkpoint, RenderState, checkpoint_of
-from skyscatter.solvers.townlamps import check_towns, towns_shine
+from skyscatter.solvers.townlamps import check_towns
 from skyscatter.workers import steady_algebra
 
 if TYPE_CHECKING:
@@ -136,9 +136,6 @@ def render(
     if not sun_disk:
         if not isinstance(scene, Scene):
             raise DomainError("sun_disk", sun_disk, "is for skies of planets; leave it out")
-        if scene.world:
-            rule = f"is for skies of air alone: before the Sun there may be some of the {scene.world}; leave it out"
-            raise DomainError("sun_disk", sun_disk, rule)
         recipe["sun_disk"] = False
     if halves:
         recipe["halves"] = True
@@ -220,7 +217,7 @@ def _begun(scene: AnyScene, recipe: dict[str, Any], rays: int, wl: Array) -> Ren
     """The state of a render in which nothing is done; all, where nothing but other lights than the Sun shines."""
     state = RenderState.empty(recipe, rays, wl.size)
     state.sort = "shells" if isinstance(scene, Scene) else "space" if is_space(scene) else "surfaces"
-    if isinstance(scene, Scene) and scene.lights is not None and not _skylights().sun_shines(scene):
+    if isinstance(scene, Scene) and _skylights().all_added(scene):
         options = recipe["options"]
         _skylights().dark(state, options.get("stokes"), options.get("parts"), options.get("orders", 0))
     return state
@@ -245,7 +242,6 @@ def _picture(
 ) -> SpectralImage:
     """The picture of a state, with what is added to rays; unless it is `alone` the state stays as it is."""
     from skyscatter.image.spectral import SpectralImage
-    from skyscatter.solvers.compile import compile_scene
 
     def spread(values: Array, changed: bool = True) -> Array:
         if inside.all() and state.done.all():
@@ -264,52 +260,42 @@ def _picture(
         added.add(grid, cube, layers, state.recipe)
         error = spread(state.standard_error, False)
         return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=added.sky)
-    if scene.world:
-        cube, error = (spread(values, False) for values in (state.radiance, state.standard_error))
-        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=all_layers(False))
-    corrections, recipe = sun_corrections(scene, camera, grid, compile_scene(scene, wl), wl, state.recipe)
+    corrections, recipe = sun_corrections(scene, camera, grid, wl, state.recipe)
     more = bool(state.done.all()) and (scene.lights is not None or bool(scene.towns))
     changed = bool(corrections) or more
     cube, error, layers = spread(state.radiance, changed), spread(state.standard_error, more), all_layers(changed)
     for pixels, light in corrections:
         for values in (cube, *(layers[name] for name in ("direct",) if name in layers)):
             values.reshape(-1, wl.size)[pixels] += light
-    if scene.lights is not None and state.done.all():
-        _skylights().add_to(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
-    if scene.towns and state.done.all():
-        _add_towns(scene, camera, grid, wl, (cube, error, layers), recipe["options"], progress)
+    if more:
+        add_sky_lights(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
     return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
 
 
-def _add_towns(
-    scene: Scene, camera: Any, grid: Array, wl: Array, arrays: tuple[Array, Array, dict[str, Array]],
-    options: dict[str, Any], progress: Callable[[float], None] | None,
-) -> None:  # fmt: skip
-    """Add the light of towns to a picture's radiance, error and layers, in place."""
-    from skyscatter.solvers.towns import add_towns
-
-    if towns_shine(scene):
-        picture = _skylights().Picture(*arrays, grid, camera, bool(options.get("parts")))
-        add_towns(picture, scene, wl, progress=progress)
-
-
 def sun_corrections(
-    scene: Scene, camera: Any, grid: Array, table: Any, wl: Array, recipe: dict[str, Any]
+    scene: Scene, camera: Any, grid: Array, wl: Array, recipe: dict[str, Any], table: Any = None
 ) -> tuple[list[tuple[NDArray[np.intp], Array]], dict[str, Any]]:
     """Pixels with the Sun, and what averaging its disk over them, or leaving it out, adds to the radiance there.
 
     In a total eclipse its corona too.
 
-    Without the disk the recipe gains the lamp in its place.
+    Without the disk the recipe gains the lamp in its place.  `table` is that of its air, where it is known.
     """
     from skyscatter.solvers import sundisk
+    from skyscatter.solvers.compile import compile_scene
 
-    with_disk = recipe.get("sun_disk", True)
+    with_disk, veil, air = recipe.get("sun_disk", True), sundisk.no_veil, scene
+    if scene.world:
+        from skyscatter.solvers.worldlights import Veiled
+
+        above = Veiled.over(scene, wl)
+        veil, air = above.veil, above.scene
+    table = table or compile_scene(air, wl)
     if scene.lights is not None and not _skylights().sun_shines(scene):
-        dark = {} if with_disk else {"sun_lamp": {**sundisk.sun_lamp(scene, table, wl), "irradiance": [0.0] * wl.size}}
-        return [], recipe | dark
+        lamp = {} if with_disk else sundisk.sun_lamp(scene, table, wl, veil) | {"irradiance": [0.0] * wl.size}
+        return [], recipe | ({"sun_lamp": lamp} if lamp else {})
     if with_disk:
-        disk = sundisk.disk_correction(scene, table, camera, grid)
+        disk = sundisk.disk_correction(scene, table, camera, grid, veil)
         around = None
         if scene.sun.site is not None:  # no place, no eclipse
             from skyscatter.solvers.corona import corona_pixels
@@ -317,7 +303,7 @@ def sun_corrections(
             around = corona_pixels(scene, table, camera, grid, wl)
         return [one for one in (disk, around) if one is not None], recipe
     seen = sundisk.disk_along(scene, table, grid, wl)
-    lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table, wl)}
+    lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table, wl, veil)}
     return [] if seen is None else [(seen[0], -seen[1])], lamp
 
 

@@ -265,6 +265,35 @@ class _Tiles:
 
 
 @steady_algebra()
+def add_sky_lights(
+    scene: Scene,
+    camera: Any,
+    directions: Array,
+    wavelengths: Array,
+    arrays: tuple[Array, Array, dict[str, Array]],
+    options: dict[str, Any],
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Add what shines beside the Sun to rays, or to a picture: the other lights of the sky, and towns.
+
+    The arguments are those of `skyscatter.solvers.skylights.add_to`.
+    """
+    if scene.world:
+        from skyscatter.solvers.worldlights import add_to
+
+        add_to(scene, camera, directions, wavelengths, arrays, options, threads)
+        return
+    from skyscatter.solvers import skylights
+
+    skylights.add_to(scene, camera, directions, wavelengths, arrays, options, threads, progress)
+    if towns_shine(scene):
+        from skyscatter.solvers.towns import add_towns
+
+        picture = skylights.Picture(*arrays, directions, camera, bool(options.get("parts")))
+        add_towns(picture, scene, wavelengths, progress=progress)
+
+
 def radiance(
     scene: AnyScene,
     origins: ArrayLike,
@@ -353,24 +382,20 @@ def radiance(
     asked: Asked[Any] = Asked(record_of(solver), parts, orders, stokes)
     state = RenderState.empty({}, len(rays.origins), wl.size)
     lights: Any = None
-    towns = isinstance(scene, Scene) and towns_shine(scene)
-    if isinstance(scene, Scene) and (scene.lights is not None or towns):
+    if isinstance(scene, Scene) and (scene.lights is not None or towns_shine(scene)):
         from skyscatter.solvers import skylights
 
         check_towns(scene, stokes)
         skylights.check_place(scene, rays.origins)
         lights = skylights
-    if lights is not None and not lights.sun_shines(scene):
+    if lights is not None and lights.all_added(scene):
         lights.dark(state, stokes, parts, orders)
     elif not solve_rays(scene, rays, wl, asked, state, threads, progress, executor=executor):
         raise KeyboardInterrupt
-    if lights is not None:
-        lights.add_along(scene, rays.directions, wl, state, asked, threads, progress)
-    if towns and isinstance(scene, Scene):
-        from skyscatter.solvers.towns import add_towns
-
-        arrays = state.radiance, state.standard_error, state.layers
-        add_towns(lights.Picture(*arrays, rays.directions, None, parts), scene, wl, progress=progress)
+    arrays = state.radiance, state.standard_error, state.layers
+    if lights is not None and isinstance(scene, Scene):
+        wanted = {"stokes": stokes, "parts": parts}
+        add_sky_lights(scene, None, rays.directions, wl, arrays, wanted, threads, progress)
     return Answer(
         state.radiance.reshape(*shape, wl.size),
         state.standard_error.reshape(*shape, wl.size),

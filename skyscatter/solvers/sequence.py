@@ -167,7 +167,7 @@ def frame(
     else:
         for array in (cube, *cubes.values()):
             array[inside] = 0.0
-    corrections, recipe = sun_corrections(scene, camera, grid, table, field.wavelengths, recipe)
+    corrections, recipe = sun_corrections(scene, camera, grid, field.wavelengths, recipe, table)
     for pixels, light in corrections:
         cube.reshape(-1, cube.shape[-1])[pixels] += light
     heavens = skylights.heavens_of(scene, field.wavelengths)

@@ -20,7 +20,7 @@ from skyscatter.celestial.moon import Moon, moon_irradiance
 from skyscatter.errors import DomainError
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
-from skyscatter.solvers.base import Array, Asked
+from skyscatter.solvers.base import Array
 from skyscatter.solvers.checks import worker_count
 from skyscatter.solvers.compile import compile_scene
 from skyscatter.solvers.field import RadianceField, solve_range
@@ -45,6 +45,11 @@ BRIGHT, MOST_BRIGHT = 0.05, 4
 SAME_PLACE = 1e-9
 #: Points on the radius of the Moon's disk, at least and for each pixel.
 FACE_POINTS, FACE_FINER = 48, 4
+
+
+def all_added(scene: Scene) -> bool:
+    """Whether all light of a scene is added to rays that a solver leaves dark: that of a night in air alone."""
+    return scene.lights is not None and not scene.world and not sun_shines(scene)
 
 
 def sun_shines(scene: Scene) -> bool:
@@ -151,23 +156,23 @@ def solve_air(
 def light_window(scene: Scene, heavens: Heavens, directions: Array) -> tuple[float, float] | None:
     """Zenith angles [rad] of the lights beside the Sun whose scattered light counts; None where there are none."""
     lowest = lowest_light(scene.medium.radius, scene.altitude)
-    if _night(scene) and (heavens.spread_names or heavens.points_names):
+    if night_shines(scene) and (heavens.spread_names or heavens.points_names):
         return 0.0, float(np.radians(90.0 - lowest))
-    if heavens.moon is None or not _moon_scatters(scene, heavens.moon):
+    if heavens.moon is None or not moon_scatters(scene, heavens.moon):
         return None
-    moon = scene.model_copy(update={"sun": _sun_of(heavens.moon.direction)})
+    moon = scene.model_copy(update={"sun": sun_towards(heavens.moon.direction)})
     origins = np.ascontiguousarray(np.broadcast_to(scene.observer.position, directions.shape))
     return window_of(moon, compile_scene(moon, heavens.wavelengths), origins, directions)
 
 
-def _night(scene: Scene) -> bool:
+def night_shines(scene: Scene) -> bool:
     """Whether what the air scatters of the night's own light counts."""
     from skyscatter.celestial.lights import NIGHT_BELOW
 
     return not sun_shines(scene) or scene.sun.elevation_deg <= NIGHT_BELOW
 
 
-def _moon_scatters(scene: Scene, moon: Moon) -> bool:
+def moon_scatters(scene: Scene, moon: Moon) -> bool:
     """Whether moonlight in the air counts."""
     if sun_shines(scene) and scene.sun.elevation_deg > MOON_SCATTERS:
         return False
@@ -205,21 +210,6 @@ def add_to(
     add_lights(picture, scene, heavens, air, threads)
 
 
-def add_along(
-    scene: Scene,
-    directions: Array,
-    wavelengths: Array,
-    answer: RenderState,
-    asked: Asked[Any],
-    threads: int | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> None:
-    """Add the lights beside the Sun to the radiance along rays from the observer, in place."""
-    arrays = answer.radiance, answer.standard_error, answer.layers
-    wanted = {"stokes": asked.stokes, "parts": asked.parts}
-    add_to(scene, None, directions, wavelengths, arrays, wanted, threads, progress)
-
-
 def check_place(scene: Scene, origins: Array) -> None:
     """Refuse rays that do not begin at the observer of a scene."""
     here = scene.observer.position
@@ -240,7 +230,12 @@ def dark(state: RenderState, stokes: bool, parts: bool, orders: int) -> RenderSt
 
 
 def add_lights(
-    picture: Picture, scene: Scene, heavens: Heavens, air: LitAir | None, threads: int | None = None
+    picture: Picture,
+    scene: Scene,
+    heavens: Heavens,
+    air: LitAir | None,
+    threads: int | None = None,
+    above: Overhead | None = None,
 ) -> None:
     """Add all lights but the Sun to a picture.
 
@@ -250,18 +245,20 @@ def add_lights(
     scene : Scene
     heavens : Heavens
     air : LitAir or None
-        Of `solve_air`.
+        Of `solve_air`; without it what comes straight alone.
     threads : int, optional
+    above : Overhead, optional
+        What dims the lights, where that is not the air alone.
     """
-    above = Overhead(scene, heavens.wavelengths)
+    above = above or Overhead(scene, heavens.wavelengths)
     if heavens.moon is not None:
         _add_moon_face(picture, scene, heavens.moon, above)
-        if air is not None and _moon_scatters(scene, heavens.moon):
+        if air is not None and moon_scatters(scene, heavens.moon):
             light = moon_irradiance(heavens.moon, heavens.wavelengths)
             _add_as_sun(picture, scene, "moon", heavens.moon.direction, light, air, threads)
     others = [*heavens.points_names, *heavens.spread_names]
     for names in [[name] for name in others] if picture.parts else [others]:
-        _add_night(picture, scene, heavens, names, above, air if _night(scene) else None, threads)
+        _add_night(picture, scene, heavens, names, above, air if night_shines(scene) else None, threads)
 
 
 def _add_as_sun(
@@ -270,7 +267,7 @@ def _add_as_sun(
     """What air and ground scatter of one light, from the field of the Sun in its place: exact for the Moon, whose disk
     is as wide, and for points but for a blur of half a degree.
     """
-    place = _sun_of(towards)
+    place = sun_towards(towards)
     # The field's own Sun, at its distance: by its irradiance the field's light is scaled.
     sun = air.field.sun(place.elevation_deg, place.azimuth_deg)
     whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
@@ -382,7 +379,7 @@ def _add_night(
         directions, irradiance = (np.concatenate(arrays) for arrays in zip(*points, strict=True))
         _draw(picture, scene, label, directions, irradiance, above)
         if air is not None:
-            bright = _brightest(directions, irradiance, air.response.lowest)
+            bright = brightest(directions, irradiance, air.response.lowest)
             for k in np.flatnonzero(bright):
                 _add_as_sun(picture, scene, label, directions[k], irradiance[k], air, threads)
             glow = air.response.glow(sky if spread else None, (directions[~bright], irradiance[~bright]))
@@ -397,7 +394,7 @@ def _add_night(
         picture.add(label, pixels, light, error)
 
 
-def _brightest(directions: Array, irradiance: Array, lowest: float) -> NDArray[np.bool_]:
+def brightest(directions: Array, irradiance: Array, lowest: float) -> NDArray[np.bool_]:
     """Points that light the air so much that what surrounds them is seen: each is solved by itself."""
     total = irradiance.sum(axis=1)
     total[directions[:, 2] < np.sin(np.radians(lowest))] = 0.0
@@ -409,19 +406,24 @@ def _brightest(directions: Array, irradiance: Array, lowest: float) -> NDArray[n
 
 def _draw(picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array, above: Overhead) -> None:
     """Draw points of light that stand above the horizon, dimmed by the air, all of their light kept."""
-    from skyscatter.celestial.points import draw_points
-
     if picture.camera is None:
         return
     seen = directions[:, 2] > np.sin(above.horizon)
-    arriving = irradiance[seen] * above.transmittance(directions[seen])
-    drawn = draw_points(picture.camera, scene.observer, directions[seen], arriving)
-    flat = drawn.reshape(-1, drawn.shape[-1])
-    lit = np.flatnonzero(flat.any(axis=1))
-    picture.add(label, lit, flat[lit])
+    add_points(picture, scene, label, directions[seen], irradiance[seen] * above.transmittance(directions[seen]))
 
 
-def _sun_of(direction: Array) -> Sun:
+def add_points(picture: Picture, scene: Scene, label: str, directions: Array, irradiance: Array) -> None:
+    """Draw points of light (point, 3) by what arrives of each (point, wavelength); nothing where rays have no width."""
+    from skyscatter.celestial.points import draw_points
+
+    if picture.camera is None or not len(directions):
+        return
+    drawn = draw_points(picture.camera, scene.observer, directions, irradiance).reshape(-1, irradiance.shape[1])
+    lit = np.flatnonzero(drawn.any(axis=1))
+    picture.add(label, lit, drawn[lit])
+
+
+def sun_towards(direction: Array) -> Sun:
     """A Sun in the place of another light."""
     azimuth = float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)
     return Sun(elevation_deg=_elevation(direction), azimuth_deg=azimuth)

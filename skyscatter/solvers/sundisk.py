@@ -9,6 +9,7 @@ times the solid angles of its pixels sums to the irradiance that comes straight 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,17 @@ LAMP_RINGS, LAMP_TURNS = 64, 256
 GAUSS = tuple(0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(2), (1.0, 0.0), strict=True))
 
 
+#: Points along each side of a cell at which one looks for what stands before the disk.
+VEIL_POINTS = 4
+#: What is left of light from directions (ray, 3), (ray, wavelength).
+Veil = Callable[[Array], Array]
+
+
+def no_veil(directions: Array) -> Array:
+    """That of a sky that holds nothing but air."""
+    return np.ones((len(directions), 1))
+
+
 class Cells(NamedTuple):
     """Rectangles of a picture's plane, and how they lie beside the Sun."""
 
@@ -71,17 +83,21 @@ class Sight(NamedTuple):
     edge: float = ON_EDGE  #: largest half diagonal of cells on an edge, as a share of the Sun's radius
 
 
-def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple[NDArray[np.intp], Array] | None:
+def disk_correction(
+    scene: Scene, table: Any, camera: Any, grid: Array, veil: Veil = no_veil
+) -> tuple[NDArray[np.intp], Array] | None:
     """Pixels that the Sun's disk touches, and what averaging it over them adds to the radiance along their middle.
 
     Parameters
     ----------
     scene : Scene
     table : SceneTable
-        Of that scene.
+        Of its air.
     camera : Camera
     grid : ndarray, shape (y, x, 3)
         Directions through the middles of the pixels, NaN outside the field.
+    veil : callable
+        What is left of light from directions (ray, 3) by what stands or floats in the air, (ray, wavelength).
 
     Returns
     -------
@@ -103,10 +119,12 @@ def disk_correction(scene: Scene, table: Any, camera: Any, grid: Array) -> tuple
         return None
     order = np.argsort(pixels, kind="stable")
     touched, first = np.unique(pixels[order], return_index=True)
-    light = np.add.reduceat(_light(sight, _chosen(cells, order), table, position), first, axis=0)
+    cells = _chosen(cells, order)
+    light = np.add.reduceat(_light(sight, cells, table, position) * _veiled(cells, veil), first, axis=0)
     light /= camera.pixel_solid_angle(scene.observer).ravel()[touched, None]
     middles = grid.reshape(-1, 3)[touched]
-    return touched, light - disk_light(table, position, middles) * ~_behind_moon(sight, middles)[:, None]
+    along = disk_light(table, position, middles) * veil(middles)
+    return touched, light - along * ~_behind_moon(sight, middles)[:, None]
 
 
 def _sight(scene: Scene, camera: Any, sun: Array, radius: float, horizon: float) -> Sight:
@@ -145,6 +163,10 @@ def disk_along(scene: Scene, table: Any, grid: Array, wavelengths: Array) -> tup
     if not pixels.size:
         return None
     seen = directions[pixels]
+    if scene.world:
+        from skyscatter.solvers.worldlights import sun_along
+
+        return pixels, sun_along(scene, wavelengths, seen)
     light = radiance(scene, position, seen, wavelengths, "single", parts=True).layers["direct"]
     if table.optics.background.any():
         away = 2 * float(np.linalg.norm(position)) + 2 * scene.medium.top
@@ -152,16 +174,18 @@ def disk_along(scene: Scene, table: Any, grid: Array, wavelengths: Array) -> tup
     return pixels, light
 
 
-def sun_lamp(scene: Scene, table: Any, wavelengths: Array) -> dict[str, Any]:
+def sun_lamp(scene: Scene, table: Any, wavelengths: Array, veil: Veil = no_veil) -> dict[str, Any]:
     """The Sun as a lamp beside a picture without its disk, for recipes and other programs.
 
     Parameters
     ----------
     scene : Scene
     table : SceneTable
-        Of that scene.
+        Of its air.
     wavelengths : ndarray, shape (wavelength,)
         [nm]
+    veil : callable
+        As for `disk_correction`.
 
     Returns
     -------
@@ -179,7 +203,8 @@ def sun_lamp(scene: Scene, table: Any, wavelengths: Array) -> dict[str, Any]:
     forward, right, up = camera_frame(sun.azimuth_deg, sun.elevation_deg)
     across = np.cos(turn)[:, None] * right + np.sin(turn)[:, None] * up
     points = np.cos(angle)[..., None] * forward + np.sin(angle)[..., None] * across
-    light = disk_light(table, np.asarray(scene.observer.position), points.reshape(-1, 3))
+    flat = points.reshape(-1, 3)
+    light = disk_light(table, np.asarray(scene.observer.position), flat) * veil(flat)
     weight = 4 * np.pi * math.sin(radius / 2) ** 2 / light.shape[0] * np.repeat(np.cos(angle).ravel(), LAMP_TURNS)
     eclipse = eclipse_of(scene)
     passed = np.ones(wavelengths.size) if eclipse is None else eclipse.light(wavelengths)
@@ -307,6 +332,18 @@ def _light(sight: Sight, cells: Cells, table: Any, position: Array) -> Array:
         shown = shine(table, position, square.ravel(), np.sin(height).ravel())
         light[which] = np.einsum("pc,pcw->cw", weight, shown.reshape(*weight.shape, -1))
     return light
+
+
+def _veiled(cells: Cells, veil: Veil) -> Array:
+    """Mean of what a veil leaves of the light over each cell, (cell, wavelength)."""
+    if veil is no_veil:
+        return veil(cells.middle)
+    inner = (np.arange(VEIL_POINTS) + 0.5) / VEIL_POINTS - 0.5
+    x, y = (values.reshape(-1, 1, 1) for values in np.meshgrid(inner, inner))
+    points = cells.middle + x * cells.across[:, 0] + y * cells.across[:, 1]
+    points /= np.linalg.norm(points, axis=-1, keepdims=True)
+    left = veil(points.reshape(-1, 3))
+    return np.asarray(left.reshape(*points.shape[:2], -1).mean(axis=0))
 
 
 def _points_within(sight: Sight, cells: Cells, up: Array) -> tuple[Array, Array, Array]:

@@ -227,6 +227,7 @@ def guided(table: SurfaceTable) -> WalkTable:
         gathered=gathered,
         halo=halo(gathered),
         sea=0.0,
+        around=np.zeros((0, 0, lamps.power.shape[1])),
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide, None)
 

@@ -11,7 +11,7 @@ from skyscatter.errors import DomainError
 from skyscatter.scene import Scene
 from skyscatter.solvers.base import Array
 from skyscatter.surfaces.power import spectrum_shape
-from skyscatter.surfaces.townmap import TownMap
+from skyscatter.surfaces.townmap import AnyTown, TownMap
 from skyscatter.surfaces.towns import Town
 
 #: Lamps by which the disk of a town is filled.
@@ -39,7 +39,9 @@ def towns_shine(scene: Scene) -> bool:
 
 
 def check_towns(scene: Scene, stokes: bool = False) -> None:
-    """Refuse what towns cannot have."""
+    """Refuse what towns cannot have in skies of air alone."""
+    if scene.world:
+        return
     if scene.ground.map is not None and towns_shine(scene):
         raise DomainError("ground.map", "given", "towns light even ground only; leave out the map, or the towns")
     if scene.altitude > HIGHEST and towns_shine(scene):
@@ -50,7 +52,13 @@ def check_towns(scene: Scene, stokes: bool = False) -> None:
 
 
 def lamps_of(scene: Scene, wavelengths: Array) -> Iterator[Lamps]:
-    """The lamps of all towns of a scene.
+    """The lamps of all towns of a scene, see `lamps_and_towns`."""
+    for lamps, _ in lamps_and_towns(scene, wavelengths):
+        yield lamps
+
+
+def lamps_and_towns(scene: Scene, wavelengths: Array) -> Iterator[tuple[Lamps, AnyTown]]:
+    """The lamps of all towns of a scene, each with its town.
 
     Parameters
     ----------
@@ -70,7 +78,7 @@ def lamps_of(scene: Scene, wavelengths: Array) -> Iterator[Lamps]:
             flat = np.hypot(places[:, 0], places[:, 1])
             distance = scene.medium.radius * np.arctan2(flat, places[:, 2])
             azimuth = np.arctan2(places[:, 0], places[:, 1]) % (2 * np.pi)
-            yield Lamps(lobe, spectrum, np.maximum(distance, LEAST), azimuth, weight)
+            yield Lamps(lobe, spectrum, np.maximum(distance, LEAST), azimuth, weight), town
 
 
 def disk(town: Town, scene: Scene) -> tuple[Array, Array]:

@@ -22,14 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyscatter.celestial.points import draw_points
 from skyscatter.kernels.forms import expect
 from skyscatter.kernels.path import BATCHES
 from skyscatter.progress import say
 from skyscatter.scene import Scene, Sun
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.checks import check_wavelengths
-from skyscatter.solvers.skylights import Picture
+from skyscatter.solvers.skylights import Picture, add_points
 from skyscatter.solvers.townlamps import Lamps, check_towns, lamps_of
 from skyscatter.solvers.townlight import MOST_ORDERS, Lamplight
 from skyscatter.solvers.townseen import lamps_seen
@@ -63,11 +62,7 @@ def add_towns(picture: Picture, scene: Scene, wavelengths: Array, *, progress: P
         return
     for pixels, rays in picture.blocks():
         picture.add("towns", pixels, *glow.at(rays))
-    directions, irradiance = lamps_seen(scene, wavelengths)
-    if len(directions) and picture.camera is not None:
-        drawn = draw_points(picture.camera, scene.observer, directions, irradiance).reshape(-1, wavelengths.size)
-        lit = np.flatnonzero(drawn.any(axis=1))
-        picture.add("towns", lit, drawn[lit])
+    add_points(picture, scene, "towns", *lamps_seen(scene, wavelengths))
 
 
 def scene_of_towns(scene: Scene) -> Scene:

@@ -247,6 +247,7 @@ def test_polarised_walks_follow_the_shadow() -> None:
     assert degree[1].max() > 0.05
 
 
+@pytest.mark.slow
 def test_other_seeds_lie_within_the_stated_error() -> None:
     it = scene(TOTAL)
     camera = skyscatter.Fisheye(width=30, height=30)

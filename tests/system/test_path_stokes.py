@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,9 @@ from polarised_fields import (
 from significance import assert_agrees, largest_t
 
 import skyscatter
+from skyscatter.cli.main import main
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.image.spectral import SpectralImage
 from skyscatter.lights import ParallelLight
 from skyscatter.media.medium import Medium
 from skyscatter.media.structures import Slab
@@ -341,3 +344,32 @@ def test_parts_and_orders_of_polarised_light_add_up() -> None:
     np.testing.assert_allclose(parts, answer.radiance, rtol=1e-12)
     once = answer.layers["scattered"] + answer.layers["reflected"]
     np.testing.assert_allclose(answer.layers["order1"], once, rtol=1e-12)
+
+
+#: Gas around a star, at a right angle to which its light is polarised.
+GAS_NEBULA = """
+name = "gas"
+[view]
+distance = "100 pc"
+[[components]]
+name = "gas"
+density = { kind = "sphere", radius = "1 pc" }
+optics = { kind = "rayleigh", coefficient = 1e-18, wavelength = "550 nm" }
+[[stars]]
+temperature = 8000
+luminosity = 150
+"""
+
+
+@pytest.mark.parametrize("command", ["nebula", "render"])
+def test_by_command(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--stokes` writes Q, U and V beside the radiance, and the summary has their degree."""
+    (tmp_path / "gas.toml").write_text(GAS_NEBULA)
+    model = str(tmp_path / "gas.toml") if command == "nebula" else "searchlight"
+    out = tmp_path / "polarised.exr"
+    given = ["--solver", "path", "--samples", "32", "--wavelengths", "550", "--stokes", "--json", "-o", str(out)]
+    assert main([command, model, "--size", "12x8", *given]) == 0
+    told = json.loads(capsys.readouterr().out)["polarisation"]
+    image = SpectralImage.load(out)
+    assert {"Q", "U", "V", "Q_error", "U_error", "V_error"} <= set(image.layers)
+    assert 0.02 < told["mean_degree"] <= told["maximum_degree"] < 1.01

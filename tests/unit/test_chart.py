@@ -108,7 +108,7 @@ def test_marks_only_where_asked() -> None:
 
 def test_by_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    where = ["--place", "48.86,2.35", "--time", TIME, "--lights", "stars"]
+    where = ["earth-simple", "--place", "48.86,2.35", "--time", TIME, "--lights", "stars"]
     words = ["sky", *where, "--size", "96x96", "--view", "fisheye", "--wavelengths", "450,550,650", "-q"]
     assert main([*words, "-o", "a.png"]) == 0
     assert main([*words, "--label", "--lines", "-o", "b.png"]) == 0

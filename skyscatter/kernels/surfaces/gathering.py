@@ -40,6 +40,7 @@ from skyscatter.kernels.surfaces.flights import (
 )
 from skyscatter.kernels.surfaces.lamps import (
     LampGuide,
+    add_around,
     aim,
     brightness,
     darken,
@@ -329,7 +330,11 @@ def light_end(table, sampling, s, sums):
     if s.at[ITEM] < 0:
         if table.guide.open:
             for i in range(s.factor.size):
-                s.factor[i] = walk.value[i] * s.through[i] * table.guide.background[i]
+                s.factor[i] = table.guide.background[i]
+            if s.at[ORDER] > 0 and table.guide.around.shape[0] > 0:
+                add_around(table.guide.around, d, s.factor)
+            for i in range(s.factor.size):
+                s.factor[i] *= walk.value[i] * s.through[i]
             see_plain(s.polar, s.factor)
             add_light(s.polar, s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
         # Disks are far smaller than what scatters: they are met only where none of them was aimed at.

@@ -54,6 +54,9 @@ class LampGuide(NamedTuple):
     gathered: np.ndarray  #: (medium, angle) integral of the mean phase function over the angle up to pi (k / n)^2
     halo: np.ndarray  #: (medium, angle) share of the light around a point lamp that is seen within such an angle of it
     sea: float  #: radius of the planet whose ground is a sea, centred below the frame's origin [m]; 0 where none is
+    #: (row, column, wavelength) radiance from outside beside `background`, where the camera does not look at it; rows
+    #: are even in the elevation over the x-y plane, columns in the azimuth from y towards x; no rows where none is
+    around: np.ndarray
 
 
 @inlined
@@ -105,6 +108,21 @@ def darken(lamps, k, square, light):
     w = at - n
     for i in range(light.size):
         light[i] *= lamps.limb[row, n, i] + w * (lamps.limb[row, n + 1, i] - lamps.limb[row, n, i])
+
+
+@kernel
+def add_around(around, d, light):
+    """Add the radiance of `around` in direction d, linear between its nodes, to `light` (wavelength,)."""
+    rows, columns = around.shape[0], around.shape[1]
+    up = (0.5 + math.asin(min(max(d[2], -1.0), 1.0)) / math.pi) * (rows - 1)
+    turned = (math.atan2(d[0], d[1]) / (2.0 * math.pi) % 1.0) * columns
+    row, left = min(int(up), rows - 2), min(int(turned), columns - 1)
+    right = (left + 1) % columns
+    v, u = up - row, turned - left
+    for i in range(light.size):
+        low = (1.0 - u) * around[row, left, i] + u * around[row, right, i]
+        high = (1.0 - u) * around[row + 1, left, i] + u * around[row + 1, right, i]
+        light[i] += (1.0 - v) * low + v * high
 
 
 @kernel

@@ -212,7 +212,7 @@ def enter_sky(table, sky, s, sums):
             empty_light(sky, s.start, d, s.joined, s.factor)
             see_sky(s.polar, sky, s.start, d, s.joined, walk.value, s.factor)
         add_known(-1.0 if cloudy else 1.0, s, sums)
-    return not before or cloudy or body != 0
+    return not before or cloudy or body != 0 or table.guide.open
 
 
 @kernel
