@@ -31,6 +31,7 @@ from skyscatter.solvers.townseen import LIFT, lamps_seen
 from skyscatter.solvers.worldscene import as_surfaces, spectrum
 from skyscatter.surfaces.lamps import AnyLamp, AreaLamp, ParallelLamp, PointLamp
 from skyscatter.surfaces.scene import SurfaceScene
+from skyscatter.workers import in_parts
 
 #: Nodes of the map of faint light over elevation and azimuth, and points along each side of the cell around a node of
 #: which it has the mean.
@@ -43,6 +44,8 @@ HAIR = 1e-6
 #: and 36, 1.1 and 144, 1.05 and 360 the first are 8 to 10 % too bright right above a town at 15 and 40 km, and the
 #: others agree.
 STEP, SECTORS = 1.1, 144
+#: Rays that a thread follows at once.
+TOGETHER = 4096
 
 
 class Lit(NamedTuple):
@@ -236,7 +239,14 @@ def straight(walks: Context, scene: Scene, directions: Array) -> Array:
     """What comes straight to the observer of a scene, (ray, wavelength)."""
     origins = np.zeros_like(directions) + np.array([0.0, 0.0, scene.altitude])
     rays = Rays(origins, np.ascontiguousarray(directions), np.arange(len(directions)))
-    return solve(walks, rays, Asked(Path(samples=2, max_order=1), parts=True)).layers["direct"]
+    light = np.empty((len(directions), walks.table.media.index.shape[1]))
+    asked = Asked(Path(samples=2, max_order=1), parts=True)
+
+    def work(some: slice) -> None:
+        light[some] = solve(walks, rays.part(some), asked).layers["direct"]
+
+    in_parts(work, len(directions), TOGETHER)
+    return light
 
 
 def sun_along(scene: Scene, wavelengths: Array, directions: Array) -> Array:
