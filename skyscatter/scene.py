@@ -80,7 +80,7 @@ def check_world(sky: Any) -> None:
             if part.name in TAKEN:
                 raise DomainError(field, part.name, "is what the planet has already; choose another name")
     for lamp in sky.lamps:
-        if lamp.kind == "surroundings":
+        if lamp.kind in ("surroundings", "environment"):
             raise DomainError("lamps", lamp.kind, "are for rooms; light from all around a planet is the background")
     SurfaceScene(media=(SurfaceMedium(name="air"), *sky.media), bodies=sky.bodies, lamps=sky.lamps)
 

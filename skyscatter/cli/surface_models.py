@@ -63,6 +63,8 @@ def _body(body: Any) -> str:
 
 def _light(lamp: Any) -> str:
     """The amount of light as it was given."""
+    if lamp.kind == "environment":
+        return f"as in {lamp.file}"
     for name in lamp.amounts():
         value = getattr(lamp, name)
         if value is not None:

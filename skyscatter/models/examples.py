@@ -87,6 +87,7 @@ EXAMPLES: dict[str, dict[str, str]] = {
         'spectrum = "led-2700k" }',
         "led": '{ kind = "led", position = [0, 0, 2], axis = [0, 0, -1], lumens = 100, spectrum = "led-4000k" }',
         "parallel": '{ kind = "parallel", azimuth_deg = 180, elevation_deg = 30, lux = 80000, spectrum = "sun" }',
+        "environment": '{ kind = "environment", file = "dome.exr", turn_deg = 90 }',
         "surroundings": '{ kind = "surroundings", candela_per_m2 = 2e-4, spectrum = "sun" }',
     },
     "lobes": {

@@ -64,8 +64,8 @@ ALPHA = 2 / 3
 OF_EXTENT, OF_FREE_PATH = 0.02, 0.25
 #: Where phase functions are cut [sr-1], see `kernels.surfaces.peaks`: at a few times the isotropic one.
 CUT = 4 / (4 * np.pi)
-#: Rays by which the extent is found.
-SCOUTS = 4096
+#: Rays by which the extent is found, and number of them below which it may be that of the way to what they see.
+SCOUTS, FEW_RAYS = 4096, 64
 #: Scattered or reflected more often than this is left out when nothing else is said: roulette ends walks long before.
 MOST_ORDERS = 100_000
 #: Streams of photons are numbered from here, those of rays from 0.
@@ -186,7 +186,7 @@ def scout_radius(context: Context, rays: Rays, asked: Asked[Photons]) -> float:
     """First radius from where the rays see something.
 
     A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
-    at most a share of the mean free path at the points, averaged over them.
+    of few rays at least of their distance; at most a share of the mean free path at the points, averaged over them.
     """
     if not len(rays.origins):
         return 1.0
@@ -201,6 +201,9 @@ def scout_radius(context: Context, rays: Rays, asked: Asked[Photons]) -> float:
     if len(place) < 2:
         return max(table.lamps.radius, 1e-300) * OF_EXTENT
     extent = 2 * float(np.sqrt(place.var(axis=0).sum()))
+    if len(part.origins) < FEW_RAYS:
+        # They may all see one point; then it counts how far away that is.
+        extent = max(extent, float(np.linalg.norm(place - part.origins.mean(axis=0), axis=1).mean()))
     radius = OF_EXTENT * extent
     if len(media.place):
         # Not a matrix product: its last digits depend on the threads that the library of linear algebra takes.

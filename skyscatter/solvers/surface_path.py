@@ -35,6 +35,7 @@ from skyscatter.kernels.surfaces.walkpolar import make_walk_polar
 from skyscatter.kernels.surfaces.walks import surface_path_rays
 from skyscatter.solvers.base import Answer, Asked, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
+from skyscatter.solvers.environment import brightest_spot
 from skyscatter.solvers.far_lamps import diffusion, warn_of_far_lamps, warn_of_small_lamps
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
@@ -65,6 +66,8 @@ NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
 SUNWARD = 0.3
 #: Cosine of half the angle of a beam from which on it is narrow: walks are sent into it from beside.
 NARROW = 0.966
+#: Share of the light of an environment in the cell of one node beyond which walks meet it too rarely.
+SPOT = 0.02
 #: Points from which the middle and the size of a lamp with a surface are found.
 POINTS = 256
 
@@ -103,6 +106,13 @@ def prepare(
             "path does not find the light of lamps without extent that comes through smooth glass or off mirrors, and "
             "that of disks by chance only; make the lamps bodies that shine, give the surfaces a roughness, or choose "
             "the solver photons",
+            stacklevel=2,
+        )
+    spot = brightest_spot(table.lamps.around)
+    if spot > SPOT:
+        warnings.warn(
+            f"environment: a small spot has {spot:.0%} of its light, which walks meet by chance only, and their "
+            "standard error is too small; leave it out of the picture, as the Sun by --no-sun, and add a parallel lamp",
             stacklevel=2,
         )
     walks = guided(table)
@@ -213,7 +223,7 @@ def guided(table: SurfaceTable) -> WalkTable:
         beamed=bool(narrow.any()),
         open=bool(np.any(lamps.power[~found] > 0)),
         placed=bool(np.isin(lamps.kind, (POINT_LAMP, SURFACE_LAMP)).any()),
-        background=lamps.power[~found].sum(axis=0),
+        background=lamps.power[~found & (np.arange(count) != lamps.mapped)].sum(axis=0),
         blind=found / max(found.sum(), 1),
         scatters=scatters,
         shines=shines,
@@ -227,7 +237,6 @@ def guided(table: SurfaceTable) -> WalkTable:
         gathered=gathered,
         halo=halo(gathered),
         sea=0.0,
-        around=np.zeros((0, 0, lamps.power.shape[1])),
     )
     return WalkTable(table.shapes, table.materials, media, lamps, guide, None)
 

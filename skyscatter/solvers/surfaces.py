@@ -19,6 +19,7 @@ from skyscatter.media.medium import Medium
 from skyscatter.media.planets import AroundPlanet
 from skyscatter.media.tables import pack_rows
 from skyscatter.solvers.compile import DISK_RINGS, PHASE_CELLS, matrix_tables, medium_optics
+from skyscatter.solvers.environment import environment, sphere_mean
 from skyscatter.space import SpaceScene
 from skyscatter.surfaces.indices import refractive_index
 from skyscatter.surfaces.lobes import IsotropicLobe, LobeTable, lobe_table
@@ -222,6 +223,7 @@ class Lamp(NamedTuple):
     skip: Integers  #: (n,) item on which the point lies, or -1
     disk: float = 0.0  #: sine of the angular radius of parallel light
     limb: Array | None = None  #: (ring, wavelength) radiance of its disk over the mean
+    around: Array | None = None  #: (row, column, wavelength) radiance over directions, see `LampTable.around`
 
 
 #: No round numbers: a ray along edges and faces is met more often than chance would have it.
@@ -246,9 +248,9 @@ def parallel_lamp(name: str, irradiance: Array, towards: Array, disk: float = 0.
     return Lamp(name, PARALLEL_LAMP, irradiance, towards, -towards, *_FROM_OUTSIDE, disk, limb)
 
 
-def surroundings(name: str, radiance: Array) -> Lamp:
-    """Light from all around."""
-    return Lamp(name, SURROUNDINGS, radiance, np.zeros(3), _UP, *_FROM_OUTSIDE)
+def surroundings(name: str, radiance: Array, around: Array | None = None) -> Lamp:
+    """Light from all around; by a map its `radiance` is the mean."""
+    return Lamp(name, SURROUNDINGS, radiance, np.zeros(3), _UP, *_FROM_OUTSIDE, around=around)
 
 
 def surface_lamp(shapes: ShapeTable, number: int, body: Body, wl: Array) -> Lamp:
@@ -287,6 +289,10 @@ def free_lamps(scene: SurfaceScene, wl: Array) -> list[Lamp]:
     """The lamps of a scene that are no bodies."""
     lamps = []
     for lamp in scene.lamps:
+        if lamp.kind == "environment":
+            around = environment(lamp, tuple(wl))
+            lamps.append(surroundings(lamp.name, sphere_mean(around), around))
+            continue
         amount = lamp.spectral_amount(wl)
         if lamp.kind == "parallel":
             disk = float(np.sin(np.radians(lamp.angular_radius_deg)))
@@ -359,6 +365,8 @@ def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre:
     stacks = [lamp_stack(shapes, lamp, centre, radius) for lamp in lamps]
     limbs = [lamp.limb for lamp in lamps if lamp.limb is not None]
     rows = np.cumsum([lamp.limb is not None for lamp in lamps]) - 1
+    mapped = next((k for k, lamp in enumerate(lamps) if lamp.around is not None), -1)
+    around = None if mapped < 0 else lamps[mapped].around
     return LampTable(
         kind=np.array([lamp.kind for lamp in lamps], np.int64),
         power=power,
@@ -379,6 +387,8 @@ def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre:
         limb=np.array(limbs, float).reshape(len(limbs), DISK_RINGS, wavelengths),
         centre=centre,
         radius=radius,
+        mapped=mapped,
+        around=np.zeros((0, 0, wavelengths)) if around is None else around,
     )
 
 

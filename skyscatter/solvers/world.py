@@ -83,9 +83,9 @@ def prepare(
     walks = surface_path.prepare(surfaces, local(rays, lift), wavelengths, among_surfaces(asked), threads, progress)
     ground, guide = scene.ground.material, walks.table.guide
     sea = lift if isinstance(ground.rest if isinstance(ground, Mosaic) else ground, Sea) else 0.0
-    guide = guide._replace(level=ROULETTE_LEVEL, sea=sea, around=shining.around)
+    guide = guide._replace(level=ROULETTE_LEVEL, sea=sea)
     guide = guide._replace(open=guide.open or bool(shining.around.any()))
-    table = walks.table._replace(guide=guide)
+    table = walks.table._replace(guide=guide, lamps=walks.table.lamps._replace(around=shining.around))
     star = star_shines(scene, wavelengths)
     if star and is_knowable(scene, len(rays.origins), asked):
         # The star is the first parallel lamp; bodies that shine come before it.

@@ -60,7 +60,7 @@ class Lit(NamedTuple):
     lamps : list of lamp
         Other lights that come from one direction, and towns.
     around : ndarray, shape (row, column, wavelength)
-        The rest, see `skyscatter.kernels.surfaces.lamps.LampGuide`; no rows where there is none.
+        The rest, see `skyscatter.kernels.surfaces.tables.LampTable`; no rows where there is none.
     """
 
     scene: Scene

@@ -30,6 +30,7 @@ _HOME = {
     "IsotropicLobe": "skyscatter.surfaces.lobes",
     "Lambert": "skyscatter.surfaces.materials",
     "LambertLobe": "skyscatter.surfaces.lobes",
+    "Environment": "skyscatter.surfaces.lamps",
     "Led": "skyscatter.surfaces.lamps",
     "Mesh": "skyscatter.surfaces.meshes",
     "Mirror": "skyscatter.surfaces.materials",
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     from skyscatter.surfaces.grounds import Sea as Sea
     from skyscatter.surfaces.indices import refractive_index as refractive_index
     from skyscatter.surfaces.lamps import AreaLamp as AreaLamp
+    from skyscatter.surfaces.lamps import Environment as Environment
     from skyscatter.surfaces.lamps import Led as Led
     from skyscatter.surfaces.lamps import ParallelLamp as ParallelLamp
     from skyscatter.surfaces.lamps import PointLamp as PointLamp

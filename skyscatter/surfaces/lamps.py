@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import Directed
+from skyscatter.record import Record
 from skyscatter.spectra.solar import disk_mean, limb_darkening
 from skyscatter.spectra.table import Irradiance, OptionalSpectral, Radiance, evaluate
 from skyscatter.surfaces.lobes import AnyLobe, ConeLobe, CosinePowerLobe, IsotropicLobe, LambertLobe, Lobe
@@ -358,4 +359,38 @@ class Surroundings(Shining):
     candela_per_m2: OptionalNumber[Candela] = default(None)
 
 
-AnyLamp = Annotated[PointLamp | SpotLamp | Led | ParallelLamp | Surroundings, Field(discriminator="kind")]
+class Environment(Record):
+    """Light from all around by a picture of the whole sphere, as a dome of the sky: ``skyscatter sky --no-sun``.
+
+    Directions are those of the picture's camera, azimuths from +y towards +x; it is looked at as it is, and lights what
+    is in the scene.  Light of a small bright spot is found by chance only: leave the Sun out of a dome and add it as a
+    `ParallelLamp`, whose numbers stand in the file beside the dome.
+
+    Parameters
+    ----------
+    name : str
+        How lists and errors call it.
+    file : str
+        Panorama with spectra [W m-2 sr-1 nm-1] that `skyscatter.SpectralImage` reads; in a model file the path counts
+        from its folder.  Its wavelengths hold those of the picture that is made.
+    turn_deg : float
+        By which azimuths of the picture are turned, from +y towards +x [degree].
+    factor : float
+        By which all radiances are multiplied.
+
+    Examples
+    --------
+    >>> from skyscatter import surfaces
+    >>> dome = surfaces.Environment(file="dome.exr", turn_deg=90)
+    >>> dome.kind
+    'environment'
+    """
+
+    kind: Literal["environment"] = "environment"
+    name: str = "environment"
+    file: str
+    turn_deg: Degrees = default(0.0)
+    factor: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 1.0
+
+
+AnyLamp = Annotated[PointLamp | SpotLamp | Led | ParallelLamp | Surroundings | Environment, Field(discriminator="kind")]

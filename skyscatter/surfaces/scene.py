@@ -224,8 +224,9 @@ class SurfaceScene(Record):
             if body.inside is not None and body.inside not in names:
                 rule = f"body {body.name}: no such medium; {nearest(body.inside, names)}"
                 raise DomainError("inside", body.inside, rule)
-        if sum(lamp.kind == "surroundings" for lamp in self.lamps) > 1:
-            raise DomainError("lamps", "surroundings", "twice; add their radiances into one")
+        for kind in ("surroundings", "environment"):
+            if sum(lamp.kind == kind for lamp in self.lamps) > 1:
+                raise DomainError("lamps", kind, "twice; add their radiances into one")
         return self
 
     @property

@@ -13,7 +13,7 @@ from significance import assert_agrees
 from surface_rooms import room_scene
 
 import skyscatter
-from skyscatter import Path, Photons
+from skyscatter import Path, Photons, surfaces
 
 #: Thin fog that scatters forwards, and such that walks diffuse through: extinction [m-1], albedo, mean cosine.
 FOGS = {
@@ -129,3 +129,15 @@ def test_light_is_what_plain_walks_find(name: str, eye: tuple[float, float, floa
     spread = np.sqrt((both**2).sum()) / value.sum()
     assert spread < known
     assert_agrees(answer.radiance.sum() / value.sum(), 1.0, spread)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_rays_to_one_point_find_photons(count: int) -> None:
+    """Their extent is nothing; the distance tells how wide to gather.  Under even light a ball has its albedo."""
+    ball = surfaces.Body(shape=surfaces.Sphere(position=(0, 0, 0), radius=1.0), material=surfaces.Lambert(albedo=0.6))
+    scene = skyscatter.SurfaceScene(bodies=(ball,), lamps=(surfaces.Surroundings(radiance=1.0),))
+    rays = np.tile([0.1, 0.2, 3.0], (count, 1)), np.tile([0.0, 0.0, -1.0], (count, 1))
+    found = skyscatter.radiance(scene, *rays, [550.0], Photons(samples=64, photons=20000, seed=1))
+    assert (found.error > 0).all()
+    assert (found.error < 0.1).all()
+    assert_agrees(found.radiance, np.full((count, 1), 0.6), found.error)

@@ -12,7 +12,7 @@ import math
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SURFACE_LAMP
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import kernel, merged
-from skyscatter.kernels.surfaces.lamps import darken, point_on_disk
+from skyscatter.kernels.surfaces.lamps import add_around, darken, point_on_disk
 from skyscatter.kernels.surfaces.shapes import sample_item
 from skyscatter.kernels.tabulated import cell_of, draw_in_cell
 
@@ -94,7 +94,13 @@ def emit_photon(scene, e, count, s):
         # Radiance, the disk's area, and all directions.
         scale = 4.0 * math.pi * math.pi * lamps.radius * lamps.radius
     for i in range(walk.value.size):
-        walk.value[i], walk.chance[i] = scale * lamps.power[k, i] / (lamps.share[k] * count), 1.0
+        s.light[i] = 0.0 if k == lamps.mapped else lamps.power[k, i]
+    if k == lamps.mapped:
+        for n in range(3):
+            s.place[n] = -d[n]
+        add_around(lamps, s.place, s.light)
+    for i in range(walk.value.size):
+        walk.value[i], walk.chance[i] = scale * s.light[i] / (lamps.share[k] * count), 1.0
     if lamps.limb_row[k] >= 0:
         darken(lamps, k, e[2], walk.value)
     for n in range(s.stack.size):

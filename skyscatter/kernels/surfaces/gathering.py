@@ -331,8 +331,8 @@ def light_end(table, sampling, s, sums):
         if table.guide.open:
             for i in range(s.factor.size):
                 s.factor[i] = table.guide.background[i]
-            if s.at[ORDER] > 0 and table.guide.around.shape[0] > 0:
-                add_around(table.guide.around, d, s.factor)
+            if lamps.around.shape[0] > 0 and (s.at[ORDER] > 0 or lamps.mapped >= 0):
+                add_around(lamps, d, s.factor)
             for i in range(s.factor.size):
                 s.factor[i] *= walk.value[i] * s.through[i]
             see_plain(s.polar, s.factor)

@@ -40,7 +40,7 @@ class LampGuide(NamedTuple):
     beamed: bool  #: whether any lamp has one
     open: bool  #: whether light comes from the surroundings
     placed: bool  #: whether there are lamps with a place
-    background: np.ndarray  #: (wavelength,) their radiance
+    background: np.ndarray  #: (wavelength,) their radiance, without that of a map
     blind: np.ndarray  #: (lamp,) chance of every lamp that can be looked for; they sum to 1
     scatters: np.ndarray  #: (medium,) bool
     shines: np.ndarray  #: (medium,) bool
@@ -54,9 +54,6 @@ class LampGuide(NamedTuple):
     gathered: np.ndarray  #: (medium, angle) integral of the mean phase function over the angle up to pi (k / n)^2
     halo: np.ndarray  #: (medium, angle) share of the light around a point lamp that is seen within such an angle of it
     sea: float  #: radius of the planet whose ground is a sea, centred below the frame's origin [m]; 0 where none is
-    #: (row, column, wavelength) radiance from outside beside `background`, where the camera does not look at it; rows
-    #: are even in the elevation over the x-y plane, columns in the azimuth from y towards x; no rows where none is
-    around: np.ndarray
 
 
 @inlined
@@ -111,8 +108,9 @@ def darken(lamps, k, square, light):
 
 
 @kernel
-def add_around(around, d, light):
-    """Add the radiance of `around` in direction d, linear between its nodes, to `light` (wavelength,)."""
+def add_around(lamps, d, light):
+    """Add the radiance of ``lamps.around`` in direction d, linear between its nodes, to `light` (wavelength,)."""
+    around = lamps.around
     rows, columns = around.shape[0], around.shape[1]
     up = (0.5 + math.asin(min(max(d[2], -1.0), 1.0)) / math.pi) * (rows - 1)
     turned = (math.atan2(d[0], d[1]) / (2.0 * math.pi) % 1.0) * columns

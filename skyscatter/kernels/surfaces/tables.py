@@ -122,6 +122,10 @@ class LampTable(NamedTuple):
     limb: np.ndarray  #: (disk, ring, wavelength) radiance over its mean, over the squared fractional radius
     centre: np.ndarray  #: (3,) of a sphere around all that is finite: where parallel light and surroundings start from
     radius: float  #: of that sphere [m]
+    mapped: int  #: lamp whose radiance is that of `around`, -1 if none: then the camera does not look at it
+    #: (row, column, wavelength) radiance from outside beside that of other surroundings; rows are even in the elevation
+    #: over the x-y plane, columns in the azimuth from y towards x; no rows where there is none
+    around: np.ndarray
 
 
 @by_address
