@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Most rows and columns of nodes, and points along a side of the cell around each, over which the picture is averaged.
 MOST_ROWS, MOST_COLUMNS, FINER = 361, 720, 3
+#: Share of the directions aimed at a picture that do not ask how bright it is there.
+BLIND = 0.1
 
 
 @lru_cache(maxsize=4)
@@ -83,9 +85,14 @@ def row_weights(rows: int) -> Array:
     return np.diff(np.sin(edges)) / 2
 
 
-def brightest_spot(around: Array) -> float:
-    """Largest share of a map's light that comes from the cell of one node; 0 without a map."""
-    if not around.size:
-        return 0.0
-    light = around.mean(axis=2) * row_weights(len(around))[:, None]
-    return float(light.max() / max(light.sum(), 1e-300))
+def cell_cdf(around: Array) -> Array:
+    """Chances (cell,), summed up, to aim at the cells between nodes: by their light, a share of them by their size."""
+    light = around.mean(axis=2)
+    light = light[1:] + light[:-1]
+    light = light + np.roll(light, -1, axis=1)
+    size = np.diff(np.sin(np.pi * (np.linspace(0, 1, len(around)) - 0.5)))[:, None] * np.ones_like(light)
+    mean = float((light * size).sum() / size.sum())
+    cdf = np.cumsum((size * ((1 - BLIND) * light + BLIND * max(mean, 1e-300))).ravel())
+    cdf /= cdf[-1]
+    cdf[-1] = 1.0
+    return cdf

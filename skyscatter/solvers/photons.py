@@ -124,7 +124,8 @@ def prepare_table(table: SurfaceTable, rays: Rays, asked: Asked[Photons], matrix
     check_table(table)
     if matrix is not None:
         refuse_rough(table.materials)
-    walks = guided(table)
+    # Photons bring all of its light: no ray is aimed at a picture around the scene.
+    walks = guided(table._replace(lamps=table.lamps._replace(around_cdf=np.zeros(0))))
     warn_of_far_lamps(walks, rays.origins, photons_for(asked) * passes(asked), "give more photons or samples")
     # A walk would have to take the matrix of a peak along; polarised light is gathered with the whole phase function.
     peaks = split_peaks(table.media, CUT if matrix is None else np.inf)

@@ -35,7 +35,6 @@ from skyscatter.kernels.surfaces.walkpolar import make_walk_polar
 from skyscatter.kernels.surfaces.walks import surface_path_rays
 from skyscatter.solvers.base import Answer, Asked, Rays, Walks
 from skyscatter.solvers.compile import phase_cosines
-from skyscatter.solvers.environment import brightest_spot
 from skyscatter.solvers.far_lamps import diffusion, warn_of_far_lamps, warn_of_small_lamps
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.path import MOST_ORDERS, walks_for
@@ -66,8 +65,6 @@ NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
 SUNWARD = 0.3
 #: Cosine of half the angle of a beam from which on it is narrow: walks are sent into it from beside.
 NARROW = 0.966
-#: Share of the light of an environment in the cell of one node beyond which walks meet it too rarely.
-SPOT = 0.02
 #: Points from which the middle and the size of a lamp with a surface are found.
 POINTS = 256
 
@@ -106,13 +103,6 @@ def prepare(
             "path does not find the light of lamps without extent that comes through smooth glass or off mirrors, and "
             "that of disks by chance only; make the lamps bodies that shine, give the surfaces a roughness, or choose "
             "the solver photons",
-            stacklevel=2,
-        )
-    spot = brightest_spot(table.lamps.around)
-    if spot > SPOT:
-        warnings.warn(
-            f"environment: a small spot has {spot:.0%} of its light, which walks meet by chance only, and their "
-            "standard error is too small; leave it out of the picture, as the Sun by --no-sun, and add a parallel lamp",
             stacklevel=2,
         )
     walks = guided(table)
@@ -192,12 +182,13 @@ def guided(table: SurfaceTable) -> WalkTable:
     """A scene's tables with a guide to its lamps."""
     lamps, media = table.lamps, table.media
     count = len(lamps.kind)
+    mapped = np.arange(count) == lamps.mapped
     middle, size, axis = lamps.position.copy(), np.zeros(count), lamps.axis.copy()
     lowest, typical = np.full(count, -1.0), np.zeros(count)
     for k in range(count):
         nodes = slice(lamps.lobe_first[k], lamps.lobe_first[k + 1])
         cosine, value = lamps.lobe_cosine[nodes], lamps.lobe_value[nodes]
-        if lamps.kind[k] == PARALLEL_LAMP:
+        if lamps.kind[k] == PARALLEL_LAMP or mapped[k]:
             typical[k] = 1 / (4 * np.pi)
         elif lamps.kind[k] == POINT_LAMP:
             lowest[k] = _lowest_cosine(cosine, value)
@@ -207,8 +198,10 @@ def guided(table: SurfaceTable) -> WalkTable:
         if lamps.kind[k] in (POINT_LAMP, SURFACE_LAMP):
             typical[k] = 1 / (2 * np.pi * (1 - lowest[k]))
     narrow = (lamps.kind == POINT_LAMP) & (lowest > NARROW)
-    found = lamps.kind != SURROUNDINGS
-    mean = lamps.power.mean(axis=1)
+    even = (lamps.kind == SURROUNDINGS) & ~mapped
+    found = ~even & ~(mapped & (lamps.around_cdf.size == 0))
+    # Of a map, as of parallel light, the fluence.
+    mean = lamps.power.mean(axis=1) * np.where(mapped, 4 * np.pi, 1.0)
     scatters, shines, gathered = _media(table)
     turning, fading = diffusing(media)
     size[lamps.kind == PARALLEL_LAMP] = SUNWARD * max(forwardness(table.media), 0.0)
@@ -221,16 +214,16 @@ def guided(table: SurfaceTable) -> WalkTable:
         typical=typical,
         slope=np.where(narrow, np.sqrt(1 - lowest**2) / np.where(narrow, lowest, 1.0), 0.0),
         beamed=bool(narrow.any()),
-        open=bool(np.any(lamps.power[~found] > 0)),
+        open=bool(np.any(lamps.power[lamps.kind == SURROUNDINGS] > 0)),
         placed=bool(np.isin(lamps.kind, (POINT_LAMP, SURFACE_LAMP)).any()),
-        background=lamps.power[~found & (np.arange(count) != lamps.mapped)].sum(axis=0),
+        background=lamps.power[even].sum(axis=0),
         blind=found / max(found.sum(), 1),
         scatters=scatters,
         shines=shines,
         extinction=media.extinction.mean(axis=1),
         drift=turning * (scatters & ~shines),
         fade=fading,
-        everywhere=float(mean[lamps.kind == PARALLEL_LAMP].sum() + 4 * np.pi * mean[~found].sum()),
+        everywhere=float(mean[(lamps.kind == PARALLEL_LAMP) | mapped].sum() + 4 * np.pi * mean[even].sum()),
         near=NEAR_SHARE,
         points=FIRST_POINTS,
         level=ROULETTE_LEVEL,

@@ -19,7 +19,7 @@ from skyscatter.media.medium import Medium
 from skyscatter.media.planets import AroundPlanet
 from skyscatter.media.tables import pack_rows
 from skyscatter.solvers.compile import DISK_RINGS, PHASE_CELLS, matrix_tables, medium_optics
-from skyscatter.solvers.environment import environment, sphere_mean
+from skyscatter.solvers.environment import cell_cdf, environment, sphere_mean
 from skyscatter.space import SpaceScene
 from skyscatter.surfaces.indices import refractive_index
 from skyscatter.surfaces.lobes import IsotropicLobe, LobeTable, lobe_table
@@ -389,6 +389,7 @@ def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre:
         radius=radius,
         mapped=mapped,
         around=np.zeros((0, 0, wavelengths)) if around is None else around,
+        around_cdf=np.zeros(0) if around is None else cell_cdf(around),
     )
 
 

@@ -363,8 +363,8 @@ class Environment(Record):
     """Light from all around by a picture of the whole sphere, as a dome of the sky: ``skyscatter sky --no-sun``.
 
     Directions are those of the picture's camera, azimuths from +y towards +x; it is looked at as it is, and lights what
-    is in the scene.  Light of a small bright spot is found by chance only: leave the Sun out of a dome and add it as a
-    `ParallelLamp`, whose numbers stand in the file beside the dome.
+    is in the scene.  It has half a degree at best: leave the Sun out of a dome and add it as a `ParallelLamp`, whose
+    numbers stand in the file beside the dome.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from significance import assert_agrees
 import skyscatter
 from skyscatter.errors import DomainError
 from skyscatter.geometry.vectors import direction_from_azimuth_elevation
+from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces import (
     Body,
     Box,
@@ -57,13 +58,16 @@ DOWN = direction_from_azimuth_elevation(np.array([20.0, 140.0]), np.array([-80.0
 
 
 def test_an_even_picture_is_even_light(tmp_path: Path) -> None:
-    """To the last digits but those of the file, by walks and by photons."""
+    """By photons, and by walks that do not aim, to the last digits but those of the file; within chance by others."""
     even = picture(tmp_path / "even.fits", lambda d: np.full(d.shape[:-1], 0.7))
-    table = skyscatter.spectra.table.SpectralTable(wavelengths=tuple(WL), values=(0.7, 0.56, 0.35))
+    table = SpectralTable(wavelengths=tuple(WL), values=(0.7, 0.56, 0.35))
     lamps = Environment(file=even), Surroundings(radiance=table)
-    for solver in (skyscatter.Path(samples=64), skyscatter.Photons(samples=2, photons=2000, radius=0.3)):
+    unaimed = skyscatter.Path(samples=64, sampling="angular")
+    for solver in (unaimed, skyscatter.Photons(samples=2, photons=2000, radius=0.3)):
         found, known = (look(plate(lamp), DOWN, solver).radiance for lamp in lamps)
         np.testing.assert_allclose(found, known, rtol=1e-6)
+    aimed = look(plate(lamps[0]), DOWN)
+    assert_agrees(aimed.radiance, look(plate(lamps[1]), DOWN, unaimed).radiance, aimed.error)
 
 
 @pytest.mark.parametrize("turn", [0.0, 77.0])
@@ -95,7 +99,7 @@ def test_a_dome_and_its_sun_light_as_the_sky_does(tmp_path: Path) -> None:
     image = skyscatter.render(scene, camera, WL, sun_disk=False)
     image.save(tmp_path / "dome.exr")
     sun = image.recipe["sun_lamp"]
-    table = skyscatter.spectra.table.SpectralTable(wavelengths=tuple(WL), values=tuple(sun["irradiance"]))
+    table = SpectralTable(wavelengths=tuple(WL), values=tuple(sun["irradiance"]))
     star = ParallelLamp(direction=tuple(sun["direction"]), irradiance=table)
     dome = Environment(file=str(tmp_path / "dome.exr"))
     both = plate(dome, Lambert(albedo=0.5)).model_copy(update={"lamps": (dome, star)})
@@ -129,10 +133,24 @@ def test_fog_under_a_picture(tmp_path: Path) -> None:
     assert_agrees(photons.radiance, walks.radiance, np.hypot(photons.error, walks.error), slack=5e-3)
 
 
-def test_a_small_bright_spot_is_warned_of(tmp_path: Path) -> None:
-    spot = picture(tmp_path / "spot.fits", lambda d: 1.0 + 1e3 * (d[..., 1] > 0.998))
-    with pytest.warns(UserWarning, match="a small spot has"):
-        look(plate(Environment(file=spot)), DOWN, skyscatter.Path(samples=16))
+def test_a_small_bright_spot_is_aimed_at(tmp_path: Path) -> None:
+    """A cap of 8 degrees has nine tenths of the light, and a ball throws a shadow in it.
+
+    Of 4096 walks that meet it by chance the noise was 11 %, of those that aim 0.35 %.
+    """
+    spot = picture(tmp_path / "spot.fits", lambda d: 0.1 + 200.0 * (d @ [0.0, 0.6, 0.8] > 0.9976))
+    lamp = Environment(file=spot)
+    aimed = look(plate(lamp), DOWN, skyscatter.Path(samples=1024, seed=1))
+    area = skyscatter.Path(samples=1024, seed=1, sampling="area")
+    by_chance = look(plate(lamp), DOWN, skyscatter.Path(samples=1 << 16, seed=1, sampling="angular"))
+    assert_agrees(aimed.radiance, by_chance.radiance, np.hypot(aimed.error, by_chance.error))
+    only = look(plate(lamp), DOWN, area)
+    assert_agrees(only.radiance, by_chance.radiance, np.hypot(only.error, by_chance.error))
+    assert (aimed.error < 0.03 * aimed.radiance).all()
+    ball = Body(shape=Sphere(position=(0, 0.6, 0.85), radius=0.3), material=Lambert(albedo=0.0))
+    shaded = plate(lamp).model_copy(update={"bodies": (*plate(lamp).bodies, ball)})
+    dark = skyscatter.radiance(shaded, [0.5, 0, 0.3], [-0.5, 0, -0.25] / np.hypot(0.5, 0.25), WL, "path").radiance
+    assert (dark < 0.1 * aimed.radiance[0]).all()
 
 
 def test_what_is_no_environment_is_refused(tmp_path: Path) -> None:

@@ -42,13 +42,13 @@ from skyscatter.kernels.surfaces.lamps import (
     LampGuide,
     add_around,
     aim,
+    around_density,
     brightness,
-    darken,
     disk_light,
     guess_at_point,
     meeting_density,
     pick,
-    ring_of,
+    shade,
 )
 from skyscatter.kernels.surfaces.legs import aim_on_leg, density_on_leg, draw_on_leg, guess_on_leg
 from skyscatter.kernels.surfaces.media import draw_scattered, scattering
@@ -127,7 +127,10 @@ def meeting_weight(table, k, cosine, s):
     """Mean over heroes of the chances of both ways in which lamp k could have been found, over those of the walk."""
     walk, lamps, guide, kept = s.walk, table.lamps, table.guide, s.kept
     # The ray may have passed boundaries since the vertex: its length counts from there, where its start is.
-    density = meeting_density(table.shapes, lamps, k, s.at[ITEM], walk.position, s.hit[0], cosine)
+    if k == lamps.mapped:
+        density = around_density(lamps, walk.direction)
+    else:
+        density = meeting_density(table.shapes, lamps, k, s.at[ITEM], walk.position, s.hit[0], cosine)
     if s.at[BEFORE] == SURFACE:
         guess_at_point(lamps, guide, kept[0], kept[1], kept[2, 0] > 0.0, s.chance)
         first, second, met = s.chance[k] * s.far[SCALE], 0.0, 0.0
@@ -256,8 +259,7 @@ def light_leg(table, hero, sampling, first, s):
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):
         s.light[i] *= mean * walk.value[i] * s.halfway[i] * towards[i] * lamps.power[k, i]
-    if lamps.limb_row[k] >= 0:
-        darken(lamps, k, ring_of(lamps, k, s.aside), s.light)
+    shade(lamps, k, s.aside, s.light, s.spare)
     scattering_terms(s.polar, media, m, s.media.density, cosine)
     see_turned(s.polar, d, s.aside, s.light)
     return True
@@ -304,8 +306,7 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):
         s.light[i] *= mean * walk.value[i] * s.factor[i] * lamps.power[k, i]
-    if lamps.limb_row[k] >= 0:
-        darken(lamps, k, ring_of(lamps, k, s.aside), s.light)
+    shade(lamps, k, s.aside, s.light, s.spare)
     surface_terms(
         s.polar, table.materials, row, s.normal, s.back, s.aside, s.factor, media.index[here], media.index[there]
     )
@@ -323,16 +324,29 @@ def glow(table, s, sums):
     add_light(s.polar, s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
 
 
+@kernel
+def light_around(table, sampling, s):
+    """Light of the surroundings where a walk leaves, into ``s.factor`` (wavelength,), as far as none aims at it."""
+    lamps, d, weight = table.lamps, s.walk.direction, 0.0
+    if lamps.around.shape[0] > 0 and (s.at[ORDER] > 0 or lamps.mapped >= 0):
+        weight = 1.0
+        if lamps.around_cdf.size > 0 and s.at[BEFORE] != NO_AIM and sampling != ANGULAR:
+            weight = 1.0 / meeting_weight(table, lamps.mapped, 1.0, s) if sampling == BOTH else 0.0
+    for i in range(s.factor.size):
+        s.factor[i] = 0.0
+    if weight > 0.0:
+        add_around(lamps, d, s.factor)
+    for i in range(s.factor.size):
+        s.factor[i] = table.guide.background[i] + weight * s.factor[i]
+
+
 @merged
 def light_end(table, sampling, s, sums):
     """Add what shines at the end of a leg."""
     walk, lamps, d, hit = s.walk, table.lamps, s.walk.direction, s.hit
     if s.at[ITEM] < 0:
         if table.guide.open:
-            for i in range(s.factor.size):
-                s.factor[i] = table.guide.background[i]
-            if lamps.around.shape[0] > 0 and (s.at[ORDER] > 0 or lamps.mapped >= 0):
-                add_around(lamps, d, s.factor)
+            light_around(table, sampling, s)
             for i in range(s.factor.size):
                 s.factor[i] *= walk.value[i] * s.through[i]
             see_plain(s.polar, s.factor)

@@ -123,6 +123,58 @@ def add_around(lamps, d, light):
         light[i] += (1.0 - v) * low + v * high
 
 
+@inlined
+def height_of_row(row, rows):
+    """Sine of the elevation of a row of the map."""
+    return math.sin(math.pi * (row / (rows - 1) - 0.5))
+
+
+@kernel
+def draw_around(lamps, u, v, d):
+    """A direction towards the map by the light of its cells, into `d` (3,); its density [sr-1]."""
+    rows, columns = lamps.around.shape[0], lamps.around.shape[1]
+    cdf, low, high = lamps.around_cdf, 0, lamps.around_cdf.size - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if cdf[middle] <= u:
+            low = middle + 1
+        else:
+            high = middle
+    before = cdf[low - 1] if low > 0 else 0.0
+    share = cdf[low] - before
+    row, column = low // columns, low % columns
+    bottom, top = height_of_row(row, rows), height_of_row(row + 1, rows)
+    # What is left of the number is as good as new.
+    d[2] = bottom + min(max((u - before) / share, 0.0), 1.0) * (top - bottom)
+    azimuth = 2.0 * math.pi * (column + v) / columns
+    flat = math.sqrt(max(1.0 - d[2] * d[2], 0.0))
+    d[0], d[1] = flat * math.sin(azimuth), flat * math.cos(azimuth)
+    return share * columns / (2.0 * math.pi * (top - bottom))
+
+
+@kernel
+def around_density(lamps, d):
+    """Density [sr-1] of `draw_around` in a direction."""
+    rows, columns = lamps.around.shape[0], lamps.around.shape[1]
+    row = min(int((0.5 + math.asin(min(max(d[2], -1.0), 1.0)) / math.pi) * (rows - 1)), rows - 2)
+    cell = row * columns + min(int((math.atan2(d[0], d[1]) / (2.0 * math.pi) % 1.0) * columns), columns - 1)
+    share = lamps.around_cdf[cell] - (lamps.around_cdf[cell - 1] if cell > 0 else 0.0)
+    return share * columns / (2.0 * math.pi * (height_of_row(row + 1, rows) - height_of_row(row, rows)))
+
+
+@kernel
+def shade(lamps, k, d, light, spare):
+    """Make mean light (wavelength,) of lamp k that of direction d, where the lamp is not the same all over."""
+    if lamps.limb_row[k] >= 0:
+        darken(lamps, k, ring_of(lamps, k, d), light)
+    elif k == lamps.mapped:
+        for i in range(light.size):
+            spare[i] = 0.0
+        add_around(lamps, d, spare)
+        for i in range(light.size):
+            light[i] *= spare[i] / lamps.power[k, i] if lamps.power[k, i] > 0.0 else 0.0
+
+
 @kernel
 def disk_light(lamps, d, light, spare):
     """Radiance of the disks of parallel lamps in direction d, into `light` (wavelength,); False beside them."""
@@ -192,6 +244,8 @@ def aim(shapes, lamps, k, x, u, v, d, point):
     if lamps.kind[k] == PARALLEL_LAMP:
         point_on_disk(lamps, k, u, v, d)
         return math.inf, np.int64(-1), 0.0, 1.0
+    if lamps.kind[k] == SURROUNDINGS:
+        return math.inf, np.int64(-1), draw_around(lamps, u, v, d), 1.0
     if lamps.kind[k] == POINT_LAMP:
         distance = face(x, lamps.position[k], d)
         a = lamps.axis[k]
@@ -276,7 +330,9 @@ def guess_at_point(lamps, guide, x, n, both_sides, chance):
             m = guide.middle[k]
             cosine = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
             guess = guide.power[k] * (abs(cosine) if both_sides else max(cosine, 0.0))
-        elif lamps.kind[k] != SURROUNDINGS:
+        elif lamps.kind[k] == SURROUNDINGS:
+            guess = 0.25 * guide.power[k]
+        else:
             m, a = guide.middle[k], guide.axis[k]
             dx, dy, dz = m[0] - x[0], m[1] - x[1], m[2] - x[2]
             square = max(dx * dx + dy * dy + dz * dz, 1e-300)

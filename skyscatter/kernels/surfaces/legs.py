@@ -69,10 +69,8 @@ def aim_on_leg(lamps, guide, m, k, x, d, far):
     along, height : place and height of the lamp [m]
     low, high : integral of the phase function over the angle at both ends; equal where no point can be drawn
     """
-    if lamps.kind[k] == SURROUNDINGS:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
     sigma, p = guide.extinction[m], guide.middle[k]
-    if lamps.kind[k] == PARALLEL_LAMP:
+    if lamps.kind[k] == PARALLEL_LAMP or lamps.kind[k] == SURROUNDINGS:
         reach = min(far, 1.0 / sigma if sigma > 0.0 else 2.0 * lamps.radius)
         return guide.power[k] * guide.typical[k] * reach, 0.0, 0.0, 0.0, 0.0
     wx, wy, wz = x[0] - p[0], x[1] - p[1], x[2] - p[2]

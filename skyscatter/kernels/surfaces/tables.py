@@ -126,6 +126,7 @@ class LampTable(NamedTuple):
     #: (row, column, wavelength) radiance from outside beside that of other surroundings; rows are even in the elevation
     #: over the x-y plane, columns in the azimuth from y towards x; no rows where there is none
     around: np.ndarray
+    around_cdf: np.ndarray  #: ((row - 1) * column,) 0 < ... = 1, by which walks aim at cells between nodes; none: never
 
 
 @by_address
