@@ -63,7 +63,7 @@ def _body(body: Any) -> str:
 
 def _light(lamp: Any) -> str:
     """The amount of light as it was given."""
-    if lamp.kind == "environment":
+    if getattr(lamp, "kind", None) == "environment":
         return f"as in {lamp.file}"
     for name in lamp.amounts():
         value = getattr(lamp, name)

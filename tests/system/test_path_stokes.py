@@ -365,7 +365,7 @@ luminosity = 150
 def test_by_command(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--stokes` writes Q, U and V beside the radiance, and the summary has their degree."""
     (tmp_path / "gas.toml").write_text(GAS_NEBULA)
-    model = str(tmp_path / "gas.toml") if command == "nebula" else "searchlight"
+    model = str(tmp_path / "gas.toml") if command == "nebula" else "fog-room"
     out = tmp_path / "polarised.exr"
     given = ["--solver", "path", "--samples", "32", "--wavelengths", "550", "--stokes", "--json", "-o", str(out)]
     assert main([command, model, "--size", "12x8", *given]) == 0
