@@ -21,6 +21,19 @@ def cell_of(rising, first, last, x):
 
 
 @inlined
+def first_above(cdf, first, last, u):
+    """Number of the first entry from `first` to `last` of a distribution function above u; the last if none is."""
+    low, high = first, last
+    while low < high:
+        middle = (low + high) >> 1
+        if cdf[middle] <= u:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@inlined
 def angle_cell(cosine, last):
     """Cell of a table at the cosines 1 - 2 (k / last)^2, dense where light goes on, and the place in it from 0 to 1."""
     k = min(int(math.sqrt(max(0.5 * (1.0 - cosine), 0.0)) * last), last - 1)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.kernels.codes.surfaces import BOX, CONDUCTOR, DIELECTRIC, MIRROR, POINT_LAMP, SPHERE, SURFACE_LAMP
-from skyscatter.kernels.surfaces.tables import MediaTable
+from skyscatter.kernels.surfaces.tables import LampTable, MediaTable
 from skyscatter.solvers.compile import phase_cosines
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 #: Expected number of walks along a ray (or of photons) that find a lamp, below which there is a warning.
 FEW = 0.1
+#: Share of the walks that aim at one cell of a picture all around from which on it is a spot.
+SPOT = 0.02
 
 
 def current_medium(media: MediaTable, stack: NDArray[np.int64]) -> int:
@@ -82,14 +84,27 @@ def _extent(table: WalkTable, body: int) -> float:
 def share_by_glass(table: WalkTable) -> float:
     """Share of the walks from smooth glass or a mirror that meet the largest lamp with a surface; 1 without either.
 
+    Where there is none of these, a bright spot of a picture all around counts.
     As if it were seen from the rim of the scene: by its size over that of the scene.
     """
     materials, lamps = table.materials, table.lamps
     smooth = np.isin(materials.kind, (MIRROR, DIELECTRIC, CONDUCTOR)) & (materials.roughness == 0)
     shining = (lamps.kind == SURFACE_LAMP) & (table.guide.power > 0)
-    if not (smooth.any() and shining.any()):
+    if not smooth.any():
         return 1.0
+    if not shining.any():
+        return share_by_spot(lamps)
     return float(min(table.guide.size[shining].max() / (2 * max(lamps.radius, 1e-300)), 1.0) ** 2)
+
+
+def share_by_spot(lamps: LampTable) -> float:
+    """Share of all directions in which the brightest cell of a picture lies; 1 where none holds much of its light."""
+    chance = np.diff(lamps.around_cdf, prepend=0.0)
+    if not chance.size or chance.max() < SPOT:
+        return 1.0
+    rows, columns = lamps.around.shape[:2]
+    row = int(np.argmax(chance)) // columns
+    return float(np.diff(np.sin(np.pi * (np.array([row, row + 1]) / (rows - 1) - 0.5)))[0] / 2 / columns)
 
 
 def warn_of_far_lamps(table: WalkTable, origins: Array, tries: int, remedy: str) -> None:

@@ -187,7 +187,8 @@ def scout_radius(context: Context, rays: Rays, asked: Asked[Photons]) -> float:
     """First radius from where the rays see something.
 
     A fixed share of the extent of the visibility points (twice the root of the sum of their variances along the axes),
-    of few rays at least of their distance; at most a share of the mean free path at the points, averaged over them.
+    of few rays that see surfaces alone at least of their distance; at most a share of the mean free path at the points,
+    averaged over them.
     """
     if not len(rays.origins):
         return 1.0
@@ -202,9 +203,10 @@ def scout_radius(context: Context, rays: Rays, asked: Asked[Photons]) -> float:
     if len(place) < 2:
         return max(table.lamps.radius, 1e-300) * OF_EXTENT
     extent = 2 * float(np.sqrt(place.var(axis=0).sum()))
-    if len(part.origins) < FEW_RAYS:
-        # They may all see one point; then it counts how far away that is.
-        extent = max(extent, float(np.linalg.norm(place - part.origins.mean(axis=0), axis=1).mean()))
+    if len(part.origins) < FEW_RAYS and not len(media.place):
+        # They may all see one point of a surface; then it counts how far away that is.
+        distance = float(np.linalg.norm(place - part.origins.mean(axis=0), axis=1).mean())
+        extent = max(extent, min(distance, table.lamps.radius))
     radius = OF_EXTENT * extent
     if len(media.place):
         # Not a matrix product: its last digits depend on the threads that the library of linear algebra takes.

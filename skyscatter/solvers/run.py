@@ -277,20 +277,31 @@ def add_sky_lights(
 ) -> None:
     """Add what shines beside the Sun to rays, or to a picture: the other lights of the sky, and towns.
 
-    The arguments are those of `skyscatter.solvers.skylights.add_to`.
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera or None
+        None for rays.
+    directions : ndarray, shape (..., 3)
+    wavelengths : ndarray, shape (wavelength,)
+        [nm]
+    arrays : tuple
+        Radiance, error and layers, which are added to.
+    options : dict
+        Of the render: `stokes` and `parts` count.
     """
-    if scene.world:
-        from skyscatter.solvers.worldlights import add_to
-
-        add_to(scene, camera, directions, wavelengths, arrays, options, threads)
-        return
     from skyscatter.solvers import skylights
 
-    skylights.add_to(scene, camera, directions, wavelengths, arrays, options, threads, progress)
+    picture = skylights.Picture(*arrays, directions, camera, bool(options.get("parts")))
+    if scene.world:
+        from skyscatter.solvers.worldlights import add_straight
+
+        add_straight(picture, scene, wavelengths, threads)
+        return
+    skylights.add_to(picture, scene, wavelengths, bool(options.get("stokes")), threads, progress)
     if towns_shine(scene):
         from skyscatter.solvers.towns import add_towns
 
-        picture = skylights.Picture(*arrays, directions, camera, bool(options.get("parts")))
         add_towns(picture, scene, wavelengths, progress=progress)
 
 

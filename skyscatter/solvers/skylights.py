@@ -7,7 +7,7 @@ light (`skyscatter.solvers.response`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -180,30 +180,23 @@ def moon_scatters(scene: Scene, moon: Moon) -> bool:
 
 
 def add_to(
+    picture: Picture,
     scene: Scene,
-    camera: Any,
-    directions: Array,
     wavelengths: Array,
-    arrays: tuple[Array, Array | None, dict[str, Array]],
-    options: Mapping[str, Any],
+    stokes: bool = False,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Solve for the lights beside the Sun and add them to a picture's radiance, error and layers, in place.
-
-    The options are those of the render: `tolerance`, `stokes` and `parts` count.
-    """
+    """Solve for the lights beside the Sun and add them to a picture's radiance, error and layers, in place."""
     heavens = heavens_of(scene, wavelengths)
     if heavens is None:
         return
-    radiance, error, layers = arrays
-    picture = Picture(radiance, error, layers, directions, camera, bool(options.get("parts")))
-    flat = directions[np.isfinite(directions[..., 0])]
+    flat = picture.directions[np.isfinite(picture.directions[..., 0])]
     air = solve_air(
         scene,
         heavens,
         np.ascontiguousarray(flat),
-        stokes=bool(options.get("stokes")),
+        stokes=stokes,
         threads=worker_count(threads),
         progress=progress,
     )

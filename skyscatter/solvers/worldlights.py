@@ -8,10 +8,9 @@ skies of air alone, and here what bodies and clouds let through of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -265,23 +264,14 @@ def _starless(scene: Scene) -> Scene:
     return scene.model_copy(update={"star": scene.star.model_copy(update={"spectrum": 0.0})})
 
 
-def add_to(
-    scene: Scene,
-    camera: Any,
-    directions: Array,
-    wavelengths: Array,
-    arrays: tuple[Array, Array | None, dict[str, Array]],
-    options: Mapping[str, Any],
-    threads: int | None = None,
-) -> None:
-    """Add what comes straight from the lights beside the Sun and from lamps of towns, see `skylights.add_to`."""
-    picture = skylights.Picture(*arrays, directions, camera, bool(options.get("parts")))
+def add_straight(picture: skylights.Picture, scene: Scene, wavelengths: Array, threads: int | None = None) -> None:
+    """Add what comes straight from the lights beside the Sun and from lamps of towns to a picture, or to rays."""
     above, heavens = Veiled.over(scene, wavelengths), skylights.heavens_of(scene, wavelengths)
     if heavens is not None:
         if heavens.moon is not None and skylights.moon_scatters(scene, heavens.moon):
             _take_off(picture, heavens.moon, above)
         skylights.add_lights(picture, scene, heavens, None, threads, above)
-    if camera is not None and towns_shine(scene):
+    if picture.camera is not None and towns_shine(scene):
         towards, light = lamps_seen(above.scene, wavelengths)
         skylights.add_points(picture, scene, "towns", towards, light * above.veil(towards))
 

@@ -147,6 +147,8 @@ def test_a_small_bright_spot_is_aimed_at(tmp_path: Path) -> None:
     only = look(plate(lamp), DOWN, area)
     assert_agrees(only.radiance, by_chance.radiance, np.hypot(only.error, by_chance.error))
     assert (aimed.error < 0.03 * aimed.radiance).all()
+    with pytest.warns(UserWarning, match="by way of smooth glass or a mirror"):
+        look(plate(lamp, Mirror(reflectance=0.9)), DOWN, skyscatter.Path(samples=16))
     ball = Body(shape=Sphere(position=(0, 0.6, 0.85), radius=0.3), material=Lambert(albedo=0.0))
     shaded = plate(lamp).model_copy(update={"bodies": (*plate(lamp).bodies, ball)})
     dark = skyscatter.radiance(shaded, [0.5, 0, 0.3], [-0.5, 0, -0.25] / np.hypot(0.5, 0.25), WL, "path").radiance

@@ -303,3 +303,18 @@ def test_lamps_of_a_town_behind_a_wall() -> None:
     towards, light = lamps_seen(plain, WL)
     assert len(towards) == 600
     np.testing.assert_allclose((free * omega).sum(axis=(0, 1)), light.sum(axis=0), rtol=0.01)
+
+
+@pytest.mark.slow
+def test_the_light_of_a_town_is_polarised() -> None:
+    """I is that of scalar walks within chance; light turned by a right angle near the zenith is polarised the most."""
+    town = Town(lumens=1e8, distance="15 km", azimuth_deg=0, radius="1 km", spectrum="led-4000k")
+    scene, d = with_town(town, bodies=(BURIED,)), directions([[0, 10], [0, 85], [90, 20], [180, 30]])
+    asked = scene.observer.position, d, [550.0]
+    found = skyscatter.radiance(scene, *asked, skyscatter.Path(samples=2048, seed=1), stokes=True)
+    scalar = skyscatter.radiance(scene, *asked, skyscatter.Path(samples=2048, seed=2))
+    # Scalar light misses up to a few per cent of what is scattered again.
+    assert_agrees(found.radiance, scalar.radiance, np.hypot(found.error, scalar.error), slack=0.03)
+    degree = np.hypot(found.layers["Q"], found.layers["U"])[:, 0] / found.radiance[:, 0]
+    assert 0.5 < degree[1] < 0.9
+    assert degree[1] > degree[[0, 2, 3]].max()

@@ -21,7 +21,7 @@ from skyscatter.kernels.path import rebalance
 from skyscatter.kernels.random import start_stream, uniform
 from skyscatter.kernels.surfaces.bsdf import is_delta
 from skyscatter.kernels.surfaces.clearance import empty_ball
-from skyscatter.kernels.surfaces.lamps import add_around, brightness, disk_light
+from skyscatter.kernels.surfaces.lamps import brightness, disk_light, shade
 from skyscatter.kernels.surfaces.media import (
     current_medium,
     medium_density,
@@ -212,9 +212,8 @@ def see_surroundings(lamps, ray, order, s, sums, by_order, polar):
     for k in range(lamps.kind.size):
         if lamps.kind[k] == SURROUNDINGS:
             for i in range(s.light.size):
-                s.light[i] = 0.0 if k == lamps.mapped else lamps.power[k, i]
-            if k == lamps.mapped:
-                add_around(lamps, s.walk.direction, s.light)
+                s.light[i] = lamps.power[k, i]
+            shade(lamps, k, s.walk.direction, s.light, s.light_through)
             see_light(ray, order, s, sums, by_order, polar)
 
 

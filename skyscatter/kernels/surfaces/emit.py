@@ -12,9 +12,9 @@ import math
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SURFACE_LAMP
 from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import kernel, merged
-from skyscatter.kernels.surfaces.lamps import add_around, darken, point_on_disk
+from skyscatter.kernels.surfaces.lamps import darken, point_on_disk, shade
 from skyscatter.kernels.surfaces.shapes import sample_item
-from skyscatter.kernels.tabulated import cell_of, draw_in_cell
+from skyscatter.kernels.tabulated import cell_of, draw_in_cell, first_above
 
 
 @kernel
@@ -31,13 +31,7 @@ def lobe_cosine(lamps, k, u):
 def pick_item(lamps, k, u):
     """Place in ``lamps.item`` of an item of lamp k drawn by area, and where u fell within its share (0 to 1)."""
     first, last = lamps.item_first[k], lamps.item_first[k + 1]
-    low, high = first, last - 1
-    while low < high:
-        middle = (low + high) >> 1
-        if lamps.item_cdf[middle] <= u:
-            low = middle + 1
-        else:
-            high = middle
+    low = first_above(lamps.item_cdf, first, last - 1, u)
     below = lamps.item_cdf[low - 1] if low > first else 0.0
     return low, min((u - below) / max(lamps.item_cdf[low] - below, 1e-300), 1.0)
 
@@ -94,15 +88,13 @@ def emit_photon(scene, e, count, s):
         # Radiance, the disk's area, and all directions.
         scale = 4.0 * math.pi * math.pi * lamps.radius * lamps.radius
     for i in range(walk.value.size):
-        s.light[i] = 0.0 if k == lamps.mapped else lamps.power[k, i]
-    if k == lamps.mapped:
-        for n in range(3):
-            s.place[n] = -d[n]
-        add_around(lamps, s.place, s.light)
-    for i in range(walk.value.size):
-        walk.value[i], walk.chance[i] = scale * s.light[i] / (lamps.share[k] * count), 1.0
+        walk.value[i], walk.chance[i] = scale * lamps.power[k, i] / (lamps.share[k] * count), 1.0
     if lamps.limb_row[k] >= 0:
         darken(lamps, k, e[2], walk.value)
+    elif k == lamps.mapped:
+        for n in range(3):
+            s.place[n] = -d[n]
+        shade(lamps, k, s.place, walk.value, s.light)
     for n in range(s.stack.size):
         s.stack[n] = lamps.stack[k, n]
     return k, skip

@@ -20,7 +20,7 @@ from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.surfaces.beams import place_beside, to_beam
 from skyscatter.kernels.surfaces.shapes import sample_item
-from skyscatter.kernels.tabulated import cell_of
+from skyscatter.kernels.tabulated import cell_of, first_above
 
 #: Share of the choices of a lamp that do not ask how much of its light arrives.
 BLIND_SHARE = 0.1
@@ -107,16 +107,21 @@ def darken(lamps, k, square, light):
         light[i] *= lamps.limb[row, n, i] + w * (lamps.limb[row, n + 1, i] - lamps.limb[row, n, i])
 
 
+@inlined
+def place_around(around, d):
+    """Cell of the map in direction d, its row and column, and the place in it, each from 0 to 1."""
+    up = (0.5 + math.asin(min(max(d[2], -1.0), 1.0)) / math.pi) * (around.shape[0] - 1)
+    turned = (math.atan2(d[0], d[1]) / (2.0 * math.pi) % 1.0) * around.shape[1]
+    row, column = min(int(up), around.shape[0] - 2), min(int(turned), around.shape[1] - 1)
+    return row, column, up - row, turned - column
+
+
 @kernel
 def add_around(lamps, d, light):
     """Add the radiance of ``lamps.around`` in direction d, linear between its nodes, to `light` (wavelength,)."""
     around = lamps.around
-    rows, columns = around.shape[0], around.shape[1]
-    up = (0.5 + math.asin(min(max(d[2], -1.0), 1.0)) / math.pi) * (rows - 1)
-    turned = (math.atan2(d[0], d[1]) / (2.0 * math.pi) % 1.0) * columns
-    row, left = min(int(up), rows - 2), min(int(turned), columns - 1)
-    right = (left + 1) % columns
-    v, u = up - row, turned - left
+    row, left, v, u = place_around(around, d)
+    right = (left + 1) % around.shape[1]
     for i in range(light.size):
         low = (1.0 - u) * around[row, left, i] + u * around[row, right, i]
         high = (1.0 - u) * around[row + 1, left, i] + u * around[row + 1, right, i]
@@ -133,13 +138,8 @@ def height_of_row(row, rows):
 def draw_around(lamps, u, v, d):
     """A direction towards the map by the light of its cells, into `d` (3,); its density [sr-1]."""
     rows, columns = lamps.around.shape[0], lamps.around.shape[1]
-    cdf, low, high = lamps.around_cdf, 0, lamps.around_cdf.size - 1
-    while low < high:
-        middle = (low + high) >> 1
-        if cdf[middle] <= u:
-            low = middle + 1
-        else:
-            high = middle
+    cdf = lamps.around_cdf
+    low = first_above(cdf, 0, cdf.size - 1, u)
     before = cdf[low - 1] if low > 0 else 0.0
     share = cdf[low] - before
     row, column = low // columns, low % columns
@@ -156,8 +156,8 @@ def draw_around(lamps, u, v, d):
 def around_density(lamps, d):
     """Density [sr-1] of `draw_around` in a direction."""
     rows, columns = lamps.around.shape[0], lamps.around.shape[1]
-    row = min(int((0.5 + math.asin(min(max(d[2], -1.0), 1.0)) / math.pi) * (rows - 1)), rows - 2)
-    cell = row * columns + min(int((math.atan2(d[0], d[1]) / (2.0 * math.pi) % 1.0) * columns), columns - 1)
+    row, column, _, _ = place_around(lamps.around, d)
+    cell = row * columns + column
     share = lamps.around_cdf[cell] - (lamps.around_cdf[cell - 1] if cell > 0 else 0.0)
     return share * columns / (2.0 * math.pi * (height_of_row(row + 1, rows) - height_of_row(row, rows)))
 
@@ -252,13 +252,7 @@ def aim(shapes, lamps, k, x, u, v, d, point):
         light = lobe_value(lamps, k, -(d[0] * a[0] + d[1] * a[1] + d[2] * a[2])) if distance > 0.0 else 0.0
         return distance, np.int64(-1), 0.0, light / max(distance * distance, 1e-300)
     # An item by its area; what is left of the number is as good as new.
-    low, high = lamps.item_first[k], lamps.item_first[k + 1] - 1
-    while low < high:
-        middle = (low + high) >> 1
-        if lamps.item_cdf[middle] <= u:
-            low = middle + 1
-        else:
-            high = middle
+    low = first_above(lamps.item_cdf, lamps.item_first[k], lamps.item_first[k + 1] - 1, u)
     share = item_share(lamps, k, low)
     u = min(max((u - (lamps.item_cdf[low] - share)) / share, 0.0), 1.0)
     item = lamps.item[low]
