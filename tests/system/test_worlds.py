@@ -12,6 +12,7 @@ from worlds import BURIED, HOUSE, RAYS, WAVELENGTHS, directions, look, sky
 
 import skyscatter
 from skyscatter import fields
+from skyscatter.solvers import surface_path, world
 from skyscatter.surfaces import Body, Box, Dielectric, Lambert, Mosaic, PointLamp, RossLi, Rpv, Sea
 
 
@@ -243,6 +244,37 @@ def test_a_wide_cloud_is_a_layer() -> None:
     solved = look(sky("earth-simple", 50.0, components=(*base.components, layer)), "orders", d)
     # The slab is flat and the layer round: over the 2 km that count that is nothing; the edges are 15 depths away.
     assert_agrees(found.radiance, solved.radiance, found.error, slack=5e-3)
+
+
+def noise(image: Any) -> float:
+    """Root mean square of the relative standard errors of the pixels."""
+    return float(np.sqrt(np.mean((image.error / image.radiance) ** 2)))
+
+
+@pytest.mark.parametrize("depth", [5.0, pytest.param(30.0, marks=pytest.mark.slow)])
+def test_a_cloud_over_the_sea(depth: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walks that are led to the glitter and around the Sun find what those find that are not, with no more noise.
+
+    When half of the turns in a cloud were led to the sea, weights grew with every turn: of a cloud of optical depth 30
+    the light was 15 % too low where 1.3 % was stated, and single pixels were a hundred times too bright.
+    """
+    cloud = skyscatter.Component(
+        name="cloud",
+        density=fields.Sphere(radius=500.0, position=(0, 2000.0, 1500.0)),
+        optics={"kind": "particles", "extinction": depth / 1000, "phase": {"kind": "henyey-greenstein", "g": 0.85}},
+    )
+    scene = sky("earth-simple", 20.0, fields=(cloud,), ground=skyscatter.Ground(material=Sea(wind_speed=5)))
+    camera = skyscatter.Perspective(width=24, height=16, azimuth_deg=0, elevation_deg=25, fov_deg=50)
+    walks = skyscatter.Path(samples=256, sampling="march", seed=3)
+    led = skyscatter.render(scene, camera, [550.0], solver=walks)
+    monkeypatch.setattr(surface_path, "SUNWARD", 0.0)
+    monkeypatch.setattr(world, "Sea", Mosaic)  # no ground is known as a sea: none is aimed at
+    free = skyscatter.render(scene, camera, [550.0], solver=walks)
+    means, errors = zip(
+        *((x.radiance.mean(), np.sqrt((x.error**2).sum()) / x.error.size) for x in (led, free)), strict=True
+    )
+    assert abs(means[0] - means[1]) < 3 * np.hypot(*errors)
+    assert noise(led) < 1.05 * noise(free)  # 0.8 and 0.95 of it
 
 
 @pytest.mark.filterwarnings("ignore:path does not find")

@@ -9,7 +9,10 @@ free path over r, and more would spread the weights of walks with every turn.
 
 Around parallel light the sky is bright in the same way where the air scatters forward: there a share of the directions
 is spread evenly over the angle from it, which goes with the mean cosine (`solvers.surface_path.SUNWARD`).  Over a sea
-air is lit from below, too, by the glitter around the star's image: another share goes there.
+air is lit from below, too, by the glitter around the star's image: another share goes there.  Each turn that is drawn
+otherwise makes the walk heavier, by one over the rest: a share that stayed the same would make of hundreds of turns in
+a cloud a few walks that carry all the light.  So these shares fall with the number of turns, and with the square of the
+optical depth down to the sea, as far as which a walk that diffuses would take as many.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.random import uniform
 from skyscatter.kernels.surfaces.beams import density_to_beam, draw_to_beam, place_beside, to_beam
-from skyscatter.kernels.surfaces.flights import NEARBY
+from skyscatter.kernels.surfaces.flights import NEARBY, ORDER
 from skyscatter.kernels.surfaces.lamps import face, guess_in_medium, pick
 from skyscatter.kernels.surfaces.legs import gathered_at
 from skyscatter.kernels.surfaces.media import depth_of, draw_scattered, medium_density
@@ -40,6 +43,22 @@ GLINT, WAVY = 0.5, 0.7
 LEAST_SINE = 1e-10
 
 
+@inlined
+def early(order):
+    """What is left of the shares around parallel light after so many turns; the weights' growth ends with their sum."""
+    return 1.0 / (1.0 + order * order)
+
+
+@inlined
+def see_down(guide, x, sigma):
+    """What is left of them at x where the extinction is sigma [m-1], as far as a sea below is hidden."""
+    if not guide.sea > 0.0:
+        return 1.0
+    z = x[2] + guide.sea
+    depth = sigma * (math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z) - guide.sea)
+    return 1.0 / (1.0 + depth * depth)
+
+
 @kernel
 def shares_past(table, m, x, s):
     """Shares of the directions from a vertex that pass each lamp, into ``s.chance`` (lamp,); returns their sum.
@@ -52,7 +71,8 @@ def shares_past(table, m, x, s):
     for k in range(s.chance.size):
         share = 0.0
         if lamps.kind[k] == PARALLEL_LAMP:
-            share = (guide.size[k] + image_share(guide, k, x)) * s.chance[k]
+            share = (guide.size[k] + image_share(guide, k, x)) * s.chance[k] * early(s.at[ORDER])
+            share *= see_down(guide, x, sigma)
         elif lamps.kind[k] != SURROUNDINGS:
             p, size = guide.middle[k], guide.size[k]
             along, height = place_beside(guide, k, x)
@@ -82,7 +102,8 @@ def shares_from_wall(table, m, x, n, s):
         share = 0.0
         if lamps.kind[k] == PARALLEL_LAMP:
             p = guide.middle[k]
-            share = guide.size[k] * s.chance[k] if n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > 0.0 else 0.0
+            facing = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > 0.0
+            share = guide.size[k] * s.chance[k] * early(s.at[ORDER]) if facing else 0.0
         elif lamps.kind[k] != SURROUNDINGS:
             p, size = guide.middle[k], guide.size[k]
             a, b, c = p[0] - x[0], p[1] - x[1], p[2] - x[2]
