@@ -60,8 +60,8 @@ EVEN_SHARE = 0.1
 #: throughput below which roulette begins.  The answer is the same whatever they are.  Of 0, 0.6, 0.9; 1, 3; 0.1, 0.3,
 #: 1 these had the least noise at equal time over rooms with fog of optical depths from 0.1 to 10 taken together.
 NEAR_SHARE, FIRST_POINTS, ROULETTE_LEVEL = 0.6, 1, 0.3
-#: Share of the directions that are spread around parallel light where all light is scattered straight on.  Of 0, 0.3
-#: and 0.6 it had the least noise: on Mars a third of the variance of 0, and errors that cover 92 % instead of 84.
+#: Share of the directions around parallel light where all light is scattered straight on.  Of 0, 0.3 and 0.6 it had
+#: the least noise: on Mars a third of the variance of 0.
 SUNWARD = 0.3
 #: Cosine of half the angle of a beam from which on it is narrow: walks are sent into it from beside.
 NARROW = 0.966

@@ -8,11 +8,11 @@ The share falls with the optical depth of the way: walks that diffuse towards a 
 free path over r, and more would spread the weights of walks with every turn.
 
 Around parallel light the sky is bright in the same way where the air scatters forward: there a share of the directions
-is spread evenly over the angle from it, which goes with the mean cosine (`solvers.surface_path.SUNWARD`).  Over a sea
-air is lit from below, too, by the glitter around the star's image: another share goes there.  Each turn that is drawn
-otherwise makes the walk heavier, by one over the rest: a share that stayed the same would make of hundreds of turns in
-a cloud a few walks that carry all the light.  So these shares fall with the number of turns, and with the square of the
-optical depth down to the sea, as far as which a walk that diffuses would take as many.
+follows the phase function over the angle from it, and goes with the mean cosine (`solvers.surface_path.SUNWARD`).
+Over a sea air is lit from below, too, by the glitter around the star's image: another share goes there.  Each turn that
+is drawn otherwise makes the walk heavier, by one over the rest: a share that stayed the same would make of hundreds of
+turns in a cloud a few walks that carry all the light.  So these shares fall with the number of turns, and with the
+square of the optical depth down to the sea, as far as which a walk that diffuses would take as many.
 """
 
 from __future__ import annotations
@@ -37,8 +37,10 @@ PASSING, LEAVING = 0.3, 0.3
 BESIDE = 0.6
 #: Optical depth of the way to a lamp at which half of the directions that could leave a surface towards it do.
 THIN = 0.2
-#: Share of the directions from air that go around the image of parallel light in a sea, and how far from that [rad].
-GLINT, WAVY = 0.5, 0.7
+#: Largest share of the directions from air that go around the image of parallel light in a sea, how far from that
+#: [rad], and the reflectance of the sea where half as many go.  With the Sun at 60 degrees the glitter is dim, and half
+#: of all directions there had four times the variance of none.
+GLINT, WAVY, BRIGHT = 0.5, 0.7, 0.1
 #: Sine of the least angle from a lamp.
 LEAST_SINE = 1e-10
 
@@ -148,8 +150,17 @@ def height_of(guide, k, x):
 
 @inlined
 def image_share(guide, k, x):
-    """Share of the directions from air at x that go around the image of parallel lamp k in the sea."""
-    return GLINT if guide.sea > 0.0 and height_of(guide, k, x) > 0.0 else 0.0
+    """Share of the directions from air at x that go around the image of parallel lamp k in the sea.
+
+    As much as it reflects, by the approximation of Schlick (1994, Computer Graphics Forum 13, 233) for water.
+    """
+    height = height_of(guide, k, x) if guide.sea > 0.0 else 0.0
+    if not height > 0.0:
+        return 0.0
+    z = x[2] + guide.sea
+    grazing = max(1.0 - height / math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z), 0.0)
+    mirrored = 0.02 + 0.98 * grazing * grazing * grazing * grazing * grazing
+    return GLINT * mirrored / (mirrored + BRIGHT)
 
 
 @inlined
@@ -168,11 +179,32 @@ def sine_between(to, d):
 
 
 @inlined
-def density_around(guide, k, x, d, image, to):
+def angle_density(table, angle, sine):
+    """Density of directions at an angle from an axis times 2 pi; `table` has the integral over the angle."""
+    last = table.size - 1
+    y = math.sqrt(angle / math.pi)
+    n = min(int(y * last), last - 1)
+    return (table[n + 1] - table[n]) * last / (2.0 * math.pi * y * sine * table[last])
+
+
+@inlined
+def draw_angle(table, u):
+    """Angle drawn from the density whose integral `table` has."""
+    last = table.size - 1
+    u *= table[last]
+    n = cell_of(table, 0, last, u)
+    y = (n + min((u - table[n]) / (table[n + 1] - table[n]), 1.0)) / last
+    return math.pi * y * y
+
+
+@inlined
+def density_around(guide, m, k, x, d, image, to):
     """Density of directions around parallel lamp k times their share and 2 pi, with the share `image` of those around
     its image.
     """
-    density = guide.size[k] / (math.pi * sine_between(to, d))
+    sine = sine_between(to, d)
+    angle = math.atan2(sine, to[0] * d[0] + to[1] * d[1] + to[2] * d[2])
+    density = guide.size[k] * angle_density(guide.gathered[m], angle, sine)
     if image > 0.0:
         face_image(guide, k, x, to)
         if to[0] * d[0] + to[1] * d[1] + to[2] * d[2] > math.cos(WAVY):
@@ -196,7 +228,7 @@ def density_past(table, m, x, d, share, from_air, to):
             face_lamp(table, k, x, to)
             if table.lamps.kind[k] == PARALLEL_LAMP:
                 image = image_share(table.guide, k, x) if from_air else 0.0
-                density += share[k] * density_around(table.guide, k, x, d, image, to) / (table.guide.size[k] + image)
+                density += share[k] * density_around(table.guide, m, k, x, d, image, to) / (table.guide.size[k] + image)
                 continue
             sine = sine_between(to, d)
             angle = math.atan2(sine, to[0] * d[0] + to[1] * d[1] + to[2] * d[2])
@@ -205,10 +237,7 @@ def density_past(table, m, x, d, share, from_air, to):
             if angle < half:
                 density += share[k] * gathered_at(halo, half) / opening
             else:
-                last = halo.size - 1
-                y = math.sqrt(angle / math.pi)
-                n = min(int(y * last), last - 1)
-                density += share[k] * (halo[n + 1] - halo[n]) * last / (2.0 * math.pi * y * sine)
+                density += share[k] * angle_density(halo, angle, sine)
     return density / (2.0 * math.pi)
 
 
@@ -221,14 +250,13 @@ def draw_past(table, m, k, x, from_air, u, v, d):
         return
     face_lamp(table, k, x, d)
     if table.lamps.kind[k] == PARALLEL_LAMP:
-        wide, image = math.pi, image_share(table.guide, k, x) if from_air else 0.0
+        image = image_share(table.guide, k, x) if from_air else 0.0
         around = table.guide.size[k] / (table.guide.size[k] + image)
         if u < around:
-            u /= around
+            cosine = math.cos(draw_angle(table.guide.gathered[m], u / around))
         else:
             face_image(table.guide, k, x, d)
-            u, wide = (u - around) / (1.0 - around), WAVY
-        cosine = math.cos(wide * u)
+            cosine = math.cos(WAVY * (u - around) / (1.0 - around))
     else:
         halo = table.guide.halo[m]
         opening, half = cone_around(table, k, x)
@@ -236,10 +264,7 @@ def draw_past(table, m, k, x, from_air, u, v, d):
         if u < inside:
             cosine = 1.0 - opening * u / inside
         else:
-            last = halo.size - 1
-            n = cell_of(halo, 0, last, u)
-            y = (n + min((u - halo[n]) / (halo[n + 1] - halo[n]), 1.0)) / last
-            cosine = math.cos(math.pi * y * y)
+            cosine = math.cos(draw_angle(halo, u))
     turn(d, cosine, 2.0 * math.pi * v)
 
 
