@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from asking import asked
 
 import skyscatter
-from skyscatter.surfaces import Body, Box, Lambert
+from skyscatter.solvers import surface_path, world
+from skyscatter.surfaces import Body, Box, Lambert, Mosaic
 
 WAVELENGTHS = [450.0, 550.0, 650.0]
 #: Out of sight and out of the way of all light, so that the sky stays as it is.
@@ -52,3 +54,9 @@ def look(scene: skyscatter.Scene, solver: str = "path", d: Any = None, **options
 
 #: A box of 4 m in the north of the observer, its south face 10 m away.
 HOUSE = Body(name="house", shape=Box(position=(0, 12, 2), size=(4, 4, 4)), material=Lambert(albedo=0.6))
+
+
+def lead_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on walks are led neither around parallel light nor to the glitter on a sea."""
+    monkeypatch.setattr(surface_path, "SUNWARD", 0.0)
+    monkeypatch.setattr(world, "Sea", Mosaic)  # no ground is known as a sea: none is aimed at

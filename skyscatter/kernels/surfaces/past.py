@@ -52,12 +52,18 @@ def early(order):
 
 
 @inlined
+def from_middle(guide, x):
+    """Distance of the place x from the middle of the planet whose ground is a sea [m]."""
+    z = x[2] + guide.sea
+    return math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z)
+
+
+@inlined
 def see_down(guide, x, sigma):
     """What is left of them at x where the extinction is sigma [m-1], as far as a sea below is hidden."""
     if not guide.sea > 0.0:
         return 1.0
-    z = x[2] + guide.sea
-    depth = sigma * (math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z) - guide.sea)
+    depth = sigma * (from_middle(guide, x) - guide.sea)
     return 1.0 / (1.0 + depth * depth)
 
 
@@ -157,8 +163,7 @@ def image_share(guide, k, x):
     height = height_of(guide, k, x) if guide.sea > 0.0 else 0.0
     if not height > 0.0:
         return 0.0
-    z = x[2] + guide.sea
-    grazing = max(1.0 - height / math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z), 0.0)
+    grazing = max(1.0 - height / from_middle(guide, x), 0.0)
     mirrored = 0.02 + 0.98 * grazing * grazing * grazing * grazing * grazing
     return GLINT * mirrored / (mirrored + BRIGHT)
 
