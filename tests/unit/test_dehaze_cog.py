@@ -20,7 +20,7 @@ from rasterio.rpc import RPC  # noqa: E402
 from skyscatter.dehaze.options import SourceOptions  # noqa: E402
 from skyscatter.dehaze.rasters.encoding import Encoding, result_encoding  # noqa: E402
 from skyscatter.dehaze.rasters.geotiff import GeoTiffSource  # noqa: E402
-from skyscatter.dehaze.rasters.handles import DatasetPool  # noqa: E402
+from skyscatter.dehaze.rasters.handles import DatasetPool, environment  # noqa: E402
 from skyscatter.dehaze.rasters.outputs import open_layer, open_result  # noqa: E402
 from skyscatter.dehaze.rasters.sinks import ArraySink, together  # noqa: E402
 from skyscatter.dehaze.rasters.windows import for_each_window, map_windows, windows  # noqa: E402
@@ -371,3 +371,22 @@ def test_coarse_integers_of_reflectance_become_floats(tmp_path):
         assert result_encoding(source, "uint16").nodata == 0.0
         with pytest.raises(DomainError, match="too coarse"):
             result_encoding(source, "uint8")
+
+
+def test_the_cache_of_blocks_holds_more_than_one():
+    """It was 256 bytes: every tile was read again for every window, and results lost windows (see below)."""
+    from rasterio._env import get_gdal_config
+
+    with environment():
+        assert 100e6 < get_gdal_config("GDAL_CACHEMAX") < 1e9
+
+
+def test_what_is_written_does_not_wait(tmp_path, scaled):
+    """A thread that reads may put a waiting block on the disk over what is written next: beside two of them, 8 windows
+    of 25 600 lost a band."""
+    with GeoTiffSource(str(scaled), SourceOptions()) as source, open_result(tmp_path / "out.tif", source) as sink:
+        values = source.read(16, 32, 16, 32)
+        sink.write(16, 16, values)
+        (work,) = tmp_path.glob("*.work.tif")
+        with rasterio.open(work) as file:
+            np.testing.assert_array_equal(file.read(window=((16, 32), (16, 32))), sink.encoding.encode(values))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -70,10 +71,10 @@ class CogSink(RasterSink):
         self._lock = threading.Lock()
         self._file = PendingFile(path)
         self._work = self._file.path.with_name(f"{self._file.path.stem}.work.tif")
-        self._dataset: Any = None
         try:
-            with environment(writing=True), quiet():
-                self._dataset = self._create()
+            with environment(writing=True), quiet(), self._create() as dataset:
+                dataset.update_tags(**profile.tags)
+                self._name_bands(dataset)
         except BaseException as error:
             said = self._said(error)
             self.abort()
@@ -97,7 +98,7 @@ class CogSink(RasterSink):
             layout["rpcs"] = profile.rpcs
         if self.encoding.nodata is not None:
             layout["nodata"] = self.encoding.nodata
-        dataset = rasterio.open(
+        return rasterio.open(
             self._work,
             "w",
             driver="GTiff",
@@ -111,9 +112,17 @@ class CogSink(RasterSink):
             BIGTIFF="IF_SAFER",
             **layout,
         )
-        dataset.update_tags(**profile.tags)
-        self._name_bands(dataset)
-        return dataset
+
+    @contextmanager
+    def _changed(self) -> Iterator[Any]:
+        """The plain GeoTIFF open for a change, and on the disk behind it.
+
+        GDAL lets another thread that reads put a waiting block on the disk just when this one takes up the old block
+        from there; what was written last is lost then.  So nothing waits.
+        """
+        rasterio = require_rasterio()
+        with self._lock, environment(writing=True), quiet(), rasterio.open(self._work, "r+") as dataset:
+            yield dataset
 
     def _name_bands(self, dataset: Any) -> None:
         from rasterio.enums import ColorInterp
@@ -144,12 +153,10 @@ class CogSink(RasterSink):
         if self.profile.alpha is not None:
             numbers = np.insert(numbers, self.profile.alpha, self._opacity(row0, row1, col0, col1, cube), axis=0)
         try:
-            with self._lock:
-                self._dataset.write(numbers, window=window)
+            with self._changed() as dataset:
+                dataset.write(numbers, window=window)
                 if self.profile.mask:
-                    there = ~np.isnan(cube).all(axis=0)
-                    with environment(writing=True):
-                        self._dataset.write_mask(there, window=window)
+                    dataset.write_mask(~np.isnan(cube).all(axis=0), window=window)
         except Exception as error:
             raise self._said(error) from error
 
@@ -170,9 +177,9 @@ class CogSink(RasterSink):
         from rasterio.shutil import copy
 
         try:
+            with self._changed() as dataset:
+                dataset.update_tags(**self.tags)
             with environment(writing=True), quiet():
-                self._dataset.update_tags(**self.tags)
-                self._dataset.close()
                 self._check_work()
                 copy(self._work, self._file.path, driver="COG", **self._options)
                 self._check_result()
@@ -186,13 +193,6 @@ class CogSink(RasterSink):
 
     def abort(self) -> None:
         """Leave nothing behind."""
-        dataset, self._dataset = self._dataset, None
-        if dataset is not None and not dataset.closed:
-            try:
-                with quiet():
-                    dataset.close()
-            except Exception:  # what it says of a file that is thrown away is of no interest
-                pass
         self._file.abort()
 
     def _check_work(self) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 
 from skyscatter.errors import MissingDataError, SkyscatterError
 
-#: Blocks that GDAL keeps in memory [MB]; its own choice is a twentieth of all there is, whatever that may be.
-CACHE_MEGABYTES = 256
+#: Blocks that GDAL keeps in memory [byte]; its own choice is a twentieth of all there is, whatever that may be.
+CACHE_BYTES = 256 << 20
 _OPENING = threading.RLock()
 
 
@@ -54,7 +54,7 @@ def environment(*, writing: bool = False) -> Iterator[None]:
         scale.
     """
     rasterio = require_rasterio()
-    options: dict[str, Any] = {"GDAL_CACHEMAX": CACHE_MEGABYTES}
+    options: dict[str, Any] = {"GDAL_CACHEMAX": CACHE_BYTES}
     if writing:
         options |= {"GDAL_PAM_ENABLED": "NO", "GDAL_TIFF_INTERNAL_MASK": True}
         # Of overviews on their way into a COG: compressing them took most of the time.
