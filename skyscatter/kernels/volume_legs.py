@@ -19,8 +19,10 @@ from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, gues
 
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
-#: Depth of its first stratum beyond which a dark leg is cut anew.
+#: Depth of the first stratum beyond which a dark leg is cut anew, and of any beyond which the camera's ray is.
 COARSE = 1.0
+#: Free paths from which on the steps of a leg through dense matter grow.
+FINE = 0.35
 #: Share of the points that are drawn as if no medium were before the lights: the grid of the guess may be coarser than
 #: a hole around a star, and see none of the light in it.
 PLAIN = 0.05
@@ -96,9 +98,19 @@ def per_angle(near, height, t):
     return height + (t - near) ** 2 / height if height > 0.0 else 1.0
 
 
+@inlined
+def grown(share, length, path):
+    """Where on a leg of some length its steps end that grow from a part of a free path on, or from nothing."""
+    fine = FINE * path
+    return min(length * share * share, fine * math.sinh(share * math.asinh(length / fine)))
+
+
 @kernel
-def cut_leg(v, x, d, start, end, uniformly, leg):
-    """Edges of the strata of a leg: equal angles around the main light, and steps that are equal or grow."""
+def cut_leg(v, x, d, start, end, path, leg):
+    """Edges of the strata of a leg: equal angles around the main light, and steps that are equal or grow.
+
+    They grow from the free `path` [m] on, and are equal where it is 0.
+    """
     edge = leg.edge
     strata = edge.size - 1
     chosen, near, apart = main_light(v, x, d, start, end)
@@ -114,12 +126,54 @@ def cut_leg(v, x, d, start, end, uniformly, leg):
             n += 1
     for k in range(1, steps):
         share = k / (steps + 0.0)
-        edge[n] = start + (end - start) * (share if uniformly else share * share)
+        edge[n] = start + (grown(share, end - start, path) if path > 0.0 else (end - start) * share)
         n += 1
     edge[n], edge[n + 1] = start, end
     sort_few(edge, n + 2)
     for k in range(strata + 1):
         leg.angle[k] = angle_of(leg.star[0], leg.star[1], edge[k])
+
+
+@inlined
+def coarsest_step(v, leg):
+    """Optical depth of the deepest stratum of a leg whose columns are known, and of the whole of it."""
+    middle, before, coarsest = leg.draw.size // 2, 0.0, 0.0
+    for k in range(1, leg.edge.size):
+        depth = depth_at(v, leg.column[k], middle)
+        coarsest, before = max(coarsest, depth - before), depth
+    return coarsest, before
+
+
+@kernel
+def recut_by_depth(v, leg):
+    """Put the equal steps of a leg whose columns are known where its depth grows from a part of one on.
+
+    False where they are fine already.  A step that is many free paths deep promises at its front what it does not hold.
+    """
+    edge, middle, last = leg.edge, leg.draw.size // 2, leg.edge.size - 1
+    coarsest, whole = coarsest_step(v, leg)
+    if not coarsest > COARSE:
+        return False
+    steps = last // 2 if leg.star[1] > 0.0 else last
+    # Straight lines between the old edges; what `plain_rim` holds is filled later.
+    found, k = leg.plain_rim[:, 0], 0
+    for n in range(1, steps):
+        wanted = FINE * math.sinh(n / (steps + 0.0) * math.asinh(whole / FINE))
+        while k < last - 1 and depth_at(v, leg.column[k + 1], middle) < wanted:
+            k += 1
+        low, high = depth_at(v, leg.column[k], middle), depth_at(v, leg.column[k + 1], middle)
+        share = min((wanted - low) / (high - low), 1.0) if high > low else 1.0
+        found[n] = edge[k] + share * (edge[k + 1] - edge[k])
+    low, high, turns = leg.angle[0], leg.angle[last], last - steps + 1
+    for n in range(1, steps):
+        edge[n] = found[n]
+    for n in range(1, turns):
+        t = distance_of(leg.star[0], leg.star[1], low + (high - low) * n / turns)
+        edge[steps - 1 + n] = min(max(t, edge[0]), edge[last])
+    sort_few(edge, last)
+    for n in range(last + 1):
+        leg.angle[n] = angle_of(leg.star[0], leg.star[1], edge[n])
+    return True
 
 
 @kernel
@@ -155,11 +209,14 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
     last = leg.edge.size - 1
     wavelengths = leg.draw.size
-    cut_leg(v, x, d, start, end, camera, leg)
+    path = 0.0 if camera else 1.0 / max(depth_at(v, work.density, wavelengths // 2), 1e-300)
+    cut_leg(v, x, d, start, end, path, leg)
     fill_columns_of_leg(v, x, d, leg, work)
     if least_depth(v, leg.column[1]) > COARSE and least_depth(v, leg.column[last]) > DARK:
         # The leg goes on in the dark for long: its strata belong to where there is light.
-        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), camera, leg)
+        cut_leg(v, x, d, start, visible_end(v, x, d, start, end, work), path, leg)
+        fill_columns_of_leg(v, x, d, leg, work)
+    if camera and recut_by_depth(v, leg):
         fill_columns_of_leg(v, x, d, leg, work)
     for i in range(wavelengths):
         leg.total[0, i], leg.total[1, i], leg.total[2, i], leg.escape[i] = 0.0, 0.0, 0.0, 0.0
@@ -193,6 +250,17 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
 
 
 @inlined
+def logarithmic_mean(a, b):
+    """(a - b) / ln(a / b), to 2 % for a ratio of 1000.
+
+    That of the roots times their mean; there (2 geometric + arithmetic) / 3 is close to it (Carlson 1972, Am. Math.
+    Mon. 79, 615).
+    """
+    a, b = math.sqrt(a), math.sqrt(b)
+    return 0.5 * (a + b) * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+
+
+@inlined
 def weigh_stratum(v, k, leg):
     """Chances of stratum k: the scattering on it times the logarithmic mean of the values at its edges."""
     width, turned = leg.edge[k + 1] - leg.edge[k], leg.angle[k + 1] - leg.angle[k]
@@ -201,12 +269,11 @@ def weigh_stratum(v, k, leg):
         scattering = 0.0
         for c in range(leg.column.shape[1]):
             scattering += (leg.column[k + 1, c] - leg.column[k, c]) * v.sigma_s[c, i]
-        # Carlson (1972), Am. Math. Mon. 79, 615: (2 geometric + arithmetic) / 3 is close to the logarithmic mean.
         a, b = leg.light_rim[k, i], leg.light_rim[k + 1, i]
-        leg.light[k, i] = scattering * turned * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.light[k, i] = scattering * turned * logarithmic_mean(a, b)
         leg.total[0, i] += leg.light[k, i]
         a, b = leg.vertex_rim[k, i], leg.vertex_rim[k + 1, i]
-        leg.vertex[k, i] = scattering * (2.0 * math.sqrt(a * b) + 0.5 * (a + b)) / 3.0
+        leg.vertex[k, i] = scattering * logarithmic_mean(a, b)
         leg.total[1, i] += leg.vertex[k, i]
         leg.plain[k, i] = scattering * 0.5 * (leg.plain_rim[k, i] + leg.plain_rim[k + 1, i])
         leg.total[2, i] += leg.plain[k, i]

@@ -36,6 +36,8 @@ OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
 SHY = 0.3
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
+#: Turn from one candidate to the next: with even cosines they cover the sphere evenly (golden section).
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 @kernel
@@ -161,6 +163,10 @@ def turn_at_vertex(v, u, w, work, lights, walk):
     far, here, g = 0.0, 0.0, 0.0
     if corrected:
         share = 1.0 if depth < 0.0 else share
+        # Deeper still, light comes from all sides: candidates around the star would only be in the others' way.
+        fading = 1.0 - min(max(depth / DEEP - 1.0, 0.0), 1.0)
+        around *= fading
+        deep *= fading
         # Never as far as a star, where the guess knows no bounds.
         far = min(transport_length(v, work.density), SHY * nearest_star(v, x))
         # The more directions are kept in scattering, the less is left for the guess to choose.
@@ -168,14 +174,16 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], d, 0.0, work)
         g = guessed_forwardness(v, work.density)
     total, kept, chosen = 0.0, 0.0, False
+    first = uniform(walk.state)
     best_x, best_y, best_z = 0.0, 0.0, 0.0
     for n in range(CANDIDATES):
         z = (n + u) / CANDIDATES
+        azimuth = (first + GOLDEN * n) % 1.0
         if z < by_law:
-            draw_by_law(v, d, z / by_law, uniform(walk.state), lights, around, deep, walk.state)
+            draw_by_law(v, d, z / by_law, azimuth, lights, around, deep, walk.state)
         else:
             d[0], d[1], d[2] = old_x, old_y, old_z
-            if not draw_by_phase(v.mean, np.int64(0), (z - by_law) / (1.0 - by_law), uniform(walk.state), work, walk):
+            if not draw_by_phase(v.mean, np.int64(0), (z - by_law) / (1.0 - by_law), azimuth, work, walk):
                 return False
         phase = mean_phase(v.mean, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
         law = direction_law(v, d, lights, around, deep)

@@ -19,7 +19,7 @@ import numpy as np
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.random import uniform
-from skyscatter.kernels.space import space_densities
+from skyscatter.kernels.space import clip_to_space, space_densities
 from skyscatter.kernels.volume import (
     correct_guess,
     forwardness,
@@ -34,6 +34,8 @@ from skyscatter.kernels.volume_turns import SHY
 LOWEST, HIGHEST = 0.3, 3.0
 #: Share of the light that a ray is known to see of which no walk need promise less.
 WORTHWHILE = 0.1
+#: Share of the way to the medium's box that one looks ahead at most: what lies outside tells nothing.
+INSIDE = 0.5
 #: Parts that wait; a walk that finds the stack full is not split.
 WAITING = 64
 #: Parts into which a walk is split at once, at most.
@@ -76,7 +78,8 @@ def promise(v, first, work, walk, spare):
     if v.correction.shape[0] > 0:
         # In diffusing light what a direction is worth is what lies where it leads, as far as scattering remembers it.
         shift = forwardness(v, work.density) * transport_length(v, work.density)
-        shift = min(shift, SHY * nearest_star(v, p))
+        _, end = clip_to_space(v.space, p[0], p[1], p[2], d[0], d[1], d[2])
+        shift = min(shift, SHY * nearest_star(v, p), INSIDE * end)
     x, y, z = p[0] + shift * d[0], p[1] + shift * d[1], p[2] + shift * d[2]
     guess_light(v, x, y, z, d, g, work, work.through, spare)
     correct_guess(v, x, y, z, spare)

@@ -76,6 +76,17 @@ def test_depth_100(albedo: float) -> None:
         check_escape(100.0, albedo, 0.0, 150, 16, 0.4)
 
 
+@pytest.mark.filterwarnings("ignore:light comes through")
+def test_walks_in_the_depths_are_worth_alike() -> None:
+    """Variance of a single walk, in squares of the mean: 3.2 before the strata of legs followed the depth, now 1.0."""
+    origins = np.broadcast_to([0.3, 0.0, 10.0], (40, 3))
+    scene, down = dusty_sphere(30.0, albedo=1.0), [0.0, 0.0, -1.0]
+    found = radiance(scene, origins, down, WAVELENGTH, solver=Path(samples=16, seed=1), parts=True)
+    light = found.layers["multiple"][:, 0]
+    # The variance over 40 rays is known to a quarter.
+    assert 16 * light.var(ddof=1) < 1.8 * light.mean() ** 2
+
+
 def test_a_word_before_depths_that_few_walks_reach() -> None:
     scene = dusty_sphere(60.0, 1.0)
     with pytest.warns(UserWarning, match="60 transport free paths of 'dust'"):

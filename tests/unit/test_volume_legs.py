@@ -9,9 +9,11 @@ import pytest
 from nebulae import dusty_sphere
 
 from skyscatter.kernels.jit import entry
-from skyscatter.kernels.volume import make_volume_work
-from skyscatter.kernels.volume_legs import draw_point, make_volume_leg, prepare_volume_leg
-from skyscatter.kernels.volume_walks import LEG_STRATA, PLAIN
+from skyscatter.kernels.optics import transmittance
+from skyscatter.kernels.space import space_densities
+from skyscatter.kernels.volume import correct_guess, guess_light, make_volume_work
+from skyscatter.kernels.volume_legs import columns_to, draw_point, make_volume_leg, prepare_volume_leg
+from skyscatter.kernels.volume_walks import CAMERA_STRATA, LEG_STRATA, PLAIN
 from skyscatter.solvers.volume import compile_volume
 
 
@@ -52,3 +54,44 @@ def test_no_point_brings_much_more_than_all_on_average(tau: float, height: float
     assert weight.mean() == pytest.approx(1.0, rel=1e-3)
     assert weight.std() < (0.3 if tau < 1 else 1.2)
     assert weight.max() < 40.0
+
+
+@entry
+def weigh_vertices(v, x, d, end, camera, u, leg, work, weight):
+    """What the light at each of the drawn vertices (point,) of a leg is guessed to be, over its density."""
+    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
+    prepare_volume_leg(v, x, d, 0.0, end, camera, 0.5, leg, work)
+    for n in range(u.size):
+        t, k = draw_point(leg.vertex, leg.vertex_rim, False, leg, 0.0, np.int64(0), u[n], leg.draw)
+        columns_to(v, x, d, leg, k, t, work)
+        transmittance(work.along, v.sigma_t, work.through)
+        weight[n] = work.through[0] / leg.draw[0]
+        a, b, c = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
+        guess_light(v, a, b, c, d, 0.0, work, work.through, work.spare)
+        correct_guess(v, a, b, c, work.spare)
+        space_densities(v.space, a, b, c, work.space, work.density)
+        weight[n] *= work.spare[0] * work.density[0]
+
+
+@pytest.mark.parametrize(
+    ("from_above", "sine", "most"),
+    [(True, 0.3, 0.5), (False, 0.0, 0.18), (False, 0.7, 0.1), (False, 1.0, 0.02)],
+)
+def test_every_vertex_promises_the_same(from_above: bool, sine: float, most: float) -> None:
+    """Where light diffuses, in a white ball of depth 30: what vertices promise multiplies over hundreds of legs."""
+    table = compile_volume(dusty_sphere(30.0, albedo=1.0), (550.0,))
+    strata = CAMERA_STRATA if from_above else LEG_STRATA
+    leg, work = make_volume_leg(strata, 1, 1), make_volume_work(1, 1)
+    # The camera's ray from the box around the ball, or a leg from two free paths below the rim: inward, aslant, across.
+    if from_above:
+        x, d, end = np.array([sine, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), 2.0
+    else:
+        x, d = np.array([0.0, 0.0, 1.0 - 2.0 / 30.0]), np.array([sine, 0.0, -math.sqrt(1.0 - sine**2)])
+        inward = -float(x @ d)
+        end = inward + math.sqrt(1.0 - float(x @ x) + inward**2) - 1e-9
+    u = (np.arange(4000) + 0.5) / 4000
+    weight = np.zeros(u.size)
+    weigh_vertices(table, x, d, end, np.bool_(from_above), u, leg, work, weight)
+    spread = weight.std() / weight.mean()
+    print(f"from above {from_above}, sine {sine}: spread {spread:.3f}")
+    assert spread < most
