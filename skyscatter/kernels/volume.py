@@ -21,6 +21,8 @@ from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.optics import transmittance
 from skyscatter.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
 
+#: Part of the mean cosine by which directions count towards parallel light that diffuses; how it falls tells the rest.
+LEVEL = 0.55
 #: Mean cosine of scattering beyond which the guess of light does not go: what it calls dark is looked into as well.
 MOST_FORWARD = 0.8
 
@@ -197,6 +199,12 @@ def forward_gain(g, cosine):
 
 
 @inlined
+def beamed(v, k, g):
+    """The part of the mean cosine g by which the guess of diffusing light of light number k goes, see `LEVEL`."""
+    return LEVEL * g if v.distant[k] and v.correction.shape[0] > 0 else g
+
+
+@inlined
 def guess_light(v, x, y, z, d, g, work, direct, diffuse):
     """Guesses of the light that is scattered at a point against the direction d, each (wavelength,): straight, and all.
 
@@ -211,6 +219,7 @@ def guess_light(v, x, y, z, d, g, work, direct, diffuse):
         a, b, c, far, fall = face_light(v, k, x, y, z)
         cosine = a * d[0] + b * d[1] + c * d[2]
         straight = forward_gain(g, cosine)
+        kept = beamed(v, k, g)
         guide_columns(v, k, x, y, z, far, work.to_light)
         for i in range(direct.size):
             work.spare[i] = 0.0
@@ -221,7 +230,7 @@ def guess_light(v, x, y, z, d, g, work, direct, diffuse):
             tau = work.spare[i]
             light = v.power[k, i] * fall
             direct[i] += light * straight * fast_exp(-tau)
-            turned = forward_gain(g * (0.1 + tau * g * fast_exp((g - 1.0) * tau)) / (0.1 + tau), cosine)
+            turned = forward_gain(kept * (0.1 + tau * kept * fast_exp((kept - 1.0) * tau)) / (0.1 + tau), cosine)
             diffuse[i] += light * turned * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
 
 
@@ -316,7 +325,8 @@ def middle_guess(v, x, y, z, d, g, work):
         a, b, c, far, fall = face_light(v, k, x, y, z)
         guide_columns(v, k, x, y, z, far, work.to_light)
         tau = depth_at(v, work.to_light, middle)
-        gain = forward_gain(g * fast_exp((g - 1.0) * tau), a * d[0] + b * d[1] + c * d[2])
+        kept = beamed(v, k, g)
+        gain = forward_gain(kept * fast_exp((kept - 1.0) * tau), a * d[0] + b * d[1] + c * d[2])
         total += gain * v.power[k, middle] * fall * (0.1 + tau) * fast_exp(-v.decay[middle] * tau)
     table = v.correction
     i0, i1, u = cell_place(v.space, 0, x, table.shape[0])

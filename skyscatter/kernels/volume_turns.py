@@ -13,6 +13,7 @@ from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import phase_at, sample_cosine
 from skyscatter.kernels.random import keeps, uniform
+from skyscatter.kernels.space import clip_to_space
 from skyscatter.kernels.tabulated import angle_cell, cell_of, draw_in_cell
 from skyscatter.kernels.volume import (
     depth_at,
@@ -34,6 +35,8 @@ NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
 OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
 #: Part of the distance to a star that one looks ahead at most.
 SHY = 0.3
+#: Part of the way to the edge of the medium's box that one looks ahead at most: what lies outside tells nothing.
+INSIDE = 0.5
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
 #: Turn from one candidate to the next: with even cosines they cover the sphere evenly (golden section).
@@ -189,7 +192,9 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         law = direction_law(v, d, lights, around, deep)
         wanted = law
         if corrected and share > 0.0:
-            ahead = middle_guess(v, x[0] + far * d[0], x[1] + far * d[1], x[2] + far * d[2], d, g, work)
+            _, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
+            on = min(far, INSIDE * end)
+            ahead = middle_guess(v, x[0] + on * d[0], x[1] + on * d[1], x[2] + on * d[2], d, g, work)
             wanted += share * (ahead / here - law)
         wanted *= phase
         weight = wanted / (by_law * law + (1.0 - by_law) * phase)

@@ -28,14 +28,12 @@ from skyscatter.kernels.volume import (
     nearest_star,
     transport_length,
 )
-from skyscatter.kernels.volume_turns import SHY
+from skyscatter.kernels.volume_turns import INSIDE, SHY
 
 #: The window, in parts of what a walk promised at its first vertex.
 LOWEST, HIGHEST = 0.3, 3.0
 #: Share of the light that a ray is known to see of which no walk need promise less.
 WORTHWHILE = 0.1
-#: Share of the way to the medium's box that one looks ahead at most: what lies outside tells nothing.
-INSIDE = 0.5
 #: Parts that wait; a walk that finds the stack full is not split.
 WAITING = 64
 #: Parts into which a walk is split at once, at most.

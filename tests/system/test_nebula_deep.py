@@ -14,7 +14,7 @@ from significance import assert_agrees
 from skyscatter import Telescope, load_model, render
 from skyscatter.lights import ParallelLight, PointStar
 from skyscatter.media.medium import Medium
-from skyscatter.media.structures import Slab
+from skyscatter.media.structures import Box, Slab
 from skyscatter.media.voxels import VoxelGrid
 from skyscatter.solvers.diffusion import Cells, guess_correction
 from skyscatter.solvers.options import Path
@@ -76,15 +76,25 @@ def test_depth_100(albedo: float) -> None:
         check_escape(100.0, albedo, 0.0, 150, 16, 0.4)
 
 
+def slab_from_behind() -> SpaceScene:
+    """A white slab of depth 20 and g = 0.8, lit from the other side."""
+    slab = Medium(components=(component(Box(half_sizes=(10.0, 10.0, 1.0)), 10.0, 1.0, 0.8),))
+    return SpaceScene(medium=slab, parallel=(ParallelLight(direction=(0.0, 0.0, -1.0), irradiance=1.0),))
+
+
 @pytest.mark.filterwarnings("ignore:light comes through")
-def test_walks_in_the_depths_are_worth_alike() -> None:
-    """Variance of a single walk, in squares of the mean: 3.2 before the strata of legs followed the depth, now 1.0."""
-    origins = np.broadcast_to([0.3, 0.0, 10.0], (40, 3))
-    scene, down = dusty_sphere(30.0, albedo=1.0), [0.0, 0.0, -1.0]
-    found = radiance(scene, origins, down, WAVELENGTH, solver=Path(samples=16, seed=1), parts=True)
+@pytest.mark.parametrize(
+    ("scene", "rays", "most"), [(dusty_sphere(30.0, albedo=1.0), 40, 1.8), (slab_from_behind(), 100, 2.5)]
+)
+def test_walks_in_the_depths_are_worth_alike(scene: SpaceScene, rays: int, most: float) -> None:
+    """Variance of a single walk, in squares of the mean: 3.2 and 19 before strata and promises followed the light.
+
+    Now it is 1.0 and 1.1; from so many rays it is known to a quarter.
+    """
+    origins = np.broadcast_to([0.3, 0.0, 10.0], (rays, 3))
+    found = radiance(scene, origins, [0.0, 0.0, -1.0], WAVELENGTH, solver=Path(samples=16, seed=1), parts=True)
     light = found.layers["multiple"][:, 0]
-    # The variance over 40 rays is known to a quarter.
-    assert 16 * light.var(ddof=1) < 1.8 * light.mean() ** 2
+    assert 16 * light.var(ddof=1) < most * light.mean() ** 2
 
 
 def test_a_word_before_depths_that_few_walks_reach() -> None:
