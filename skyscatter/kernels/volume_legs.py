@@ -206,7 +206,10 @@ def fill_columns_of_leg(v, x, d, leg, work):
 
 @kernel
 def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
-    """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing."""
+    """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing.
+
+    ``work.density`` holds the densities where a leg that is no `camera`'s begins.
+    """
     last = leg.edge.size - 1
     wavelengths = leg.draw.size
     path = 0.0 if camera else 1.0 / max(depth_at(v, work.density, wavelengths // 2), 1e-300)

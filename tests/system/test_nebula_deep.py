@@ -42,7 +42,7 @@ def check_escape(tau: float, albedo: float, g: float, rays: int, samples: int, m
     [(20.0, 1.0, 0.0), *(pytest.param(*p, marks=pytest.mark.slow) for p in ((10.0, 1.0, 0.0), (30.0, 0.99, 0.0)))],
 )
 def test_nothing_is_lost_in_the_depths(tau: float, albedo: float, g: float) -> None:
-    check_escape(tau, albedo, g, 200, 16, 0.06)
+    check_escape(tau, albedo, g, 100, 16, 0.06)
 
 
 @pytest.mark.slow
