@@ -375,7 +375,7 @@ def test_coarse_integers_of_reflectance_become_floats(tmp_path):
 
 def test_the_cache_of_blocks_holds_more_than_one():
     """It was 256 bytes: every tile was read again for every window, and results lost windows (see below)."""
-    from rasterio._env import get_gdal_config
+    from rasterio.env import get_gdal_config
 
     with environment():
         assert 100e6 < get_gdal_config("GDAL_CACHEMAX") < 1e9

@@ -121,8 +121,11 @@ class CogSink(RasterSink):
         from there; what was written last is lost then.  So nothing waits.
         """
         rasterio = require_rasterio()
-        with self._lock, environment(writing=True), quiet(), rasterio.open(self._work, "r+") as dataset:
-            yield dataset
+        with self._lock, environment(writing=True):
+            with quiet():  # holds up all threads that open a file: not for longer than this
+                dataset = rasterio.open(self._work, "r+")
+            with dataset:
+                yield dataset
 
     def _name_bands(self, dataset: Any) -> None:
         from rasterio.enums import ColorInterp
