@@ -48,6 +48,12 @@ def lit_slab(tau: float, albedo: float, g: float) -> SpaceScene:
     return scene.model_copy(update={"stars": (), "parallel": (light,)})
 
 
+def lit_from_aside(tau: float, albedo: float, g: float) -> SpaceScene:
+    """A ball of dust under parallel light from the side."""
+    light = ParallelLight(direction=(1.0, 0.0, 0.0), irradiance=1.0)
+    return sphere(tau, albedo, g).model_copy(update={"stars": (), "parallel": (light,)})
+
+
 def lit_from_the_camera(tau: float, albedo: float, g: float) -> SpaceScene:
     """The same from the other side."""
     light = ParallelLight(direction=(0.3, 0.0, 1.0), irradiance=1.0)
@@ -67,7 +73,11 @@ def scenes() -> dict[str, tuple[SpaceScene, float]]:
         "white cloud, depth 10, g 0.8": (sphere(10.0, 1.0, 0.8), 0.3),
         "white slab from behind, depth 20, g 0.8": (lit_slab(20.0, 1.0, 0.8), 0.0),
         "grey slab from behind, albedo 0.98, depth 40, g 0.85": (lit_slab(40.0, 0.98, 0.85), 0.0),
+        "white slab, lit side, depth 20, g 0.5": (lit_from_the_camera(20.0, 1.0, 0.5), 0.0),
         "white slab, lit side, depth 20, g 0.85": (lit_from_the_camera(20.0, 1.0, 0.85), 0.0),
+        "dark slab, lit side, depth 20, albedo 0.6, g 0.9": (lit_from_the_camera(20.0, 0.6, 0.9), 0.0),
+        "white ball lit from aside, depth 10, g 0.6": (lit_from_aside(10.0, 1.0, 0.6), 0.3),
+        "dark ball lit from aside, depth 5, albedo 0.6, g 0.85": (lit_from_aside(5.0, 0.6, 0.85), 0.3),
     }
 
 

@@ -23,6 +23,10 @@ from skyscatter.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_
 
 #: Part of the mean cosine by which directions count towards parallel light that diffuses; how it falls tells the rest.
 LEVEL = 0.55
+#: Part of the distance to a star that one looks ahead at most.
+SHY = 0.3
+#: Part of the way to the edge of the medium that one looks ahead at most: what lies outside tells nothing.
+INSIDE = 0.5
 #: Mean cosine of scattering beyond which the guess of light does not go: what it calls dark is looked into as well.
 MOST_FORWARD = 0.8
 
@@ -200,8 +204,13 @@ def forward_gain(g, cosine):
 
 @inlined
 def beamed(v, k, g):
-    """The part of the mean cosine g by which the guess of diffusing light of light number k goes, see `LEVEL`."""
-    return LEVEL * g if v.distant[k] and v.correction.shape[0] > 0 else g
+    """The part of the mean cosine g by which the guess of diffusing light of light number k goes, see `LEVEL`.
+
+    In dark media light of a distant light has been scattered straight on before, which widens it.
+    """
+    if not v.distant[k]:
+        return g
+    return LEVEL * g if v.correction.shape[0] > 0 else g * g
 
 
 @inlined
@@ -303,12 +312,12 @@ def guessed_forwardness(v, density):
 
 
 @inlined
-def nearest_star(v, x):
-    """Distance to the nearest point light [m]."""
+def nearest_star(v, x, y, z):
+    """Distance from a point to the nearest point light [m]."""
     near = math.inf
     for k in range(v.power.shape[0]):
         if not v.distant[k]:
-            _, _, _, d, _ = face_light(v, k, x[0], x[1], x[2])
+            _, _, _, d, _ = face_light(v, k, x, y, z)
             near = min(near, d)
     return near
 

@@ -15,7 +15,19 @@ from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.lookup import sort_few
 from skyscatter.kernels.optics import mix_components, transmittance
 from skyscatter.kernels.space import space_columns, space_densities
-from skyscatter.kernels.volume import correct_guess, depth_at, guess_light, guessed_forwardness, least_depth, open_light
+from skyscatter.kernels.volume import (
+    INSIDE,
+    SHY,
+    correct_guess,
+    depth_at,
+    forwardness,
+    guess_light,
+    guessed_forwardness,
+    least_depth,
+    nearest_star,
+    open_light,
+    transport_length,
+)
 
 #: Optical depth at the most transparent wavelength at which a leg ends.
 DARK = 40.0
@@ -26,6 +38,8 @@ FINE = 0.35
 #: Share of the points that are drawn as if no medium were before the lights: the grid of the guess may be coarser than
 #: a hole around a star, and see none of the light in it.
 PLAIN = 0.05
+#: How much more an evenly dense stratum would hold than it does, from which on the medium ends within it.
+BLUNT = 1.02
 #: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
 STEEPEST = 40.0
 
@@ -47,6 +61,7 @@ class VolumeLeg(NamedTuple):
     escape: np.ndarray  #: (wavelength,) emission along the leg and background at its end
     total: np.ndarray  #: (3, wavelength) sums of `light`, `vertex` and `plain` before they were made chances
     draw: np.ndarray  #: (wavelength,) density [m-1] of a drawn point under each hero
+    ahead: np.ndarray  #: (1,) how far ahead of the next vertex lies what the direction is worth [m]
 
 
 def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg:
@@ -55,7 +70,7 @@ def make_volume_leg(strata: int, components: int, wavelengths: int) -> VolumeLeg
         np.zeros(strata + 1), np.zeros((strata + 1, components)), np.zeros(2), np.zeros(strata + 1),
         np.zeros((strata, wavelengths)), np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)),
         np.zeros((strata + 1, wavelengths)), np.zeros((strata, wavelengths)), np.zeros((strata + 1, wavelengths)),
-        np.zeros(wavelengths), np.zeros((3, wavelengths)), np.zeros(wavelengths),
+        np.zeros(wavelengths), np.zeros((3, wavelengths)), np.zeros(wavelengths), np.zeros(1),
     )  # fmt: skip
 
 
@@ -204,6 +219,83 @@ def fill_columns_of_leg(v, x, d, leg, work):
             leg.column[k, c] = work.along[c]
 
 
+@inlined
+def rim_behind(v, x, d, leg, k, n, work):
+    """Where a medium that is as dense as at edge k of a leg would end, all of it lying between there and edge n."""
+    middle = leg.draw.size // 2
+    t = leg.edge[k]
+    space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+    sigma = depth_at(v, work.density, middle)
+    depth = abs(depth_at(v, leg.column[n], middle) - depth_at(v, leg.column[k], middle))
+    way = leg.edge[n] - t
+    if not abs(way) * sigma > BLUNT * depth:
+        return leg.edge[n]
+    return t + math.copysign((1.0 + 1e-9) * depth / sigma, way)
+
+
+@kernel
+def move_edge(v, x, d, leg, k, t, work):
+    """Put edge k of a leg at the distance t, between its neighbours."""
+    before = leg.edge[k - 1]
+    leg.edge[k], leg.angle[k] = t, angle_of(leg.star[0], leg.star[1], t)
+    for c in range(work.along.size):
+        work.along[c] = leg.column[k - 1, c]
+    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
+    for c in range(work.along.size):
+        leg.column[k, c] = work.along[c]
+
+
+@kernel
+def trim_leg(v, x, d, camera, leg, work):
+    """Put an edge of a leg where the medium ends, and on the camera's ray one where it begins.
+
+    A stratum that lies in part outside would draw points where nothing is scattered, and those inside count the more.
+    """
+    last, middle = leg.edge.size - 1, leg.draw.size // 2
+    whole = depth_at(v, leg.column[last], middle)
+    if not whole > 0.0:
+        return
+    k = last - 1
+    while k > 0 and whole - depth_at(v, leg.column[k], middle) <= 1e-9 * whole:
+        k -= 1
+    if k > 0:
+        t = rim_behind(v, x, d, leg, k, k + 1, work)
+        if t < leg.edge[k + 1]:
+            move_edge(v, x, d, leg, k if k + 1 == last else k + 1, t, work)
+    if camera:
+        k = 0
+        while k < last - 1 and depth_at(v, leg.column[k + 1], middle) <= 1e-9 * whole:
+            k += 1
+        if k < last - 1:
+            t = rim_behind(v, x, d, leg, k + 1, k, work)
+            if t > leg.edge[k]:
+                move_edge(v, x, d, leg, k if k > 0 else 1, t, work)
+
+
+@kernel
+def look_ahead(v, x, d, leg, k, t, depth):
+    """How far ahead of the distance t in stratum k of a leg lies what its direction is worth [m].
+
+    In diffusing light that is what lies where it leads, as far as scattering remembers it; elsewhere nothing.  `depth`
+    is the optical depth from the leg's start to t.
+    """
+    last, middle = leg.edge.size - 1, leg.draw.size // 2
+    whole = leg.column[last]
+    total = depth_at(v, whole, middle)
+    onward = forwardness(v, whole) * transport_length(v, whole) * total
+    if v.correction.shape[0] == 0 or not onward > 0.0:
+        return 0.0
+    wanted = depth + min(onward, INSIDE * (total - depth))
+    k = min(k, last - 1)
+    while k < last - 1 and depth_at(v, leg.column[k + 1], middle) < wanted:
+        k += 1
+    low, high = depth_at(v, leg.column[k], middle), depth_at(v, leg.column[k + 1], middle)
+    share = min(max((wanted - low) / (high - low), 0.0), 1.0) if high > low else 0.0
+    place = leg.edge[k] + share * (leg.edge[k + 1] - leg.edge[k])
+    near = nearest_star(v, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2])
+    return max(min(place - t, SHY * near), 0.0)
+
+
 @kernel
 def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing.
@@ -221,6 +313,7 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
         fill_columns_of_leg(v, x, d, leg, work)
     if camera and recut_by_depth(v, leg):
         fill_columns_of_leg(v, x, d, leg, work)
+    trim_leg(v, x, d, camera, leg, work)
     for i in range(wavelengths):
         leg.total[0, i], leg.total[1, i], leg.total[2, i], leg.escape[i] = 0.0, 0.0, 0.0, 0.0
     g = guessed_forwardness(v, leg.column[last])
@@ -229,8 +322,12 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
         transmittance(leg.column[k], v.sigma_t, work.through)
         a, b, c = x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2]
         guess_light(v, a, b, c, d, g, work, leg.light_rim[k], leg.vertex_rim[k])
-        correct_guess(v, a, b, c, leg.vertex_rim[k])
         open_light(v, a, b, c, leg.plain_rim[k])
+        shift = look_ahead(v, x, d, leg, k, t, depth_at(v, leg.column[k], wavelengths // 2))
+        if shift > 0.0:
+            a, b, c = a + shift * d[0], b + shift * d[1], c + shift * d[2]
+            guess_light(v, a, b, c, d, g, work, leg.draw, leg.vertex_rim[k])
+        correct_guess(v, a, b, c, leg.vertex_rim[k])
         stretch = per_angle(leg.star[0], leg.star[1], t)
         for i in range(wavelengths):
             leg.light_rim[k, i] *= work.through[i] * stretch

@@ -13,118 +13,26 @@ from skyscatter.kernels.directions import turn
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.optics import phase_at, sample_cosine
 from skyscatter.kernels.random import keeps, uniform
-from skyscatter.kernels.space import clip_to_space
-from skyscatter.kernels.tabulated import angle_cell, cell_of, draw_in_cell
+from skyscatter.kernels.space import clip_to_space, space_densities
+from skyscatter.kernels.tabulated import angle_cell
 from skyscatter.kernels.volume import (
+    INSIDE,
+    SHY,
     depth_at,
-    face_light,
     forwardness,
     guessed_forwardness,
-    guide_columns,
     middle_guess,
     nearest_star,
     transport_length,
 )
+from skyscatter.kernels.volume_aims import DEEP, beams_ahead, beams_here, direction_law, draw_by_law, take_aim
 
-#: Optical depth at which a star is deep.
-DEEP = 4.0
-#: Shares of the guess of directions by the light of a near star and by the slowest mode: near a star, and where it is
-#: deep.  The rest is isotropic.
-NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
-#: The same shares for stars outside the medium, where no ray comes near them.
-OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
-#: Part of the distance to a star that one looks ahead at most.
-SHY = 0.3
-#: Part of the way to the edge of the medium's box that one looks ahead at most: what lies outside tells nothing.
-INSIDE = 0.5
+#: What a direction counts for that leads out of the medium at once, over one that leads deep into it.
+OPEN = 0.2
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
 #: Turn from one candidate to the next: with even cosines they cover the sphere evenly (golden section).
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-
-
-@kernel
-def face_lights(v, x, work, lights):
-    """Directions, optical depths and shares of the point lights as seen from a vertex, into `lights`.
-
-    Returns the mean optical depth to them, negative where no point light shines.
-    """
-    middle = v.power.shape[1] // 2
-    total, depth = 0.0, 0.0
-    for k in range(lights.shape[0]):
-        a, b, c, d, fall = face_light(v, k, x[0], x[1], x[2])
-        lights[k, 0], lights[k, 1], lights[k, 2], lights[k, 3] = a, b, c, 0.0
-        if v.distant[k]:
-            continue
-        guide_columns(v, k, x[0], x[1], x[2], d, work.to_light)
-        tau = depth_at(v, work.to_light, middle)
-        lights[k, 3] = v.share[k] * fall * (0.1 + tau) * math.exp(-v.decay[middle] * tau)
-        total += lights[k, 3]
-        depth += lights[k, 3] * tau
-    if not total > 0.0:
-        return -1.0
-    for k in range(lights.shape[0]):
-        lights[k, 3] /= total
-    return depth / total
-
-
-@inlined
-def share_inside(v, lights):
-    """Share of the light that comes from stars inside the medium's box."""
-    inside = 0.0
-    for k in range(lights.shape[0]):
-        p, low, high = v.place[k], v.space.low, v.space.high
-        if low[0] < p[0] < high[0] and low[1] < p[1] < high[1] and low[2] < p[2] < high[2]:
-            inside += lights[k, 3]
-    return inside
-
-
-@inlined
-def direction_law(v, d, lights, around, deep):
-    """Density of directions by the guess of the light that comes from there [sr-1]."""
-    law = (1.0 - around - deep) / (4.0 * math.pi)
-    if around + deep > 0.0:
-        last = v.shape.size - 1
-        for k in range(lights.shape[0]):
-            mu = d[0] * lights[k, 0] + d[1] * lights[k, 1] + d[2] * lights[k, 2]
-            sine = max(math.sqrt(max((1.0 - mu) * (1.0 + mu), 0.0)), 1e-7)
-            place = 0.5 * (min(max(mu, -1.0), 1.0) + 1.0) * last
-            j = min(int(place), last - 1)
-            shape = v.shape[j] + (place - j) * (v.shape[j + 1] - v.shape[j])
-            place = math.acos(min(max(mu, -1.0), 1.0)) / math.pi * last
-            j = min(int(place), last - 1)
-            angle = v.around[j] + (place - j) * (v.around[j + 1] - v.around[j])
-            law += lights[k, 3] * (around * angle / (2.0 * math.pi * sine) + deep * shape)
-    return law
-
-
-@inlined
-def draw_from_table(density, cdf, u):
-    """Place from 0 to 1, drawn from a density that is linear between equally spaced nodes."""
-    last = density.size - 1
-    n = cell_of(cdf, 0, last, u)
-    return (n + draw_in_cell(density[n], density[n + 1], cdf, n, u)) / last
-
-
-@kernel
-def draw_by_law(v, d, u, w, lights, around, deep, state):
-    """Direction from `direction_law`, into `d`."""
-    if u >= around + deep:
-        d[0], d[1], d[2] = 0.0, 0.0, 1.0
-        cosine = 1.0 - 2.0 * (u - around - deep) / (1.0 - around - deep)
-    else:
-        rest = uniform(state)
-        for k in range(lights.shape[0]):
-            if lights[k, 3] > 0.0:
-                d[0], d[1], d[2] = lights[k, 0], lights[k, 1], lights[k, 2]
-                if rest < lights[k, 3]:
-                    break
-                rest -= lights[k, 3]
-        if u < around:
-            cosine = math.cos(math.pi * draw_from_table(v.around, v.around_cdf, u / around))
-        else:
-            cosine = 2.0 * draw_from_table(v.shape, v.shape_cdf, (u - around) / deep) - 1.0
-    turn(d, min(max(cosine, -1.0), 1.0), 2.0 * math.pi * w)
 
 
 @inlined
@@ -139,8 +47,24 @@ def mean_phase(v, cosine, density):
     return towards / max(scattering, 1e-300)
 
 
+@inlined
+def way_ahead(v, x, d, far, extinction, work):
+    """How far one looks ahead in a direction [m], at most `far`, and the optical depth of the medium in it.
+
+    As if the medium were everywhere as dense as at the vertex, where its `extinction` [m-1] is, up to where it ends.
+    """
+    _, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
+    on, depth = min(far, INSIDE * end), extinction * end
+    space_densities(v.space, x[0] + on * d[0], x[1] + on * d[1], x[2] + on * d[2], work.space, work.along)
+    there = depth_at(v, work.along, v.power.shape[1] // 2) / extinction
+    if there < 0.5:
+        on *= 0.5 * (1.0 + there)
+        depth = extinction * on
+    return on, depth
+
+
 @kernel
-def turn_at_vertex(v, u, w, work, lights, walk):
+def turn_at_vertex(v, u, w, work, aim, walk):
     """New direction at a vertex; the value takes the phase functions.  False if nothing is scattered there.
 
     ``work.density`` holds the densities at the vertex.
@@ -148,34 +72,20 @@ def turn_at_vertex(v, u, w, work, lights, walk):
     drawn from both of these alone, and one of them is kept by its weight (importance resampling: Talbot, Cline &
     Egbert 2005, Eurographics Symposium on Rendering).  The draw is the same for every hero, so chances stay.
     """
-    x, d = walk.position, walk.direction
+    x, d, middle = walk.position, walk.direction, v.power.shape[1] // 2
     old_x, old_y, old_z = d[0], d[1], d[2]
-    depth = face_lights(v, x, work, lights)
-    share = min(max(depth, 0.0) / DEEP, 1.0)
-    around, deep = 0.0, 0.0
-    if depth >= 0.0:
-        inside = share_inside(v, lights)
-        near = OUTSIDE_NEAR_SHARES[0] + inside * (NEAR_SHARES[0] - OUTSIDE_NEAR_SHARES[0])
-        far = OUTSIDE_DEEP_SHARES[0] + inside * (DEEP_SHARES[0] - OUTSIDE_DEEP_SHARES[0])
-        around = near + share * (far - near)
-        near = OUTSIDE_NEAR_SHARES[1] + inside * (NEAR_SHARES[1] - OUTSIDE_NEAR_SHARES[1])
-        far = OUTSIDE_DEEP_SHARES[1] + inside * (DEEP_SHARES[1] - OUTSIDE_DEEP_SHARES[1])
-        deep = near + share * (far - near)
-    by_law = 0.5
-    corrected = v.correction.shape[0] > 0
-    far, here, g = 0.0, 0.0, 0.0
-    if corrected:
-        share = 1.0 if depth < 0.0 else share
-        # Deeper still, light comes from all sides: candidates around the star would only be in the others' way.
-        fading = 1.0 - min(max(depth / DEEP - 1.0, 0.0), 1.0)
-        around *= fading
-        deep *= fading
+    depth = take_aim(v, x, work, aim)
+    extinction = max(depth_at(v, work.density, middle), 1e-300)
+    by_law, far, diffuse, here = 0.5, 1.0 / extinction, 0.0, 1.0
+    g, glow = guessed_forwardness(v, work.density), 4.0 * math.pi * v.background[middle]
+    if v.correction.shape[0] > 0:
+        # How far light counts as diffusing: near a star inside the medium it does not.
+        diffuse = 1.0 if depth < 0.0 else min(depth / DEEP, 1.0)
         # Never as far as a star, where the guess knows no bounds.
-        far = min(transport_length(v, work.density), SHY * nearest_star(v, x))
-        # The more directions are kept in scattering, the less is left for the guess to choose.
-        by_law *= 1.0 - share * forwardness(v, work.density)
-        here = 4.0 * math.pi * middle_guess(v, x[0], x[1], x[2], d, 0.0, work)
-        g = guessed_forwardness(v, work.density)
+        far = min(transport_length(v, work.density), SHY * nearest_star(v, x[0], x[1], x[2]))
+        here = middle_guess(v, x[0], x[1], x[2], d, 0.0, work)
+        # The more directions are kept in scattering, the less is left for the guess to choose, but for straight light.
+        by_law *= 1.0 - diffuse * forwardness(v, work.density) * here / (here + beams_here(v, aim))
     total, kept, chosen = 0.0, 0.0, False
     first = uniform(walk.state)
     best_x, best_y, best_z = 0.0, 0.0, 0.0
@@ -183,19 +93,20 @@ def turn_at_vertex(v, u, w, work, lights, walk):
         z = (n + u) / CANDIDATES
         azimuth = (first + GOLDEN * n) % 1.0
         if z < by_law:
-            draw_by_law(v, d, z / by_law, azimuth, lights, around, deep, walk.state)
+            draw_by_law(v, d, z / by_law, azimuth, aim, walk.state)
         else:
             d[0], d[1], d[2] = old_x, old_y, old_z
             if not draw_by_phase(v.mean, np.int64(0), (z - by_law) / (1.0 - by_law), azimuth, work, walk):
                 return False
         phase = mean_phase(v.mean, old_x * d[0] + old_y * d[1] + old_z * d[2], work.density)
-        law = direction_law(v, d, lights, around, deep)
-        wanted = law
-        if corrected and share > 0.0:
-            _, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
-            on = min(far, INSIDE * end)
+        law = direction_law(v, d, aim)
+        on, depth = way_ahead(v, x, d, far, extinction, work)
+        hidden = -math.expm1(-depth)
+        wanted = law * (hidden + OPEN * (1.0 - hidden))
+        if diffuse > 0.0:
             ahead = middle_guess(v, x[0] + on * d[0], x[1] + on * d[1], x[2] + on * d[2], d, g, work)
-            wanted += share * (ahead / here - law)
+            ahead = ahead * hidden + beams_ahead(v, d, aim, depth) + glow * (1.0 - hidden)
+            wanted += diffuse * (ahead / (4.0 * math.pi * here) - wanted)
         wanted *= phase
         weight = wanted / (by_law * law + (1.0 - by_law) * phase)
         total += weight

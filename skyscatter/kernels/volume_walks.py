@@ -32,7 +32,8 @@ from skyscatter.kernels.path import BATCHES, Walk, copy_sums, make_walk, rebalan
 from skyscatter.kernels.random import EVEN_DIMENSIONS, even_point, start_stream, uniform
 from skyscatter.kernels.space import clip_to_space, space_densities
 from skyscatter.kernels.tracking import QUADRATURE, light_reaching, watch_point
-from skyscatter.kernels.volume import VolumeTable, VolumeWork, make_volume_work
+from skyscatter.kernels.volume import VolumeTable, VolumeWork, depth_at, make_volume_work
+from skyscatter.kernels.volume_aims import Aim, make_aim
 from skyscatter.kernels.volume_legs import (
     PLAIN,
     VolumeLeg,
@@ -40,6 +41,7 @@ from skyscatter.kernels.volume_legs import (
     draw_point,
     fly_forced,
     gather_escape,
+    look_ahead,
     make_volume_leg,
     prepare_volume_leg,
 )
@@ -62,7 +64,7 @@ class WalkScratch(NamedTuple):
     walker: Walker  #: for tracked transmittances
     camera: VolumeLeg
     leg: VolumeLeg
-    lights: np.ndarray  #: (light, 4) direction to a light and its share of the direct light
+    aim: Aim
     waiting: Waiting
     walk: Walk
     sums: np.ndarray  #: (batch, wavelength)
@@ -75,7 +77,7 @@ def make_walk_scratch(components: int, wavelengths: int, lights: int, samples: i
     return WalkScratch(
         make_volume_work(components, wavelengths), make_walker(),
         make_volume_leg(CAMERA_STRATA, components, wavelengths),
-        make_volume_leg(LEG_STRATA, components, wavelengths), np.zeros((lights, 4)), make_waiting(wavelengths),
+        make_volume_leg(LEG_STRATA, components, wavelengths), make_aim(lights), make_waiting(wavelengths),
         make_walk(wavelengths),
         np.zeros((batches, wavelengths)), np.zeros((batches, EVEN_DIMENSIONS), np.uint32),
     )  # fmt: skip
@@ -133,6 +135,7 @@ def go_to_vertex(v, hero, u, leg, work, walk):
     if k < 0:
         return False
     columns_to(v, x, d, leg, k, t, work)
+    leg.ahead[0] = look_ahead(v, x, d, leg, k, t, depth_at(v, work.along, walk.value.size // 2))
     transmittance(work.along, v.sigma_t, work.through)
     for i in range(walk.value.size):
         walk.value[i] *= work.through[i]
@@ -166,10 +169,10 @@ def look_along_ray(v, hero, camera, work, walker, walk, total, by_order, apart):
 
 
 @kernel
-def follow_leg(v, hero, order, max_order, leg, work, walker, lights, walk, total, by_order):
+def follow_leg(v, hero, order, max_order, leg, work, walker, aim, walk, total, by_order):
     """Turn a walk at its vertex, add the light along its next leg, and go to the vertex there; False at its end."""
     x, d = walk.position, walk.direction
-    if not turn_at_vertex(v, next_number(walk, order, 0), next_number(walk, order, 1), work, lights, walk):
+    if not turn_at_vertex(v, next_number(walk, order, 0), next_number(walk, order, 1), work, aim, walk):
         return False
     start, end = clip_to_space(v.space, x[0], x[1], x[2], d[0], d[1], d[2])
     if end <= start:
@@ -192,7 +195,7 @@ def follow_leg(v, hero, order, max_order, leg, work, walker, lights, walk, total
 
 @merged
 def volume_wander(
-    v, camera, origin, direction, walked, max_order, number, base, leg, work, walker, lights, waiting, walk, total,
+    v, camera, origin, direction, walked, max_order, number, base, leg, work, walker, aim, waiting, walk, total,
     by_order, apart
 ):  # fmt: skip
     """Follow a walk from the camera, and all that it is split into, to the end and add up the light.
@@ -213,16 +216,16 @@ def volume_wander(
         return
     if not go_to_vertex(v, hero, walk.even[1], camera, work, walk):
         return
-    promise(v, True, work, walk, leg.draw)
+    promise(v, True, work, walk, camera.ahead[0], leg.draw)
     order, legs = 1, 0
     while order > 0:
         alive = order <= last and follow_leg(
-            v, hero, order, max_order, leg, work, walker, lights, walk, total, by_order
+            v, hero, order, max_order, leg, work, walker, aim, walk, total, by_order
         )  # fmt: skip
         if alive:
             order, legs = order + 1, legs + 1
             expect(number, base, total, work.promised)
-            alive = pass_window(promise(v, False, work, walk, leg.draw), legs, order, walk, waiting)
+            alive = pass_window(promise(v, False, work, walk, leg.ahead[0], leg.draw), legs, order, walk, waiting)
         if not alive:
             order = take_waiting(v, work, walk, waiting)
 
@@ -302,7 +305,7 @@ def volume_path_rays(
                     start_stream(walk.state, seed, ids[ray], b + n * BATCHES)
                     even_point(s.shift[b], n, walk.even)
                     volume_wander(
-                        v, s.camera, o, d, walked, max_order, n + 1, base[ray], s.leg, s.work, s.walker, s.lights,
+                        v, s.camera, o, d, walked, max_order, n + 1, base[ray], s.leg, s.work, s.walker, s.aim,
                         s.waiting, walk, s.sums[b], by_order[ray], apart[ray]
                     )  # fmt: skip
             done = goal

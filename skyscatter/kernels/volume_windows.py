@@ -19,16 +19,12 @@ import numpy as np
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
 from skyscatter.kernels.random import uniform
-from skyscatter.kernels.space import clip_to_space, space_densities
+from skyscatter.kernels.space import space_densities
 from skyscatter.kernels.volume import (
     correct_guess,
-    forwardness,
     guess_light,
     guessed_forwardness,
-    nearest_star,
-    transport_length,
 )
-from skyscatter.kernels.volume_turns import INSIDE, SHY
 
 #: The window, in parts of what a walk promised at its first vertex.
 LOWEST, HIGHEST = 0.3, 3.0
@@ -65,19 +61,15 @@ def make_waiting(wavelengths: int) -> Waiting:
 
 
 @kernel
-def promise(v, first, work, walk, spare):
+def promise(v, first, work, walk, shift, spare):
     """What a walk at a vertex may still bring in, over what it did at its `first`: value, scattering, guessed light.
 
     Averaged over wavelengths, each of which counts by its own share: of the light behind deep dust one may have 1e-9 of
-    what another has, and is looked for all the same.  ``work.density`` holds the densities at the vertex.
+    what another has, and is looked for all the same.  ``work.density`` holds the densities at the vertex; what its
+    direction is worth lies `shift` ahead of it [m] (`kernels.volume_legs.look_ahead`).
     """
-    p, d, shift = walk.position, walk.direction, 0.0
+    p, d = walk.position, walk.direction
     g = guessed_forwardness(v, work.density)
-    if v.correction.shape[0] > 0:
-        # In diffusing light what a direction is worth is what lies where it leads, as far as scattering remembers it.
-        shift = forwardness(v, work.density) * transport_length(v, work.density)
-        _, end = clip_to_space(v.space, p[0], p[1], p[2], d[0], d[1], d[2])
-        shift = min(shift, SHY * nearest_star(v, p), INSIDE * end)
     x, y, z = p[0] + shift * d[0], p[1] + shift * d[1], p[2] + shift * d[2]
     guess_light(v, x, y, z, d, g, work, work.through, spare)
     correct_guess(v, x, y, z, spare)

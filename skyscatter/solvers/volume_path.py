@@ -70,11 +70,11 @@ def prepare(
     usual = "ratio" if asked.how.sampling == "delta" else "auto"
     wanted = TRANSMITTANCES[asked.how.transmittance or usual]
     table = table._replace(tracking=cheapest(table) if wanted < 0 else wanted)
-    if asked.how.sampling in (None, "march"):
-        warn_of_depths(table, rays, tuple(component.name for component in scene.medium.components))
+    names = tuple(component.name for component in scene.medium.components)
+    warn_of_depths(table, rays, names, asked)
     if asked.how.sampling == "delta" or table.tracking != QUADRATURE:
         check_bounds(scene.medium)
-    return Context(table, tuple(component.name for component in scene.medium.components))
+    return Context(table, names)
 
 
 def no_walks(context: Context, rays: int, asked: Asked[Path]) -> Walks:

@@ -40,5 +40,5 @@ def prepare(
 ) -> Context:
     """The tables of a scene, and a word where its dust is too deep for walks."""
     table = prepare_single(scene, rays, wavelengths, asked, threads, progress)
-    warn_of_depths(table, rays, tuple(component.name for component in scene.medium.components))
+    warn_of_depths(table, rays, tuple(component.name for component in scene.medium.components), asked)
     return surface_path.prepare(scene, rays, wavelengths, asked, threads, progress)

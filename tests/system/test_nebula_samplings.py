@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from typing import Any
 
@@ -63,6 +64,18 @@ WAYS: dict[str, tuple[dict[str, str], int]] = {
 }
 
 
+def blind(scene: SpaceScene, lines: tuple[Any, Any], options: dict[str, str], samples: int) -> Any:
+    """Wavelengths at which a way says before it starts that its error bars are too small: (wavelength,)."""
+    found = []
+    for wavelength in WAVELENGTHS:
+        given = asked("path", samples=samples, max_order=1, **options)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            radiance(scene, *(line[:1] for line in lines), (wavelength,), **given)
+        found.append(any("too small" in str(one.message) for one in said))
+    return np.array(found)
+
+
 @cache
 def compare(kind: str, tau: float, g: float, rays: int, samples: int) -> dict[str, tuple[Any, Any]]:
     """Mean light of rays through a scene, and its error, by every way: (wavelength,) each."""
@@ -71,8 +84,13 @@ def compare(kind: str, tau: float, g: float, rays: int, samples: int) -> dict[st
     found = {}
     for number, (name, (options, factor)) in enumerate(WAYS.items()):
         # Other seeds: with the same one ways would share their first numbers.
-        answer = radiance(scene, *lines, WAVELENGTHS, **asked("path", samples=factor * samples, seed=number, **options))
+        given = asked("path", samples=factor * samples, seed=number, **options)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "light comes through")
+            answer = radiance(scene, *lines, WAVELENGTHS, **given)
         error = np.sqrt((answer.standard_error**2).sum(axis=0)) / rays
+        # A way that says it sees too little is not judged there: its error is as good as endless.
+        error[blind(scene, lines, options, factor * samples)] = np.inf
         found[name] = answer.radiance.mean(axis=0), error
     return found
 
