@@ -45,6 +45,8 @@ SLICE, FIRST_RAYS = 1.0, 4
 #: The modules of the solvers, by the sort of medium.
 SHELLS = {"orders": "orders", "path": "path", "single": "single"}
 WORLDS = {"path": "world"}
+#: What is added where only the ground is not Lambertian.
+GROUNDS = {"single": "single_ground"}
 VOLUMES = {"path": "volume_path", "single": "volume_single", "photons": "photons"}
 SURFACES = {"path": "surface_path", "photons": "photons"}
 SOLVERS = tuple(SHELLS)
@@ -69,9 +71,11 @@ class Interrupted(KeyboardInterrupt):
 def load_solver(name: str, scene: AnyScene, stokes: bool = False) -> Any:
     """The module of a solver for a scene, whose light may be polarised."""
     if isinstance(scene, Scene) and scene.world:
-        modules = WORLDS
+        modules = WORLDS | (GROUNDS if scene.world == "ground.material" else {})
         if name in SHELLS and name not in modules:
             rule = f"knows shells of air over Lambertian ground only, and this scene has {scene.world}; take path"
+            if name in GROUNDS:
+                rule = f"knows shells of air over ground only, and this scene has {scene.world}; take path"
             raise DomainError("solver", name, rule)
     else:
         modules = SHELLS if isinstance(scene, Scene) else VOLUMES if is_space(scene) else SURFACES

@@ -8,6 +8,7 @@ come straight to the observer.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyscatter.geometry.meridian import meridian_frame
 from skyscatter.kernels.optics import GroundTable, SceneTable, ground_rows
@@ -30,25 +31,35 @@ def check(asked: Asked[Single]) -> None:
 
 def single_parts(scene: SceneTable, land: GroundTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
     """Radiance scattered once, reflected once by the ground, and direct; each (ray, wavelength)."""
+    scattered, white, direct = white_parts(scene, rays, tolerance)
+    # Plain or mapped, the albedo is the last factor: the order of a product decides its last bit.
+    return scattered, white * met_albedo(scene, land, rays), direct
+
+
+def white_parts(scene: SceneTable, rays: Rays, tolerance: float) -> tuple[Array, Array, Array]:
+    """The same over white ground."""
     shape = (len(rays.origins), scene.optics.albedo.size)
     scattered, white, direct = np.empty(shape), np.empty(shape), np.empty(shape)
     single_rays(scene, rays.origins, rays.directions, tolerance, make_scratch(scene), scattered, white, direct)
-    # Plain or mapped, the albedo is the last factor: the order of a product decides its last bit.
-    return scattered, white * met_albedo(scene, land, rays), direct
+    return scattered, white, direct
 
 
 def met_albedo(scene: SceneTable, land: GroundTable, rays: Rays) -> Array:
     """Albedo of the ground where rays meet it, shape (ray or 1, wavelength); any number where they do not."""
     if land.cells.size == 0:
         return land.albedo[:1]
-    radius = scene.columns.radius
+    rows = np.zeros(len(rays.origins), np.int64)
+    ground_rows(land, ground_points(scene.columns.radius, rays)[0], rows)
+    return land.albedo[rows]
+
+
+def ground_points(radius: float, rays: Rays) -> tuple[Array, NDArray[np.bool_]]:
+    """Where rays meet the ground (ray, 3), or are nearest to it, and which do; one that starts there meets it there."""
     along = np.sum(rays.origins * rays.directions, axis=1)
     nearest = rays.origins - along[:, None] * rays.directions
-    half = np.sqrt(np.maximum(radius**2 - np.sum(nearest**2, axis=1), 0.0))
-    # A ray that starts on the ground meets it there.
-    rows = np.zeros(len(along), np.int64)
-    ground_rows(land, rays.origins + np.maximum(-along - half, 0.0)[:, None] * rays.directions, rows)
-    return land.albedo[rows]
+    square = radius**2 - np.sum(nearest**2, axis=1)
+    half = np.sqrt(np.maximum(square, 0.0))
+    return rays.origins + np.maximum(-along - half, 0.0)[:, None] * rays.directions, (square > 0.0) & (along < 0.0)
 
 
 def single_polarisation(
@@ -70,9 +81,15 @@ def single_polarisation(
 
 def solve(tables: Tables, rays: Rays, asked: Asked[Single]) -> Answer:
     """Radiance of single scattering, see `skyscatter.radiance`."""
+    return answer(tables, rays, asked, met_albedo(tables.scene, tables.ground, rays))
+
+
+def answer(tables: Tables, rays: Rays, asked: Asked[Single], factors: Array) -> Answer:
+    """The same over ground of some reflectance factors, (ray or 1, wavelength)."""
     scene, land, matrix = tables
     tolerance = asked.how.tolerance or DEFAULT_TOLERANCE
-    scattered, ground, direct = single_parts(scene, land, rays, tolerance)
+    scattered, white, direct = white_parts(scene, rays, tolerance)
+    ground = white * factors
     layers = {"direct": direct, "scattered": scattered, "ground": ground} if asked.parts else {}
     radiance = scattered + ground + direct
     zero = np.zeros_like(radiance)
