@@ -136,9 +136,10 @@ def test_twilight_is_warned_of() -> None:
         look(world(-3.0, bodies=(BOX,)), samples=2, sampling="march")
 
 
-def test_a_dim_sun_in_forward_dust_is_warned_of() -> None:
+@pytest.mark.parametrize("sun", [3.0, 12.0])
+def test_a_dim_sun_in_forward_dust_is_warned_of(sun: float) -> None:
     with pytest.warns(UserWarning, match="bright sky around so low a Sun"):
-        look(world(3.0, "mars", bodies=(BOX,)), samples=2)
+        look(world(sun, "mars", bodies=(BOX,)), samples=2)
 
 
 def test_at_night_lamps_shine_alone() -> None:
