@@ -22,6 +22,8 @@ LINE_INTERVAL, LINE_SHARE, LONGEST_INTERVAL = 10.0, 0.1, 60.0
 TRIAL, WORTH_A_WORD = 2.0, 60.0
 #: Seconds between two looks at whether a line is due, and between two of what is above a bar.
 TICK, ABOVE_INTERVAL = 0.2, 0.5
+#: What is done so soon after the beginning was kept from an earlier run [s].
+AT_ONCE = 1.0
 #: Compiling that takes longer is foretold [s].
 WORTH_TELLING = 5.0
 #: What is said while functions are compiled.
@@ -86,7 +88,7 @@ class Progress:
         if mode not in MODES:
             raise DomainError("progress", mode, f"choose one of {', '.join(MODES)}")
         self.total, self.label = float(total), label
-        self.done = 0.0
+        self.done = self._kept = 0.0
         self.words = self.remark = ""
         self._stream = sys.stderr if stream is None else stream
         self.mode = mode if mode != "auto" else "bar" if self._stream.isatty() else "log"
@@ -131,19 +133,24 @@ class Progress:
 
     def to(self, done: float) -> None:
         """`done` of `total` is done by now; it never goes back, nor past the total."""
-        self.done = min(max(self.done, float(done)), self.total)
+        before, self.done = self.done, min(max(self.done, float(done)), self.total)
+        if before == 0 < self.done and time.monotonic() - self._started < AT_ONCE:
+            self._kept, self._started = self.done, time.monotonic()
 
     def phase(self, words: str, anew: bool = True) -> None:
         """Something else is done from now on; its share and time count from zero, or go on."""
         self.words = words
         if anew:
-            self.done, self._started, self._said = 0.0, time.monotonic(), False
+            self.done, self._kept, self._started, self._said = 0.0, 0.0, time.monotonic(), False
 
     def seconds_left(self) -> float | None:
-        """Time left [s] if the rest goes at the mean pace so far; None before any work is done."""
-        if self.done <= 0:
+        """Time left [s] if the rest goes at the mean pace so far; None before any work is done.
+
+        What is there at once was done before: it says nothing of the pace.
+        """
+        if self.done <= self._kept:
             return None
-        return (time.monotonic() - self._started) * (self.total - self.done) / self.done
+        return (time.monotonic() - self._started) * (self.total - self.done) / (self.done - self._kept)
 
     def look(self) -> None:
         """Redraw the bar, or write a line if one is due."""

@@ -189,6 +189,17 @@ def test_time_left_is_unknown_before_any_work(clock):
     assert bar.seconds_left() == 9.0
 
 
+def test_what_was_kept_from_an_earlier_run_says_nothing_of_the_pace(clock):
+    """Of the last tenth a half takes four seconds; what was there at once took none of them."""
+    bar = Progress(1.0, "sky")
+    clock.now = 0.5
+    bar.to(0.9)
+    assert bar.seconds_left() is None
+    clock.now = 4.5
+    bar.to(0.95)
+    assert bar.seconds_left() == pytest.approx(4.0)
+
+
 @pytest.mark.parametrize("total", [0, -1, float("nan")])
 def test_total_must_be_positive(total):
     with pytest.raises(ValueError, match="total"):
