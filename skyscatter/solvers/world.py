@@ -34,8 +34,8 @@ __all__ = ["check", "no_walks", "prepare", "solve"]
 #: 0.03, 0.01 these had the least noise at equal time over clear and hazy skies together.
 ROULETTE_LEVEL = 0.1
 #: Mean cosine of the air, and transmittance from the ground to the Sun, beyond which stated errors are too small: on
-#: Mars (0.78) with the Sun at 4 degrees 86 % of runs of 1024 walks lie within two of them, at 12 degrees 87 % of runs of
-#: 256, on Titan (0.68) 82 %, but on the hazy Earth (0.55) 95 %, and on Mars with the Sun at 25 degrees 92 %.
+#: Mars (0.78) with the Sun at 4 degrees 86 % of runs of 1024 walks lie within two of them, at 12 degrees 87 % of those
+#: of 256, on Titan (0.68) 82 %, but on the hazy Earth (0.55) 95 %, and on Mars with the Sun at 25 degrees 92 %.
 FORWARD, DIM_SUN = 0.6, 0.12
 
 
