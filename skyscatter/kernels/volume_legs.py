@@ -234,13 +234,18 @@ def rim_behind(v, x, d, leg, k, n, work):
 
 
 @kernel
-def move_edge(v, x, d, leg, k, t, work):
-    """Put edge k of a leg at the distance t, between its neighbours."""
-    before = leg.edge[k - 1]
-    leg.edge[k], leg.angle[k] = t, angle_of(leg.star[0], leg.star[1], t)
+def column_at(v, x, d, leg, k, t, work):
+    """Columns from the start of a leg to the distance t behind edge k, into ``work.along``; their optical depth."""
     for c in range(work.along.size):
-        work.along[c] = leg.column[k - 1, c]
-    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.along)
+        work.along[c] = leg.column[k, c]
+    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
+    return depth_at(v, work.along, leg.draw.size // 2)
+
+
+@inlined
+def move_edge(leg, k, t, work):
+    """Put edge k of a leg at the distance t, to which ``work.along`` holds the columns."""
+    leg.edge[k], leg.angle[k] = t, angle_of(leg.star[0], leg.star[1], t)
     for c in range(work.along.size):
         leg.column[k, c] = work.along[c]
 
@@ -250,26 +255,25 @@ def trim_leg(v, x, d, camera, leg, work):
     """Put an edge of a leg where the medium ends, and on the camera's ray one where it begins.
 
     A stratum that lies in part outside would draw points where nothing is scattered, and those inside count the more.
+    No edge is moved that others have put within the medium.
     """
     last, middle = leg.edge.size - 1, leg.draw.size // 2
     whole = depth_at(v, leg.column[last], middle)
     if not whole > 0.0:
         return
-    k = last - 1
-    while k > 0 and whole - depth_at(v, leg.column[k], middle) <= 1e-9 * whole:
+    least, k = 1e-9 * whole, last - 1
+    while k > 0 and whole - depth_at(v, leg.column[k], middle) <= least:
         k -= 1
-    if k > 0:
-        t = rim_behind(v, x, d, leg, k, k + 1, work)
-        if t < leg.edge[k + 1]:
-            move_edge(v, x, d, leg, k if k + 1 == last else k + 1, t, work)
+    t = rim_behind(v, x, d, leg, k, k + 1, work)
+    if t < leg.edge[k + 1] and whole - column_at(v, x, d, leg, k, t, work) <= least:
+        move_edge(leg, k + 1, t, work)
     if camera:
         k = 0
-        while k < last - 1 and depth_at(v, leg.column[k + 1], middle) <= 1e-9 * whole:
+        while k < last - 1 and depth_at(v, leg.column[k + 1], middle) <= least:
             k += 1
-        if k < last - 1:
-            t = rim_behind(v, x, d, leg, k + 1, k, work)
-            if t > leg.edge[k]:
-                move_edge(v, x, d, leg, k if k > 0 else 1, t, work)
+        t = rim_behind(v, x, d, leg, k + 1, k, work)
+        if t > leg.edge[k] and column_at(v, x, d, leg, k, t, work) <= least:
+            move_edge(leg, k, t, work)
 
 
 @kernel

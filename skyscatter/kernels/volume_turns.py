@@ -27,7 +27,7 @@ from skyscatter.kernels.volume import (
 )
 from skyscatter.kernels.volume_aims import DEEP, beams_ahead, beams_here, direction_law, draw_by_law, take_aim
 
-#: What a direction counts for that leads out of the medium at once, over one that leads deep into it.
+#: What a direction counts for that leads out of the medium at once into the dark, over one that leads deep into it.
 OPEN = 0.2
 #: Candidates from which a direction is chosen.
 CANDIDATES = 8
@@ -102,7 +102,7 @@ def turn_at_vertex(v, u, w, work, aim, walk):
         law = direction_law(v, d, aim)
         on, depth = way_ahead(v, x, d, far, extinction, work)
         hidden = -math.expm1(-depth)
-        wanted = law * (hidden + OPEN * (1.0 - hidden))
+        wanted = law * (hidden + (1.0 if glow > 0.0 else OPEN) * (1.0 - hidden))
         if diffuse > 0.0:
             ahead = middle_guess(v, x[0] + on * d[0], x[1] + on * d[1], x[2] + on * d[2], d, g, work)
             ahead = ahead * hidden + beams_ahead(v, d, aim, depth) + glow * (1.0 - hidden)
