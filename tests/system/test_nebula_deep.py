@@ -104,8 +104,8 @@ SLAB, BEHIND, BESIDE, BEFORE = Box(half_sizes=(10.0, 10.0, 1.0)), (0.0, 0.0, -1.
 def test_walks_in_the_depths_are_worth_alike(scene: SpaceScene, rays: int, most: float) -> None:
     """Variance of a single walk, in squares of the mean, known to a quarter from so many rays.
 
-    It is 0.9, 0.7, 0.7, 10, 2, 0.4 and 0.27.  It was 3.2 and 19 in the first two before strata and promises followed the
-    light, and 5, 140, 18 and 2.4 in the others before directions towards distant lights were drawn, and before what
+    It is 0.9, 0.7, 0.7, 10, 2, 0.4 and 0.27.  It was 3.2 and 19 in the first two before strata and promises followed
+    the light, and 5, 140, 18 and 2.4 in the next before directions towards distant lights were drawn, and before what
     draws a vertex was what is promised there; in the last 0.6 where the dark was looked for as under a star.
     """
     origins = np.broadcast_to([0.3, 0.0, 10.0], (rays, 3))
