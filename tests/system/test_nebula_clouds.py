@@ -28,6 +28,9 @@ from skyscatter.solvers import options
 from skyscatter.solvers.run import radiance
 from skyscatter.space import SpaceScene
 
+#: Errors here are those of the replicas below; what a ray of few walks states of itself is not asked.
+pytestmark = pytest.mark.filterwarnings("ignore:light comes through")
+
 #: Batches of plain walks.
 BATCHES = 24
 #: Walks that share a ray; more rays are better spread, but cost the first order anew.
