@@ -43,7 +43,7 @@ def prepare(
 ) -> Context:
     """The tables of a scene; refused where its ground is smooth, or polarises the light that is asked for."""
     material: Any = scene.ground.material
-    for part in unfolded([material.rest, *material.materials] if isinstance(material, Mosaic) else [material])[0]:
+    for part in [material.rest, *material.materials] if isinstance(material, Mosaic) else [material]:
         if isinstance(part, Mirror) or (isinstance(part, Conductor) and part.roughness == 0):
             rule = "is smooth: single does not see what it mirrors; take path"
             raise DomainError("ground.material", part.kind, rule)
