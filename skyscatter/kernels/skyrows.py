@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import entry, inlined
 from skyscatter.kernels.tabulated import angle_cell, cell_of
 
@@ -21,8 +22,9 @@ def _cubic(nodes, first, last, x, number, weight):
         number[k], weight[k] = n + k, above / below
 
 
-#: Share of the elevation in `below_place`: of low observers, whose way to the ground is short, nodes need some of it.
-UPRIGHT = 0.2
+#: Share of the elevation in `below_place`: of low observers, whose way to the ground is short, nodes need some of it;
+#: and the second, of those above the air, for whom the way hardly changes over most of the planet.
+UPRIGHT, UPRIGHT_ABOVE = 0.2, 2.0
 
 
 @inlined
@@ -30,7 +32,8 @@ def below_place(elevation, slant):
     """What light from below the horizon is smooth in: the logarithm of the way to the ground, and some of the angle.
 
     Over the elevation it is not: the way grows like the root of the angle to the horizon there, and by many times
-    within a degree or two where the observer stands low.
+    within a degree or two where the observer stands low.  The angle is that in the air: from afar a planet is small,
+    and yet its middle is seen from above and its rim from the side.
 
     Parameters
     ----------
@@ -44,7 +47,11 @@ def below_place(elevation, slant):
     if down > 0.0:
         way = slant[1] / (down + math.sqrt(max(down * down - slant[1], 0.0)))
         way -= slant[2] / (down + math.sqrt(max(down * down - slant[2], 0.0)))
-    return math.log(1.0 + way / slant[3]) + UPRIGHT * elevation
+    upright = UPRIGHT * elevation
+    if slant[2] > 0.0:
+        beside = slant[0] * math.cos(elevation) / math.sqrt(slant[0] * slant[0] - slant[2])
+        upright = -UPRIGHT_ABOVE * math.acos(min(beside, 1.0))
+    return math.log(1.0 + way / slant[3]) + upright
 
 
 @entry
@@ -113,7 +120,7 @@ def _add_nodes(table, row, across, column, along, out):
 
 
 @entry
-def join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost, work, out):
+def join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost, logs, work, out):
     """What is smooth over the sky, and sunlight on each component times its phase function.
 
     Parameters
@@ -127,10 +134,14 @@ def join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost,
     share : (ray, 2)
         Their weights.
     smooth : (node, turn, wavelength)
+        No nodes where there is nothing of that kind.
     lit : (component, node, turn, wavelength)
+        Or its logarithm, see `logs`.
     phase : (component, angle, wavelength)
     lost : (component, node, angle, wavelength)
         What is taken off the phase function, for the first angles only.
+    logs : int
+        1 where `lit` is a logarithm, which is joined instead of the light: across a terminator that falls evenly.
     work : (2, wavelength)
         Scratch.
     out : (ray, wavelength), output
@@ -141,7 +152,8 @@ def join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost,
         light, k = out[ray], cell[ray]
         for i in range(light.size):
             light[i] = 0.0
-        _add_nodes(smooth, row[ray], across[ray], column[ray], along[ray], light)
+        if smooth.shape[0] > 0:
+            _add_nodes(smooth, row[ray], across[ray], column[ray], along[ray], light)
         for c in range(lit.shape[0]):
             first, second = phase[c, k[0]], phase[c, k[1]]
             for i in range(light.size):
@@ -153,5 +165,8 @@ def join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost,
                     for i in range(light.size):
                         chance[i] -= across[ray, a] * (share[ray, 0] * first[i] + share[ray, 1] * second[i])
             _add_nodes(lit[c], row[ray], across[ray], column[ray], along[ray], near)
+            if logs == 1:
+                for i in range(light.size):
+                    near[i] = fast_exp(near[i])
             for i in range(light.size):
                 light[i] += near[i] * chance[i]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skyscatter.geometry.seen import needed_zenith, seen_zenith
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.progress import say
 from skyscatter.scene import Scene
@@ -20,9 +21,7 @@ from skyscatter.solvers.field import (
     DEFAULT_TOLERANCE,
     RadianceField,
     highest_sight,
-    needed_zenith,
     scattering_top,
-    seen_zenith,
     solve_range,
 )
 from skyscatter.solvers.options import Orders

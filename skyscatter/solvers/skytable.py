@@ -2,7 +2,8 @@
 
 For an observer the diffuse light of a spherical atmosphere depends on the elevation, and on the azimuth from the Sun
 evenly to both sides.  It is solved at nodes that crowd at the horizon, where it has an edge, and at the Sun; between
-them go cubics through four nodes each way, below the horizon in the way to the ground (`below_place`).  Of light
+them go cubics through four nodes each way, below the horizon in the way to the ground (`below_place`); seen from above
+the air, where day and night lie side by side, through the logarithms.  Of light
 scattered once only the sunlight on each component is joined; its phase functions, with all their peaks and bows, are
 exact, for the angle from the Sun is one along a ray.  Some rays that a picture asks for are then solved themselves and
 compared: close to the Sun, out to where the cubics hold, rays are solved one by one, and where they hold nowhere there
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,12 +22,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.geometry.seen import seen_zenith
 from skyscatter.kernels.skyrows import below_place, join_rays, place_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.estimate import relative_error
-from skyscatter.solvers.sweeps import Solution, stated_share, view
+from skyscatter.solvers.sweeps import Solution, same_course, stated_share, view
 from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
@@ -43,17 +45,22 @@ ABOVE, CROWDED, BESIDE = 64, 2.2, 20
 ALOFT = 2
 #: Nodes between the horizon and the top of the atmosphere, for those who see it from outside.
 LIMB, LIMB_CROWDED = 64, 1.3
-#: Nodes of azimuth from the Sun over 180 degrees, at squares.
-TURNS = 97
+#: Nodes of azimuth from the Sun over 180 degrees, at squares; from above the air this share is even, for there the
+#: terminator may lie anywhere.
+TURNS, EVEN = 97, 0.9
 #: Shares of all these nodes that are tried, until rays that were solved agree: two thirds miss a fifth of what may be
-#: missed, and in deep twilight half of it.
-SHARES = (2 / 3, 1.0)
+#: missed, and in deep twilight half of it; planets with their terminator need the last ones.
+SHARES = (2 / 3, 1.0, 2.0, 3.0)
 #: Nodes of elevation may be no closer than this share of the distance to the next but one.
 CLOSEST = 0.15
-#: Rays from which on a table is worth it, in nodes.
+#: What is left to be solved ray by ray from which on a table, or a finer one, is worth it: so many times its nodes.
 FEWEST = 2.0
-#: Rays that are compared, all over the picture and beside the Sun, out to an angle [rad].
-COMPARED, BESIDE_SUN = 96, math.radians(40.0)
+#: A course from the observer takes as long as so many rays that share it, for it is compared at azimuths of its own;
+#: rays share it that lie in one tile, which has some so many.
+COURSE, TILE = 100, 8192
+#: Rays that are compared, all over the picture and beside the Sun, out to an angle [rad]; from above the air beside
+#: the terminator, by the Sun's zenith angle [rad].
+COMPARED, BESIDE_SUN, TERMINATOR = 96, math.radians(40.0), math.radians(15.0)
 #: Of so many rays, spread evenly over all.
 SORTED = 65536
 #: What may be missed, in tolerances of the solution; the error that is stated is twice as large at least.
@@ -64,6 +71,8 @@ MISSED_OF_ERROR = 0.25
 MISSING = 0.011
 #: Light so much fainter than the brightest of the rays that are compared is held as closely as this [its share].
 FAINT = 1e-4
+#: What counts as no light, in the brightest node: logarithms are joined where day and night are seen at once.
+DARKEST = 1e-14
 #: Angles from the Sun and from the horizon [degree] within which rays are solved one by one; the first that will do.
 NEAR, BAND = (0.0, 0.0, 2.0, 4.0, 8.0), (0.0, 0.2, 0.2, 0.5, 1.0)
 #: Rays within so many radii of the Sun's disk are solved one by one in any case.
@@ -181,6 +190,17 @@ class SkyTable:
         """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
         return np.asarray(self.parts.rest + np.maximum(self.parts.multiple, 0.0) + self.parts.ground)
 
+    @property
+    def above(self) -> bool:
+        """Whether the observer stands above the air, and may see day and night at once."""
+        return self.top < math.pi / 2
+
+    @cached_property
+    def logs(self) -> Parts:
+        """Logarithms of what is positive."""
+        lit, rest, multiple, ground = (getattr(self.parts, f.name) for f in fields(Parts))
+        return Parts(_log(lit), rest, _log(multiple), _log(ground))
+
     @cached_property
     def axes(self) -> Array:
         """The frame's three axes and the direction of the Sun, (4, 3)."""
@@ -202,19 +222,26 @@ class SkyTable:
             self.phase.shape[1] - 1, row, across, column, along, cell, share, high,
         )  # fmt: skip
         work = np.empty((2, wavelengths))
-        none = self.parts.lit[:0], self.phase[:0], self.lost[:0]
         dark = high > self.top
 
         def joined(smooth: Array, lit: Array, phase: Array, lost: Array) -> Array:
             out = np.empty((rays, wavelengths))
-            join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost, work, out)
+            join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost, int(self.above), work, out)
             if dark.any():
                 out[dark] = 0.0
             return out
 
-        scattered = joined(self.parts.rest if parts else self.smooth, self.parts.lit, self.phase, self.lost)
-        others = (self.parts.multiple, self.parts.ground) if parts else ()
-        multiple, ground = [joined(part, *none) for part in others] or [np.zeros((0, wavelengths))] * 2
+        if self.above:
+            nothing, alike, whole = self.parts.rest[:0], np.ones((1, *self.phase.shape[1:])), self.lost[:1, :, :0]
+            scattered = joined(self.logs.rest, self.logs.lit, self.phase, self.lost)
+            multiple, ground = (joined(nothing, p[None], alike, whole) for p in (self.logs.multiple, self.logs.ground))
+            if not parts:
+                scattered, multiple, ground = scattered + multiple + ground, *np.zeros((2, 0, wavelengths))
+        else:
+            none = self.parts.lit[:0], self.phase[:0], self.lost[:0]
+            scattered = joined(self.parts.rest if parts else self.smooth, self.parts.lit, self.phase, self.lost)
+            others = (self.parts.multiple, self.parts.ground) if parts else ()
+            multiple, ground = [joined(part, *none) for part in others] or [np.zeros((0, wavelengths))] * 2
         beyond = _weighted(self.beyond, row, across) if self.beyond.any() else None
         return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[row[:, 1]])
 
@@ -256,18 +283,20 @@ def make_table(
         Of the solution.
     threads : int
     """
-    if fine.problem.stokes > 1 or len(directions) < FEWEST * SHARES[0] ** 2 * TURNS * BESIDE:
+    if fine.problem.stokes > 1 or len(directions) * (1 + COURSE) < FEWEST * SHARES[0] ** 2 * TURNS * BESIDE:
         return None
     sun = np.asarray(table.optics.disk_axis)
     frame = frame_of(origin, sun)
     seen, _ = frame.of(directions)
     sight = _Sight(fine, coarse, table, origin, directions, tolerance, frame, float(seen.min()), float(seen.max()))
-    found = None
+    found, left = None, np.ones(len(directions), bool)
     with Workers(threads) as pool:
         for share in SHARES:
-            found = _table(sight, share, pool) or found
-            if found is not None and not found.has_gaps:
+            nodes = _Nodes.of(sight, share)
+            if not nodes.enough or _effort(sight, left) < FEWEST * nodes.effort:
                 break
+            found = _table(sight, nodes, pool) or found
+            left = left if found is None else found.alone(directions)
     return found
 
 
@@ -285,22 +314,57 @@ class _Sight(NamedTuple):
     high: float
 
 
-def _table(sight: _Sight, share: float, pool: Workers) -> SkyTable | None:
-    """A table of a share of the nodes; None where rays are too few for it, or where it is not exact enough."""
-    fine, coarse, table, origin, directions, tolerance, frame, low, high = sight
-    edges, sun, turn = _Edges.of(table, origin), np.asarray(table.optics.disk_axis), _turns(share)
-    elevation, below = _elevations(edges, math.asin(float(sun @ frame.up)), low, high, share)
-    if elevation.size == 0:  # all rays look past the air
-        return None
-    if len(directions) < FEWEST * turn.size * elevation.size or min(below or 4, (elevation.size - below) or 4) < 4:
-        return None
+def _effort(sight: _Sight, left: NDArray[np.bool_]) -> float:
+    """What it takes to solve these rays one by one, in rays of one course."""
+    courses = 0
+    for k in range(0, len(left), TILE):
+        some = sight.directions[k : k + TILE][left[k : k + TILE]]
+        if len(some):
+            origins = np.broadcast_to(sight.origin, some.shape)
+            courses += len(same_course(origins, some, sight.table.columns.radius)[1]) - 1
+    return float(left.sum() + COURSE * courses)
+
+
+class _Nodes(NamedTuple):
+    """Where a table is solved."""
+
+    edges: _Edges
+    elevation: Array
+    below: int
+    turn: Array
+
+    @classmethod
+    def of(cls, sight: _Sight, share: float) -> _Nodes:
+        """A share of the nodes."""
+        edges = _Edges.of(sight.table, sight.origin)
+        sun = math.asin(float(np.asarray(sight.table.optics.disk_axis) @ sight.frame.up))
+        elevation, below = _elevations(edges, sun, sight.low, sight.high, share)
+        return cls(edges, elevation, below, _turns(share, edges.above))
+
+    @property
+    def effort(self) -> float:
+        """What it takes to solve them, in rays of one course."""
+        return float(self.elevation.size * (self.turn.size + COURSE))
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are four for a cubic on each side of the horizon that has any; none where rays miss the air."""
+        above = self.elevation.size - self.below
+        return self.elevation.size > 0 and min(self.below or 4, above or 4) >= 4
+
+
+def _table(sight: _Sight, nodes: _Nodes, pool: Workers) -> SkyTable | None:
+    """A table of these nodes; None where it is not exact enough."""
+    fine, coarse, table, origin, directions, tolerance, frame, _, _ = sight
+    edges, elevation, below, turn = nodes
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     phase = np.ascontiguousarray(fine.problem.whole[0, kept])
     disk = DISK * float(table.optics.disk_radius)
     solved = _solved(fine, coarse, table, origin, frame.rays(elevation, turn), tolerance, pool)
     found = SkyTable(
-        frame, sun, elevation, below, turn, edges.horizon, edges.top, phase, *solved, edges.slant, disk, disk
-    )
+        frame, np.asarray(table.optics.disk_axis), elevation, below, turn, edges.horizon, edges.top, phase, *solved,
+        edges.slant, disk, disk,
+    )  # fmt: skip
     return _checked(found, fine, table, origin, directions, tolerance, pool)
 
 
@@ -311,6 +375,11 @@ class _Edges(NamedTuple):
     top: float  #: above it there is no air
     aloft: bool
     slant: Array  #: as for `below_place`
+
+    @property
+    def above(self) -> bool:
+        """Whether that is above the air."""
+        return self.top < math.pi / 2
 
     @classmethod
     def of(cls, table: SceneTable, origin: Array) -> _Edges:
@@ -341,7 +410,7 @@ def _elevations(edges: _Edges, sun: float, low: float, high: float, share: float
     down = horizon - hair - (math.pi / 2 + horizon - hair) * np.linspace(1, 0, SOUGHT) ** 4
     places = _below_places(down, slant)
     down = np.interp(np.linspace(places[0], places[-1], round(many * BELOW)), places, down)
-    if top < math.pi / 2:
+    if edges.above:
         up = horizon + (top - horizon) * np.linspace(0, 1, round(share * LIMB)) ** LIMB_CROWDED
     else:
         step = np.linspace(-1, 1, 2 * round(share * BESIDE) + 1)
@@ -488,6 +557,10 @@ def _checked(
     order = np.argsort(angle, kind="stable")
     order = order[np.searchsorted(angle[order], found.near, side="right") :]
     beside = order[: np.searchsorted(angle[order], BESIDE_SUN)]
+    if found.above:
+        sight = np.broadcast_to(origin, directions.shape), directions
+        low, _ = seen_zenith(*sight, found.sun, table.columns.radius, table.columns.top)
+        beside = np.flatnonzero(np.abs(low - 0.5 * math.pi) < TERMINATOR)
     chosen = [some[np.linspace(0, some.size - 1, min(COMPARED, some.size)).astype(int)] for some in (order, beside)]
     tested = np.unique(np.concatenate(chosen))
     exact = np.empty((tested.size, found.beyond.shape[1]))
@@ -515,9 +588,17 @@ def _share(pool: Workers, work: Callable[[slice], None], count: int) -> None:
         done.result()
 
 
-def _turns(share: float) -> Array:
-    """A share of the nodes of azimuth from the Sun [rad]."""
-    return np.asarray(math.pi * np.linspace(0, 1, round(share * TURNS)) ** 2)
+def _log(light: Array) -> Array:
+    """Logarithm of light (..., node, turn, wavelength), of next to nothing where there is none."""
+    least = DARKEST * light.max(axis=(-3, -2), keepdims=True, initial=0.0) + np.finfo(float).tiny
+    return np.asarray(np.log(np.maximum(light, least)))
+
+
+def _turns(share: float, above: bool) -> Array:
+    """A share of the nodes of azimuth from the Sun [rad]; `above` the air they are nearly even."""
+    even = EVEN if above else 0.0
+    x = np.linspace(0, 1, round(share * TURNS))
+    return np.asarray(math.pi * x * (even + (1 - even) * x))
 
 
 def _mirrored(turn: Array) -> Array:

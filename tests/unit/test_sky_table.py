@@ -20,6 +20,7 @@ PANORAMA = skyscatter.Panorama(width=360, height=120, elevation_min_deg=-15)
 WIDE = skyscatter.Panorama(width=480, height=160, elevation_min_deg=-15)
 FISHEYE = skyscatter.Fisheye(width=160, height=160)
 ORBIT = skyscatter.Perspective(width=240, height=160, azimuth_deg=137, elevation_deg=-20, fov_deg=40)
+PLANET = skyscatter.PlanetView(width=160, height=160)
 LOW = skyscatter.Panorama(width=720, height=60, elevation_min_deg=-4, elevation_max_deg=2)
 #: Rays that are solved by themselves too.
 JUDGED = 400
@@ -46,6 +47,9 @@ CASES = [
     ("titan", 30.0, FISHEYE, 0.0),
     *(("earth", e, c, 10e3) for e in (-5.0, 30.0) for c in (WIDE, skyscatter.Fisheye(width=240, height=240))),
     ("earth", 20.0, ORBIT, 400e3),
+    ("earth-simple", 50.0, PLANET, 8e6),  # straight below the air is seen alike over many degrees of the planet
+    *((m, e, PLANET, h) for m, e, h in (("earth", 20.0, 2e6), ("earth", 5.0, 8e6), ("earth-hazy", 0.0, 2e7))),
+    *((m, e, PLANET, h) for m, e, h in (("earth", 0.0, 400e3), ("earth", -20.0, 36e6), ("mars", 20.0, 8e6))),
 ]  # fmt: skip
 
 
