@@ -3,18 +3,17 @@
 For an observer the diffuse light of a spherical atmosphere depends on the elevation, and on the azimuth from the Sun
 evenly to both sides.  It is solved at nodes that crowd at the horizon, where it has an edge, and at the Sun; between
 them go cubics through four nodes each way, below the horizon in the way to the ground (`below_place`); seen from above
-the air, where day and night lie side by side, through the logarithms.  Of light
-scattered once only the sunlight on each component is joined; its phase functions, with all their peaks and bows, are
-exact, for the angle from the Sun is one along a ray.  Some rays that a picture asks for are then solved themselves and
-compared: close to the Sun, out to where the cubics hold, rays are solved one by one, and where they hold nowhere there
-is no table.
+the air, where day and night lie side by side, through the logarithms.  Of light scattered once only the sunlight on
+each component is joined; its phase functions, with all their peaks and bows, are exact, for the angle from the Sun is
+one along a ray.  Some rays that a picture asks for are then solved themselves and compared: close to the Sun, out to
+where the cubics hold, rays are solved one by one, and where they hold nowhere there is no table.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -121,6 +120,12 @@ class Parts:
     multiple: Array  #: scattered more often
     ground: Array  #: straight from the ground
 
+    def take_logarithms(self) -> None:
+        """Keep the logarithms of what is positive instead; of next to nothing where there is none."""
+        for light in (self.lit, self.multiple, self.ground):
+            least = DARKEST * light.max(axis=(-3, -2), keepdims=True, initial=0.0) + np.finfo(float).tiny
+            np.log(np.maximum(light, least, out=light), out=light)
+
 
 @dataclass(frozen=True)
 class SkyTable:
@@ -143,7 +148,7 @@ class SkyTable:
     lost : ndarray, shape (component, node, angle, wavelength)
         What of these phase functions is lost close to the Sun, where peaks widen; for the first angles only.
     parts : Parts
-        (node, turn, wavelength)
+        (node, turn, wavelength); logarithms where the observer stands above the air.
     beyond : ndarray, shape (node, wavelength)
         What comes straight from beyond the air where the Sun is not.
     error : ndarray, shape (node, wavelength)
@@ -196,12 +201,6 @@ class SkyTable:
         return self.top < math.pi / 2
 
     @cached_property
-    def logs(self) -> Parts:
-        """Logarithms of what is positive."""
-        lit, rest, multiple, ground = (getattr(self.parts, f.name) for f in fields(Parts))
-        return Parts(_log(lit), rest, _log(multiple), _log(ground))
-
-    @cached_property
     def axes(self) -> Array:
         """The frame's three axes and the direction of the Sun, (4, 3)."""
         return np.array([*self.frame, self.sun])
@@ -233,8 +232,10 @@ class SkyTable:
 
         if self.above:
             nothing, alike, whole = self.parts.rest[:0], np.ones((1, *self.phase.shape[1:])), self.lost[:1, :, :0]
-            scattered = joined(self.logs.rest, self.logs.lit, self.phase, self.lost)
-            multiple, ground = (joined(nothing, p[None], alike, whole) for p in (self.logs.multiple, self.logs.ground))
+            scattered = joined(self.parts.rest, self.parts.lit, self.phase, self.lost)
+            multiple, ground = (
+                joined(nothing, part[None], alike, whole) for part in (self.parts.multiple, self.parts.ground)
+            )
             if not parts:
                 scattered, multiple, ground = scattered + multiple + ground, *np.zeros((2, 0, wavelengths))
         else:
@@ -293,7 +294,8 @@ def make_table(
     with Workers(threads) as pool:
         for share in SHARES:
             nodes = _Nodes.of(sight, share)
-            if not nodes.enough or _effort(sight, left) < FEWEST * nodes.effort:
+            wanted = FEWEST * nodes.effort
+            if not nodes.enough or (left.sum() < wanted and _effort(sight, left) < wanted):
                 break
             found = _table(sight, nodes, pool) or found
             left = left if found is None else found.alone(directions)
@@ -361,6 +363,8 @@ def _table(sight: _Sight, nodes: _Nodes, pool: Workers) -> SkyTable | None:
     phase = np.ascontiguousarray(fine.problem.whole[0, kept])
     disk = DISK * float(table.optics.disk_radius)
     solved = _solved(fine, coarse, table, origin, frame.rays(elevation, turn), tolerance, pool)
+    if edges.above:
+        solved[1].take_logarithms()
     found = SkyTable(
         frame, np.asarray(table.optics.disk_axis), elevation, below, turn, edges.horizon, edges.top, phase, *solved,
         edges.slant, disk, disk,
@@ -586,12 +590,6 @@ def _share(pool: Workers, work: Callable[[slice], None], count: int) -> None:
     """Do work on some items at a time."""
     for done in [pool.submit(work, slice(k, min(k + TOGETHER, count))) for k in range(0, count, TOGETHER)]:
         done.result()
-
-
-def _log(light: Array) -> Array:
-    """Logarithm of light (..., node, turn, wavelength), of next to nothing where there is none."""
-    least = DARKEST * light.max(axis=(-3, -2), keepdims=True, initial=0.0) + np.finfo(float).tiny
-    return np.asarray(np.log(np.maximum(light, least)))
 
 
 def _turns(share: float, above: bool) -> Array:
