@@ -185,11 +185,6 @@ class SkyTable:
             beside |= np.abs(self.frame.of(directions)[0] - self.horizon) < self.band
         return np.asarray(beside)
 
-    @property
-    def has_gaps(self) -> bool:
-        """Whether the cubics do not hold everywhere outside of the Sun's disk."""
-        return self.near > self.disk or self.band > 0
-
     @cached_property
     def smooth(self) -> Array:
         """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
