@@ -39,6 +39,28 @@ def meridian_frame(origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Ar
     return v, np.cross(v, d)
 
 
+def meridian_turns(origins: Array, directions: Array, star: Array) -> Array:
+    """Q and U at the meridian plane of light that has Q = 1 and U = 0 at the plane of the ray and a star.
+
+    Parameters
+    ----------
+    origins, directions : ndarray, shape (ray, 3)
+        From the planet's centre; unit vectors.
+    star : ndarray, shape (3,)
+        Unit vector.
+
+    Returns
+    -------
+    ndarray, shape (ray, 2)
+        Of rays straight to the star 0, for what is scattered there is not polarised.
+    """
+    v, left = meridian_frame(origins, directions)
+    p = star - (directions @ star)[:, None] * directions
+    p /= np.maximum(np.linalg.norm(p, axis=1, keepdims=True), 1e-12)
+    cosine, sine = np.sum(p * v, axis=1), np.sum(p * left, axis=1)
+    return np.stack([cosine**2 - sine**2, 2 * cosine * sine], axis=1)
+
+
 def _across(vector: Array, d: Array) -> Array:
     """The part of a vector that is perpendicular to d."""
     part: Array = vector - np.sum(vector * d, axis=-1, keepdims=True) * d

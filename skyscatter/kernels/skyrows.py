@@ -56,7 +56,7 @@ def below_place(elevation, slant):
 
 @entry
 def place_rays(directions, axes, places, low, top, below, horizon, slant, turns, last,
-               row, across, column, along, cell, share, high):  # fmt: skip
+               row, across, column, along, odd, cell, share, high):  # fmt: skip
     """Where rays lie between the nodes of a table over the sky; nothing is joined across the horizon.
 
     Parameters
@@ -81,6 +81,8 @@ def place_rays(directions, axes, places, low, top, below, horizon, slant, turns,
         Nodes of the elevation and of the azimuth beside each ray.
     across, along : (ray, 4), output
         Their weights.
+    odd : (ray, 4), output
+        Those of the azimuth for what changes its sign from one side of the Sun to the other, known on its left.
     cell : (ray, 2) int64, output
         Nodes of the angle from the Sun.
     share : (ray, 2), output
@@ -103,6 +105,8 @@ def place_rays(directions, axes, places, low, top, below, horizon, slant, turns,
         _cubic(turns, 0, turns.size, math.atan2(abs(z), y), column[ray], along[ray])
         for k in range(4):  # the light is the same on both sides of the Sun
             turn = abs(column[ray, k] - 1)
+            beyond = column[ray, k] < 1 or turn > most
+            odd[ray, k] = -along[ray, k] if beyond != (z < 0.0) else along[ray, k]
             column[ray, k] = turn if turn <= most else 2 * most - turn
         k, w = angle_cell(d[0] * axes[3, 0] + d[1] * axes[3, 1] + d[2] * axes[3, 2], last)
         cell[ray, 0], cell[ray, 1], share[ray, 0], share[ray, 1] = k, k + 1, 1.0 - w, w

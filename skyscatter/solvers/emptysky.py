@@ -11,10 +11,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyscatter.errors import SkyscatterError
-from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.geometry.meridian import meridian_turns
 from skyscatter.ground import Ground
 from skyscatter.kernels.optics import SceneTable
 from skyscatter.kernels.surfaces.emptysky import EmptySky, empty_lights
@@ -26,7 +25,7 @@ from skyscatter.solvers.field import DEFAULT_TOLERANCE, scattering_top, solve_ra
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.orders import Context, darkest_sun, window_of
 from skyscatter.solvers.path import walks_for
-from skyscatter.solvers.skytable import angle_cells, frame_of
+from skyscatter.solvers.skytable import angle_cells, frame_of, weighted
 from skyscatter.solvers.sweeps import Solution, view
 from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces.grounds import RossLi, Rpv
@@ -139,8 +138,7 @@ def known_sky(
         field = solve_range(bare, wavelengths, window, DEFAULT_TOLERANCE, stokes, None, threads, None, None, darkest)
     except SkyscatterError:  # a medium that orders cannot do
         return None
-    joins = None if stokes else field.sky_table(table, rays.origins, rays.directions, threads)
-    context = Context(field, table, joins)
+    context = Context(field, table, field.sky_table(table, rays.origins, rays.directions, threads))
     ground = int(is_even(scene.ground))
     known = _tabulated(field.fine, table, nodes, origins, directions, lamp, ground, threads)
     some = slice(None, None, max(len(rays.origins) // JUDGED, 1))
@@ -224,13 +222,15 @@ def _tabulated(
         rest = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
         cell, share = angle_cells(d @ star, whole.shape[1] - 1)
         for k, c in enumerate(kept):
-            rest -= _joined(whole[k], cell, share) * lit[:, c]
+            rest -= weighted(whole[k], cell, share) * lit[:, c]
             light[some, k] = lit[:, c]
         light[some, kept.size] = rest
         if stokes > 1:
-            once = sum(_joined(polarised[k], cell, share) * lit[:, c] for k, c in enumerate(kept))
+            once = sum(weighted(polarised[k], cell, share) * lit[:, c] for k, c in enumerate(kept))
             light[some, kept.size + 1 : kept.size + stokes] = scattered[:, 1:] + multiple[:, 1:]
-            light[some, kept.size + 1 : kept.size + 3] -= _turned(o, d, star)[:, :, None] * np.asarray(once)[:, None]
+            light[some, kept.size + 1 : kept.size + 3] -= (
+                meridian_turns(o, d, star)[:, :, None] * np.asarray(once)[:, None]
+            )
 
     _ = fine.loaded
     with Workers(threads) as pool:
@@ -254,20 +254,6 @@ def _tabulated(
         polarised=polarised,
         light=light.reshape(*origins.shape[:4], *light.shape[1:]),
     )
-
-
-def _joined(phase: Array, cell: NDArray[np.int64], share: Array) -> Array:
-    """A phase function (angle, wavelength) between its nodes."""
-    return np.asarray(share[:, :1] * phase[cell[:, 0]] + share[:, 1:] * phase[cell[:, 1]])
-
-
-def _turned(origins: Array, directions: Array, star: Array) -> Array:
-    """Q and U (ray, 2) at the meridian of what has Q = 1 and U = 0 at the plane of the ray and the star."""
-    v, left = meridian_frame(origins, directions)
-    p = star - (directions @ star)[:, None] * directions
-    p /= np.maximum(np.linalg.norm(p, axis=1, keepdims=True), 1e-12)
-    cosine, sine = np.sum(p * v, axis=1), np.sum(p * left, axis=1)
-    return np.stack([cosine**2 - sine**2, 2 * cosine * sine], axis=1)
 
 
 def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> tuple[Array, Array]:

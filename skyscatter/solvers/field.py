@@ -41,6 +41,7 @@ from skyscatter.solvers.sweeps import (
     Sums,
     Sweeper,
     bundles,
+    diffuse_light,
     make_problem,
     reach,
     stated_share,
@@ -790,10 +791,10 @@ class RadianceField:
         error = np.abs(np.multiply(found.error, diffuse, out=found.error), out=found.error)
         error += self._alike(table, origins, directions, diffuse)
         radiance = diffuse if found.beyond is None else diffuse + found.beyond
-        layers = {}
+        layers = {} if found.polarised is None else _polarised_layers(found.polarised, error)
         if parts:
             direct = np.zeros_like(diffuse) if found.beyond is None else found.beyond
-            layers = {"direct": direct, "scattered": found.scattered, "ground": found.ground}
+            layers |= {"direct": direct, "scattered": found.scattered, "ground": found.ground}
             layers["multiple"] = found.multiple
         alone = np.flatnonzero(sky.alone(directions))
         if alone.size:
@@ -830,12 +831,7 @@ class RadianceField:
         stokes = scattered + multiple
         radiance = stokes[:, 0] + ground + direct
         error = self._error(table, origins, directions, stokes[:, 0] + ground)
-        layers = {}
-        if self.stokes:
-            names = "QUV"[: stokes.shape[1] - 1]
-            layers = {name: stokes[:, k + 1] for k, name in enumerate(names)}
-            layers.setdefault("V", np.zeros_like(radiance))
-            layers |= {f"{name}_error": error for name in "QUV"}
+        layers = _polarised_layers(np.moveaxis(stokes[:, 1:], 1, 0), error) if self.stokes else {}
         if parts:
             layers |= {"direct": direct, "scattered": scattered[:, 0], "ground": ground, "multiple": multiple[:, 0]}
         return Answer(radiance, error, layers, np.zeros(len(radiance), np.int64))
@@ -880,5 +876,11 @@ class RadianceField:
 
     def _diffuse(self, solution: Solution, table: SceneTable, origins: Array, directions: Array) -> Array:
         """Radiance of all orders but the direct light; (ray, wavelength)."""
-        scattered, multiple, ground, _ = view(solution.problem, solution.loaded, table, origins, directions)
-        return np.asarray(scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground)
+        return diffuse_light(*view(solution.problem, solution.loaded, table, origins, directions))[:, 0]
+
+
+def _polarised_layers(light: Array, error: Array) -> dict[str, Array]:
+    """Layers of Q, U and, where there is any, V (channel, ray, wavelength); their error is that of the radiance."""
+    layers = dict(zip("QUV", light, strict=False))
+    layers.setdefault("V", np.zeros_like(error))
+    return layers | {f"{name}_error": error for name in "QUV"}

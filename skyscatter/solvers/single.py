@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skyscatter.geometry.meridian import meridian_frame
+from skyscatter.geometry.meridian import meridian_turns
 from skyscatter.kernels.optics import GroundTable, SceneTable, ground_rows
 from skyscatter.kernels.polar import B1
 from skyscatter.kernels.single import make_scratch, single_rays
@@ -72,11 +72,8 @@ def single_polarisation(
     """
     optics = scene.optics._replace(phase=matrix[:, B1].copy(), emits=False)
     q = single_parts(scene._replace(optics=optics), land, rays, tolerance)[0]
-    v, left = meridian_frame(rays.origins, rays.directions)
-    towards_v, towards_left = v @ scene.optics.disk_axis, left @ scene.optics.disk_axis
-    # Towards the Sun and away from it there is no plane of scattering, and no polarisation either.
-    twice = 2 * np.arctan2(towards_left, towards_v)
-    return q * np.cos(twice)[:, None], q * np.sin(twice)[:, None]
+    turned = meridian_turns(rays.origins, rays.directions, np.asarray(scene.optics.disk_axis))
+    return q * turned[:, :1], q * turned[:, 1:]
 
 
 def solve(tables: Tables, rays: Rays, asked: Asked[Single]) -> Answer:

@@ -5,7 +5,8 @@ evenly to both sides.  It is solved at nodes that crowd at the horizon, where it
 them go cubics through four nodes each way, below the horizon in the way to the ground (`below_place`); seen from above
 the air, where day and night lie side by side, through the logarithms.  Of light scattered once only the sunlight on
 each component is joined; its phase functions, with all their peaks and bows, are exact, for the angle from the Sun is
-one along a ray.  Some rays that a picture asks for are then solved themselves and compared: close to the Sun, out to
+one along a ray; its polarisation is exact likewise, and the rest of Q is even and of U and V odd to both sides.  Some
+rays that a picture asks for are then solved themselves and compared: close to the Sun, out to
 where the cubics hold, rays are solved one by one, and where they hold nowhere there is no table.
 """
 
@@ -21,13 +22,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyscatter.geometry.meridian import meridian_turns
 from skyscatter.geometry.seen import seen_zenith
 from skyscatter.kernels.skyrows import below_place, join_rays, place_rays
 from skyscatter.kernels.sunlight import AUREOLE_END, AUREOLE_FULL, AUREOLE_WAVES
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.direct import slant_columns
 from skyscatter.solvers.estimate import relative_error
-from skyscatter.solvers.sweeps import Solution, same_course, stated_share, view
+from skyscatter.solvers.sweeps import HAIR, Solution, diffuse_light, off_vertical, same_course, stated_share, view
 from skyscatter.workers import Workers
 
 if TYPE_CHECKING:
@@ -119,9 +121,12 @@ class Parts:
     rest: Array  #: what of light scattered once is not `lit` times the phase function and `SkyTable.lost`
     multiple: Array  #: scattered more often
     ground: Array  #: straight from the ground
+    polarised: Array  #: (channel, ..., wavelength) Q, U and V of `multiple`; as shares of it where that is a logarithm
 
     def take_logarithms(self) -> None:
         """Keep the logarithms of what is positive instead; of next to nothing where there is none."""
+        least = DARKEST * self.multiple.max(axis=(-3, -2), keepdims=True, initial=0.0) + np.finfo(float).tiny
+        np.divide(self.polarised, np.maximum(self.multiple, least), out=self.polarised)
         for light in (self.lit, self.multiple, self.ground):
             least = DARKEST * light.max(axis=(-3, -2), keepdims=True, initial=0.0) + np.finfo(float).tiny
             np.log(np.maximum(light, least, out=light), out=light)
@@ -143,8 +148,9 @@ class SkyTable:
         Nodes of the azimuth from the Sun, 0 to pi [rad].
     horizon, top : float
         Elevation of the horizon, and of where there is no air above [rad].
-    phase : ndarray, shape (component, angle, wavelength)
-        Of those that scatter, times scattering per unit density, as `skyscatter.kernels.tabulated.angle_cell` reads it.
+    phase : ndarray, shape (use, component, angle, wavelength)
+        Of those that scatter, times scattering per unit density, as `skyscatter.kernels.tabulated.angle_cell` reads it;
+        and b1 times it where light is polarised.
     lost : ndarray, shape (component, node, angle, wavelength)
         What of these phase functions is lost close to the Sun, where peaks widen; for the first angles only.
     parts : Parts
@@ -186,6 +192,11 @@ class SkyTable:
         return np.asarray(beside)
 
     @cached_property
+    def unlost(self) -> Array:
+        """`lost` where nothing is."""
+        return self.lost[:, :, :0]
+
+    @cached_property
     def smooth(self) -> Array:
         """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
         return np.asarray(self.parts.rest + np.maximum(self.parts.multiple, 0.0) + self.parts.ground)
@@ -207,39 +218,82 @@ class SkyTable:
 
     def look(self, directions: Array, parts: bool = True) -> Look:
         """Light along rays (ray, 3); without `parts` all diffuse light counts as scattered once."""
-        rays, wavelengths = len(directions), self.beyond.shape[1]
+        stokes = len(self.parts.polarised) > 0
+        if stokes:
+            directions = off_vertical(np.broadcast_to(self.frame.up, directions.shape), directions)
+        at = self._placed(directions)
+        if self.above:
+            scattered = self._joined(at, self.parts.rest, self.parts.lit, self.phase[0], self.lost)
+            alike = np.ones((1, *self.phase.shape[2:]))
+            multiple, ground = (
+                self._joined(at, lit=part[None], phase=alike) for part in (self.parts.multiple, self.parts.ground)
+            )
+        else:
+            smooth = self.parts.rest if parts else self.smooth
+            scattered = self._joined(at, smooth, self.parts.lit, self.phase[0], self.lost)
+            others = (self.parts.multiple, self.parts.ground) if parts else ()
+            multiple, ground = [self._joined(at, part) for part in others] or [np.zeros((0, smooth.shape[2]))] * 2
+        polarised = self._polarised(at, directions, multiple) if stokes else None
+        if self.above and not parts:
+            scattered, multiple, ground = scattered + multiple + ground, *np.zeros((2, 0, scattered.shape[1]))
+        beyond = weighted(self.beyond, at.row, at.across) if self.beyond.any() else None
+        return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[at.row[:, 1]], polarised)
+
+    def _placed(self, directions: Array) -> _Places:
+        """Where rays (ray, 3) lie between the nodes."""
+        rays = len(directions)
         row, column, cell = (np.empty((rays, n), np.int64) for n in (4, 4, 2))
-        across, along, share, high = np.empty((rays, 4)), np.empty((rays, 4)), np.empty((rays, 2)), np.empty(rays)
+        across, along, odd, share, high = (np.empty((rays, n)) for n in (4, 4, 4, 2, 1))
         place_rays(
             np.ascontiguousarray(directions), self.axes, self.places, float(self.elevation[0]),
             float(self.elevation[-1]), self.below, self.horizon, self.slant, _mirrored(self.turn),
-            self.phase.shape[1] - 1, row, across, column, along, cell, share, high,
+            self.phase.shape[2] - 1, row, across, column, along, odd, cell, share, high[:, 0],
         )  # fmt: skip
-        work = np.empty((2, wavelengths))
-        dark = high > self.top
+        return _Places(row, across, column, along, odd, cell, share, high[:, 0] > self.top)
 
-        def joined(smooth: Array, lit: Array, phase: Array, lost: Array) -> Array:
-            out = np.empty((rays, wavelengths))
-            join_rays(row, across, column, along, cell, share, smooth, lit, phase, lost, int(self.above), work, out)
-            if dark.any():
-                out[dark] = 0.0
-            return out
+    def _joined(
+        self,
+        at: _Places,
+        smooth: Array | None = None,
+        lit: Array | None = None,
+        phase: Array | None = None,
+        lost: Array | None = None,
+        odd: bool = False,
+    ) -> Array:
+        """What is smooth (node, turn, wavelength), and sunlight times a phase function less what is lost of it."""
+        out = np.empty((len(at.row), self.beyond.shape[1]))
+        join_rays(
+            at.row, at.across, at.column, at.odd if odd else at.along, at.cell, at.share,
+            self.parts.rest[:0] if smooth is None else smooth, self.parts.lit[:0] if lit is None else lit,
+            self.phase[0, :0] if phase is None else phase, self.unlost if lost is None else lost, int(self.above),
+            np.empty((2, out.shape[1])), out,
+        )  # fmt: skip
+        if at.dark.any():
+            out[at.dark] = 0.0
+        return out
 
+    def _polarised(self, at: _Places, directions: Array, multiple: Array) -> Array:
+        """Q, U and, where there is any, V along rays, (channel, ray, wavelength)."""
+        found = np.stack([self._joined(at, part, odd=k > 0) for k, part in enumerate(self.parts.polarised)])
         if self.above:
-            nothing, alike, whole = self.parts.rest[:0], np.ones((1, *self.phase.shape[1:])), self.lost[:1, :, :0]
-            scattered = joined(self.parts.rest, self.parts.lit, self.phase, self.lost)
-            multiple, ground = (
-                joined(nothing, part[None], alike, whole) for part in (self.parts.multiple, self.parts.ground)
-            )
-            if not parts:
-                scattered, multiple, ground = scattered + multiple + ground, *np.zeros((2, 0, wavelengths))
-        else:
-            none = self.parts.lit[:0], self.phase[:0], self.lost[:0]
-            scattered = joined(self.parts.rest if parts else self.smooth, self.parts.lit, self.phase, self.lost)
-            others = (self.parts.multiple, self.parts.ground) if parts else ()
-            multiple, ground = [joined(part, *none) for part in others] or [np.zeros((0, wavelengths))] * 2
-        beyond = _weighted(self.beyond, row, across) if self.beyond.any() else None
-        return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[row[:, 1]])
+            found *= multiple
+        once = self._joined(at, lit=self.parts.lit, phase=self.phase[1])
+        for light, turned in zip(found, meridian_turns(self.frame.up[None], directions, self.sun).T, strict=False):
+            light += turned[:, None] * once
+        return found
+
+
+class _Places(NamedTuple):
+    """Where rays lie between nodes, as for `skyscatter.kernels.skyrows.place_rays`."""
+
+    row: NDArray[np.int64]
+    across: Array
+    column: NDArray[np.int64]
+    along: Array
+    odd: Array
+    cell: NDArray[np.int64]
+    share: Array
+    dark: NDArray[np.bool_]  #: where there is no air
 
 
 class Look(NamedTuple):
@@ -250,6 +304,7 @@ class Look(NamedTuple):
     ground: Array
     beyond: Array | None  #: straight from beyond the air where the Sun is not; None where nothing shines there
     error: Array  #: relative, of the diffuse light
+    polarised: Array | None  #: (channel, ray, wavelength) Q, U and, where there is any, V
 
     @property
     def diffuse(self) -> Array:
@@ -279,7 +334,7 @@ def make_table(
         Of the solution.
     threads : int
     """
-    if fine.problem.stokes > 1 or len(directions) * (1 + COURSE) < FEWEST * SHARES[0] ** 2 * TURNS * BESIDE:
+    if len(directions) * (1 + COURSE) < FEWEST * SHARES[0] ** 2 * TURNS * BESIDE:
         return None
     sun = np.asarray(table.optics.disk_axis)
     frame = frame_of(origin, sun)
@@ -355,9 +410,12 @@ def _table(sight: _Sight, nodes: _Nodes, pool: Workers) -> SkyTable | None:
     fine, coarse, table, origin, directions, tolerance, frame, _, _ = sight
     edges, elevation, below, turn = nodes
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
-    phase = np.ascontiguousarray(fine.problem.whole[0, kept])
+    phase = np.ascontiguousarray(fine.problem.whole[:, kept])
     disk = DISK * float(table.optics.disk_radius)
-    solved = _solved(fine, coarse, table, origin, frame.rays(elevation, turn), tolerance, pool)
+    # A hair from the vertical, so that each azimuth has a meridian of its own.
+    steep = math.pi / 2 - (2 * HAIR if fine.problem.stokes > 1 else 0.0)
+    rays = frame.rays(np.clip(elevation, -steep, steep), turn)
+    solved = _solved(fine, coarse, table, origin, rays, tolerance, pool)
     if edges.above:
         solved[1].take_logarithms()
     found = SkyTable(
@@ -454,7 +512,8 @@ def _solved(
     kept = np.flatnonzero(fine.problem.diffuse.scatters)
     components, wavelengths = table.optics.sigma_s.shape
     shape = (*rays.shape[:2], wavelengths)
-    parts = Parts(np.empty((kept.size, *shape)), *(np.empty(shape) for _ in range(3)))
+    rest, more, surface = (np.empty(shape) for _ in range(3))
+    parts = Parts(np.empty((kept.size, *shape)), rest, more, surface, np.empty((fine.problem.stokes - 1, *shape)))
     beyond, error = np.empty((2, len(rays), wavelengths))
     angles = lost_peaks(fine, np.zeros((0, components, wavelengths)), kept).shape[2]
     lost = np.empty((kept.size, len(rays), angles, wavelengths))
@@ -465,23 +524,26 @@ def _solved(
         here = (-1, turns, wavelengths)
         lit = np.empty((rays[some].size // 3, components, wavelengths), np.float32)
         chain = np.empty(lit.shape)
-        scattered, multiple, ground, direct = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit, chain)
+        viewed = _viewed(fine, table, origin, rays[some].reshape(-1, 3), lit, chain)
+        scattered, multiple, ground, direct = viewed[0][:, 0], viewed[1][:, 0], *viewed[2:]
         lost[:, some] = lost_peaks(fine, chain.reshape(-1, turns, components, wavelengths)[:, 0], kept)
         cell, share = angle_cells(toward[some].ravel(), fine.problem.whole.shape[2] - 1)
         inner = cell[:, 1] < lost.shape[2]
         node = np.repeat(np.arange(some.start, some.stop), turns)[inner]
         once = np.zeros_like(scattered)
         for k, c in enumerate(kept):
-            chance = _weighted(fine.problem.whole[0, c], cell, share)
+            chance = weighted(fine.problem.whole[0, c], cell, share)
             chance[inner] -= sum(share[inner, j, None] * lost[k, node, cell[inner, j]] for j in range(2))
             once += chance * lit[:, c]
             parts.lit[k, some] = lit[:, c].reshape(here)
         for part, values in ((parts.rest, scattered - once), (parts.multiple, multiple), (parts.ground, ground)):
             part[some] = values.reshape(here)
+        for k, part in enumerate(parts.polarised, 1):
+            part[some] = viewed[1][:, k].reshape(here)
         beyond[some] = direct.reshape(here)[:, -1]
-        diffuse = (scattered + np.maximum(multiple, 0.0) + ground).reshape(here)[:, compared]
+        diffuse = diffuse_light(*viewed)[:, 0].reshape(here)[:, compared]
         rough = _viewed(coarse, table, origin, rays[some][:, compared].reshape(-1, 3))
-        other = (rough[0] + np.maximum(rough[1], 0.0) + rough[2]).reshape(diffuse.shape)
+        other = diffuse_light(*rough)[:, 0].reshape(diffuse.shape)
         for k, number in enumerate(range(some.start, some.stop)):
             error[number] = relative_error(diffuse[k], other[k], tolerance, ERROR_TURNS, told)
 
@@ -533,12 +595,9 @@ def _viewed(
     lit: NDArray[np.float32] | None = None,
     chain: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
-    """Scattered once and more often, ground, and straight light; (ray, wavelength) each."""
+    """`view` of rays from one place."""
     origins = np.broadcast_to(origin, directions.shape).copy()
-    scattered, multiple, ground, direct = view(
-        solution.problem, solution.loaded, table, origins, directions, lit, chain
-    )
-    return scattered[:, 0], multiple[:, 0], ground, direct
+    return view(solution.problem, solution.loaded, table, origins, directions, lit, chain)
 
 
 def _checked(
@@ -562,18 +621,20 @@ def _checked(
         beside = np.flatnonzero(np.abs(low - 0.5 * math.pi) < TERMINATOR)
     chosen = [some[np.linspace(0, some.size - 1, min(COMPARED, some.size)).astype(int)] for some in (order, beside)]
     tested = np.unique(np.concatenate(chosen))
-    exact = np.empty((tested.size, found.beyond.shape[1]))
+    exact = np.empty((1 + len(found.parts.polarised), tested.size, found.beyond.shape[1]))
 
     def work(some: slice) -> None:
         light = _viewed(fine, table, origin, np.ascontiguousarray(directions[tested[some]]))
-        exact[some] = light[0] + np.maximum(light[1], 0.0) + light[2]
+        exact[:, some] = np.moveaxis(diffuse_light(*light), 1, 0)
 
     _share(pool, work, tested.size)
     looked = found.look(directions[tested])
-    joined = looked.diffuse
+    joined = looked.diffuse[None]
+    if looked.polarised is not None:
+        joined = np.concatenate([joined, looked.polarised])
     allowed = np.maximum(MISSED * tolerance, MISSED_OF_ERROR * looked.error)
-    allowed = allowed * np.maximum(np.abs(exact), FAINT * np.abs(exact).max(axis=0))
-    missed = np.any(np.abs(joined - exact) > allowed, axis=1)
+    allowed = allowed * np.maximum(np.abs(exact[0]), FAINT * np.abs(exact[0]).max(axis=0))
+    missed = np.any(np.abs(joined - exact) > allowed, axis=(0, 2))
     high = np.abs(found.frame.of(directions[tested])[0] - found.horizon)
     for near, band in zip(NEAR, BAND, strict=True):
         if np.mean(missed & (angle[tested] > np.radians(near)) & (high >= np.radians(band))) <= MISSING:
@@ -608,7 +669,7 @@ def angle_cells(cosine: Array, last: int) -> tuple[NDArray[np.int64], Array]:
     return np.stack([k, k + 1], axis=1), np.stack([1.0 - w, w], axis=1)
 
 
-def _weighted(table: Array, rows: NDArray[np.int64], weights: Array) -> Array:
+def weighted(table: Array, rows: NDArray[np.int64], weights: Array) -> Array:
     """A few rows of a table for each place (place, few), times their weights, added up: (place, wavelength)."""
     found = weights[:, 0, None] * table[rows[:, 0]]
     for k in range(1, rows.shape[1]):

@@ -620,6 +620,16 @@ def view(
     return scattered[back], multiple[back], reflected[back], direct[back]
 
 
+def diffuse_light(scattered: Array, multiple: Array, reflected: Array, direct: Array) -> Array:
+    """All that `view` found but the direct light, (ray, stokes, wavelength).
+
+    Where there is next to no light, deep in the night, the sum of its moments swings about zero.
+    """
+    found = scattered + multiple
+    found[:, 0] = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + reflected
+    return np.asarray(found)
+
+
 def off_vertical(origins: Array, directions: Array) -> Array:
     """Directions, with vertical ones tilted by a hair so that their meridian plane is that of the conventions."""
     up = origins / np.linalg.norm(origins, axis=1, keepdims=True)

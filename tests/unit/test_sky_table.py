@@ -18,6 +18,7 @@ WAVELENGTHS = [400, 550, 700]
 TOLERANCE = 5e-3
 PANORAMA = skyscatter.Panorama(width=360, height=120, elevation_min_deg=-15)
 WIDE = skyscatter.Panorama(width=480, height=160, elevation_min_deg=-15)
+SPHERE = skyscatter.Panorama(width=720, height=180, elevation_min_deg=-90)
 FISHEYE = skyscatter.Fisheye(width=160, height=160)
 ORBIT = skyscatter.Perspective(width=240, height=160, azimuth_deg=137, elevation_deg=-20, fov_deg=40)
 PLANET = skyscatter.PlanetView(width=160, height=160)
@@ -26,9 +27,11 @@ LOW = skyscatter.Panorama(width=720, height=60, elevation_min_deg=-4, elevation_
 JUDGED = 400
 
 
-def solved(model: str, elevation: float, camera: Any, altitude: float = 0.0) -> tuple[RadianceField, Any, Any, Any]:
+def solved(
+    model: str, elevation: float, camera: Any, altitude: float = 0.0, stokes: bool = False
+) -> tuple[RadianceField, Any, Any, Any]:
     scene = skyscatter.load_model(model).scene(sun_elevation_deg=elevation, sun_azimuth_deg=137, altitude=altitude)
-    field = field_for([scene], camera, WAVELENGTHS, tolerance=0.02)
+    field = field_for([scene], camera, WAVELENGTHS, tolerance=0.02, stokes=stokes)
     object.__setattr__(field, "tolerance", TOLERANCE)  # that by which the table is judged
     directions = camera.directions(scene.observer).reshape(-1, 3)
     directions = np.ascontiguousarray(directions[np.isfinite(directions[:, 0])])
@@ -53,31 +56,63 @@ CASES = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("stokes", [False, True])
 @pytest.mark.parametrize(
     ("model", "elevation", "camera", "altitude"),
     [pytest.param(*case, marks=() if case[0] == "earth-simple" else pytest.mark.slow) for case in CASES],
 )
-def test_joined_rays_are_as_rays_by_themselves(model: str, elevation: float, camera: Any, altitude: float) -> None:
+def test_joined_rays_are_as_rays_by_themselves(
+    model: str, elevation: float, camera: Any, altitude: float, stokes: bool
+) -> None:
     """Rays that the table itself did not compare: one in a hundred may miss what it allows, none ten times as much.
 
-    In the mean square they are within a third of it.
+    In the mean square they are within a third of it.  All of this holds for every Stokes parameter, in units of the
+    whole light.
     """
-    field, table, origins, directions = solved(model, elevation, camera, altitude)
+    field, table, origins, directions = solved(model, elevation, camera, altitude, stokes)
     sky = field.sky_table(table, origins, directions, 2)
     assert sky is not None
     chosen = np.random.default_rng(0).choice(len(directions), JUDGED, replace=False)
     quick = field.look(table, origins[chosen], directions[chosen], False, sky)
     slow = field.look(table, origins[chosen], directions[chosen], False)
     scale = np.maximum(slow.radiance, FAINT * slow.radiance.max(axis=0))
-    off = np.abs(quick.radiance - slow.radiance) / scale
     stated = slow.standard_error / np.maximum(slow.radiance, 1e-300)
     allowed = np.maximum(MISSED * TOLERANCE, MISSED_OF_ERROR * np.maximum(stated, quick.standard_error / scale))
-    assert np.mean(off > allowed) < 0.01
-    assert (off / allowed).max() < 10
-    assert np.sqrt(np.mean((off / allowed) ** 2)) < 0.3
+    for here, there in pairs(quick, slow):
+        off = np.abs(here - there) / scale
+        assert np.mean(off > allowed) < 0.01
+        assert (off / allowed).max() < 10
+        assert np.sqrt(np.mean((off / allowed) ** 2)) < 0.3
     # What is missed lies within the error that is stated, of which this is a small part.
     floor = MISSED * TOLERANCE * FAINT * slow.radiance.max(axis=0)
     assert np.mean(np.abs(quick.radiance - slow.radiance) > quick.standard_error + floor) < 0.005
+
+
+def pairs(quick: Any, slow: Any) -> list[tuple[Any, Any]]:
+    """Radiances of two answers, and their Q, U and V where they have them."""
+    layers = [(quick.layers[name], slow.layers[name]) for name in "QUV" if name in slow.layers]
+    return [(quick.radiance, slow.radiance), *layers]
+
+
+@pytest.mark.parametrize(
+    ("altitude", "camera", "ways"), [(0.0, FISHEYE, [1.0]), (300.0, SPHERE, [1.0, -1.0]), (5e6, PLANET, [-1.0])]
+)
+def test_polarised_light_is_joined_straight_up_and_down(altitude: float, camera: Any, ways: list[float]) -> None:
+    """The meridian plane turns about the vertical, and on it is the one of the conventions."""
+    field, table, origins, directions = solved("earth-simple", 30.0, camera, altitude, True)
+    up = origins[0] / np.linalg.norm(origins[0])
+    sky = field.sky_table(table, origins, directions, 1)
+    assert sky is not None
+    across = np.cross(up, table.optics.disk_axis) / np.linalg.norm(np.cross(up, table.optics.disk_axis))
+    tilts = [0.0, 1e-7, 1e-5, 1e-3]
+    for way in ways:
+        rays = np.array([way * up + tilt * side * across for tilt in tilts for side in (1, -1)])
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        quick = field.look(table, origins[:8], rays, False, sky)
+        slow = field.look(table, origins[:8], rays, False)
+        assert np.abs(slow.layers["Q"][-1] / slow.radiance[-1]).max() > 0.01
+        for here, there in pairs(quick, slow):
+            np.testing.assert_allclose(here, there, rtol=0, atol=MISSED * TOLERANCE * slow.radiance.max())
 
 
 @pytest.mark.parametrize("altitude", [2.0, 300.0, 1e3])
@@ -163,10 +198,9 @@ def test_rays_are_placed_where_cubics_hold() -> None:
     frame = frame_of(origin, sun)
     below, horizon = np.linspace(-np.pi / 2, -0.1, 7), -0.05
     elevation = np.concatenate([below, np.linspace(0.0, np.pi / 2, 9)])
-    turns = np.linspace(-0.2, np.pi + 0.2, 19)
-    turns[[1, -2]] = 0.0, np.pi
+    turns = np.pi * np.arange(-1, 18) / 16
     row, column, cell = (np.empty((3000, n), np.int64) for n in (4, 4, 2))
-    across, along, share, high = np.empty((3000, 4)), np.empty((3000, 4)), np.empty((3000, 2)), np.empty(3000)
+    across, along, odd, share, high = (np.empty((3000, n)) for n in (4, 4, 4, 2, 1))
     slant = np.array([6372e3, 6372e3**2 - 6371e3**2, 0.0, 1e4])
 
     def places(angles: Any) -> Any:
@@ -175,10 +209,10 @@ def test_rays_are_placed_where_cubics_hold() -> None:
 
     place_rays(
         directions, np.array([*frame, sun]), places(elevation), elevation[0], elevation[-1], below.size, horizon, slant,
-        turns, 100, row, across, column, along, cell, share, high,
+        turns, 100, row, across, column, along, odd, cell, share, high[:, 0],
     )  # fmt: skip
     seen, turn = frame.of(directions)
-    np.testing.assert_allclose(high, seen, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(high[:, 0], seen, rtol=0, atol=1e-14)
     cubic = np.polynomial.Polynomial([0.3, -1.0, 0.5, 0.2])
     at = np.clip(seen, elevation[0], elevation[-1])
     known = cubic(places(elevation))[row]
@@ -188,6 +222,10 @@ def test_rays_are_placed_where_cubics_hold() -> None:
     # A cubic of the azimuth that is even at both ends does not change where nodes beyond them are mirrored.
     inner = (turn > turns[2]) & (turn < turns[-3])
     np.testing.assert_allclose((along * cubic(turns[1:-1])[column]).sum(axis=1)[inner], cubic(turn[inner]), atol=1e-12)
+    # What is odd in the azimuth is zero at both ends: cubics of mirrored nodes know its sign on either side.
+    wave = np.sin(turns[1:-1])
+    left = np.sign(directions @ frame.beside)
+    np.testing.assert_allclose((odd * wave[column]).sum(axis=1), left * np.sin(turn), atol=5e-5)
     assert column.min() == 0
     assert column.max() == turns.size - 3
     number, weight = angle_cells(directions @ sun, 100)
