@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from skyscatter.kernels.eclipse import behind_moon, dim
-from skyscatter.kernels.jit import entry, kernel, merged
+from skyscatter.kernels.jit import entry, inlined, kernel, merged
 from skyscatter.kernels.lookup import (
     columns_along,
     columns_to_light,
@@ -229,6 +229,15 @@ def ground_light(scene, x_sun, work, out):
             out[i] += work.sun[i] * mu_s * optics.sun_irradiance[m, i] / math.pi
 
 
+@inlined
+def cosine_of_light(points, d):
+    """Cosine of the angle between a direction and the middle of the points of the disk that shine, (point, 3)."""
+    x, y, z = 0.0, 0.0, 0.0
+    for m in range(points.shape[0]):
+        x, y, z = x + points[m, 0], y + points[m, 1], z + points[m, 2]
+    return (d[0] * x + d[1] * y + d[2] * z) / math.sqrt(x * x + y * y + z * z)
+
+
 @entry
 def single_rays(scene, origins, directions, tolerance, scratch, scattered, ground, direct):
     """Single scattering of many rays.
@@ -261,8 +270,7 @@ def single_rays(scene, origins, directions, tolerance, scratch, scattered, groun
             scattered[ray, i], ground[ray, i], direct[ray, i] = 0.0, 0.0, 0.0
         if line.leave > line.enter:
             start_columns(scene.columns, line, work.from_start, work.across)
-            axis = optics.disk_axis
-            phase_at(optics.phase, d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2], work.phase)
+            phase_at(optics.phase, cosine_of_light(optics.sun_direction, d), work.phase)
             weigh_phase(work.phase, optics.sigma_s, work.weighted)
             _scattered(
                 scene, line, o, d, origin_sun, along_sun, tolerance, x_sun, work, first, limit, cuts, stack,

@@ -60,10 +60,15 @@ def prepare_tables(
 ) -> Tables:
     """The tables of a scene; the rest of the arguments is for solvers that do more before the first ray."""
     from skyscatter.solvers.compile import compile_ground, compile_scene, matrix_tables
-    from skyscatter.solvers.eclipse import eclipse_table
+    from skyscatter.solvers.eclipse import eclipse_table, free_middle
 
     matrix = matrix_tables(scene.medium, tuple(float(w) for w in wavelengths)) if asked.stokes else None
     table = compile_scene(scene, wavelengths)._replace(eclipse=eclipse_table(scene, wavelengths))
+    if table.eclipse.share.size:
+        # A crescent shines from beside the middle of the disk, by as much all over the sky as here.
+        towards = table.optics.sun_direction + free_middle(scene)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        table = table._replace(optics=table.optics._replace(sun_direction=towards))
     return Tables(table, compile_ground(scene.ground, wavelengths), matrix)
 
 

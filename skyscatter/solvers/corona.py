@@ -12,6 +12,7 @@ from skyscatter.solvers.base import Array
 from skyscatter.solvers.eclipse import eclipse_of, moon_drawn
 from skyscatter.solvers.overhead import Overhead
 from skyscatter.solvers.skylights import FACE_FINER, disk_grid, onto_pixels
+from skyscatter.solvers.sundisk import Veil, no_veil
 
 #: Baumbach's law: terms of the radiance over the Sun's mean, a coefficient and a power of the distance in radii of the
 #: Sun (Baumbach 1937, Astron. Nachr. 263, 121, with the coefficients of Allen 1973, Astrophysical Quantities, 85).
@@ -47,7 +48,7 @@ def corona_light(distance: ArrayLike) -> Array:
 
 
 def corona_pixels(
-    scene: Scene, table: Any, camera: Any, grid: Array, wavelengths: Array
+    scene: Scene, table: Any, camera: Any, grid: Array, wavelengths: Array, veil: Veil = no_veil
 ) -> tuple[NDArray[np.intp], Array] | None:
     """Pixels with the corona, in total eclipses.
 
@@ -61,6 +62,8 @@ def corona_pixels(
         Directions through the middles of the pixels, NaN outside the field.
     wavelengths : ndarray, shape (wavelength,)
         [nm]
+    veil : callable
+        As for `skyscatter.solvers.sundisk.disk_correction`.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def corona_pixels(
         away = np.linalg.norm(np.cross(directions, optics.disk_axis), axis=1) / np.sin(optics.disk_radius)
         covered = np.linalg.norm(np.cross(directions, moon), axis=1) < np.sin(moon_radius)
         seen = np.where(covered | (away < 1.0), 0.0, corona_light(np.maximum(away, 1.0)))
-        return np.asarray(seen[:, None] * whole * above.transmittance(directions))
+        return np.asarray(seen[:, None] * whole * above.transmittance(directions) * veil(directions))
 
     flat = grid.reshape(-1, 3)
     with np.errstate(invalid="ignore"):

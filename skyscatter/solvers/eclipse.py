@@ -20,6 +20,8 @@ from skyscatter.scene import Scene, Site
 MOVED = 1e-4
 #: How far the radius of a planet may be from the Earth's [its share], to be the Earth; places and times mean Earth.
 ROUND = 0.01
+#: Points over the radius and the circumference by which the middle of what is free is found, at a wavelength [nm].
+FREE_POINTS, FREE_WAVELENGTH = 400, [550.0]
 #: Margin of the Moon's apparent radii in a table.
 MARGIN = 1e-3
 
@@ -110,6 +112,39 @@ def eclipse_table(scene: Scene, wavelengths: Array) -> EclipseTable:
         np.ascontiguousarray(np.clip(share, 0.0, 1.0)), ratio, position + sun, position + moon, SUN_RADIUS, MOON_RADIUS,
         scene.star.radius / SUN_RADIUS,
     )  # fmt: skip
+
+
+def free_middle(scene: Scene) -> Array:
+    """How far the middle of the light that passes the Moon lies from the Sun's own, a vector (3,) between unit vectors.
+
+    Seen by the observer; 0 where there is no eclipse, and where nothing passes.  Of a smaller star it is smaller.
+
+    Examples
+    --------
+    Half an hour before totality a quarter of the light passes, by the edge opposite to the Moon.
+
+    >>> import numpy as np
+    >>> import skyscatter
+    >>> from skyscatter.solvers.eclipse import free_middle
+    >>> scene = skyscatter.load_model("earth").scene_at(42.85, -106.32, "2017-08-21T17:20:00Z")
+    >>> f"{np.degrees(np.linalg.norm(free_middle(scene))):.3f} degrees"
+    '0.139 degrees'
+    """
+    eclipse = eclipse_of(scene)
+    if eclipse is None:
+        return np.zeros(3)
+    sun, moon = (v / np.linalg.norm(v) for v in eclipse.vectors)
+    towards = moon - sun
+    towards /= max(float(np.linalg.norm(towards)), 1e-300)
+    # Rings of equal area, in radii of the Sun.
+    square = (np.arange(FREE_POINTS) + 0.5) / FREE_POINTS
+    angle = 2 * np.pi * square[:, None]
+    x, y = np.sqrt(square) * np.cos(angle), np.sqrt(square) * np.sin(angle)
+    free = np.hypot(x - eclipse.separation / eclipse.sun_radius, y) > eclipse.moon_radius / eclipse.sun_radius
+    light = free * scene.star.limb(np.sqrt(1 - square), FREE_WAVELENGTH)[:, 0]
+    passed = float(light.sum())
+    apart = float((x * light).sum()) / passed if passed > 0 else 0.0
+    return towards * apart * eclipse.sun_radius * scene.star.radius / SUN_RADIUS
 
 
 def moon_drawn(eclipse: Eclipse, axis: Array, radius: float) -> tuple[Array, float]:

@@ -300,7 +300,7 @@ def sun_corrections(
         if scene.sun.site is not None:  # no place, no eclipse
             from skyscatter.solvers.corona import corona_pixels
 
-            around = corona_pixels(scene, table, camera, grid, wl)
+            around = corona_pixels(scene, table, camera, grid, wl, veil)
         return [one for one in (disk, around) if one is not None], recipe
     seen = sundisk.disk_along(scene, table, grid, wl)
     lamp = {**recipe, "sun_lamp": sundisk.sun_lamp(scene, table, wl, veil)}

@@ -72,7 +72,8 @@ def single_polarisation(
     """
     optics = scene.optics._replace(phase=matrix[:, B1].copy(), emits=False)
     q = single_parts(scene._replace(optics=optics), land, rays, tolerance)[0]
-    turned = meridian_turns(rays.origins, rays.directions, np.asarray(scene.optics.disk_axis))
+    middle = scene.optics.sun_direction.sum(axis=0)
+    turned = meridian_turns(rays.origins, rays.directions, middle / np.linalg.norm(middle))
     return q * turned[:, :1], q * turned[:, 1:]
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyscatter.errors import DomainError
 from skyscatter.kernels.codes.shells import LINEAR
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, STACK, SURFACE_LAMP, SURROUNDINGS
+from skyscatter.kernels.eclipse import NO_ECLIPSE
 from skyscatter.kernels.lookup import ColumnTable, build_column_table
 from skyscatter.kernels.surfaces.tables import LampTable, MediaTable, ShapeTable, SurfaceTable
 from skyscatter.media.fields import FieldRow
@@ -390,6 +391,8 @@ def pack_lamps(shapes: ShapeTable, media: MediaTable, lamps: list[Lamp], centre:
         mapped=mapped,
         around=np.zeros((0, 0, wavelengths)) if around is None else around,
         around_cdf=np.zeros(0) if around is None else cell_cdf(around),
+        eclipsed=-1,
+        moon=NO_ECLIPSE,
     )
 
 

@@ -16,9 +16,12 @@ import numpy as np
 
 from skyscatter.celestial.heavens import Heavens
 from skyscatter.celestial.moon import Moon, moon_irradiance
+from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP
+from skyscatter.kernels.surfaces.tables import LampTable
 from skyscatter.scene import Scene, Star, Sun
 from skyscatter.solvers import skylights
 from skyscatter.solvers.base import Array, Asked, Rays
+from skyscatter.solvers.eclipse import eclipse_table
 from skyscatter.solvers.emptysky import empty
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.overhead import Overhead
@@ -234,6 +237,20 @@ def tables(surfaces: SurfaceScene, wavelengths: Array) -> Context:
     return Context(guided(compile_surfaces(surfaces, tuple(float(w) for w in wavelengths))))
 
 
+def eclipsed(lamps: LampTable, scene: Scene, wavelengths: Array) -> LampTable:
+    """Lamps of a scene, with the Moon before its star where it is in an eclipse."""
+    moon = eclipse_table(scene, wavelengths)
+    if not moon.share.size:
+        return lamps
+    down = np.array([0.0, 0.0, -scene.medium.radius])
+    return lamps._replace(eclipsed=star_lamp(lamps), moon=moon._replace(sun=moon.sun + down, moon=moon.moon + down))
+
+
+def star_lamp(lamps: LampTable) -> int:
+    """Number of the star among the lamps of a scene: the first parallel one, for bodies that shine come before it."""
+    return int(np.flatnonzero(lamps.kind == PARALLEL_LAMP)[0])
+
+
 def straight(walks: Context, scene: Scene, directions: Array) -> Array:
     """What comes straight to the observer of a scene, (ray, wavelength)."""
     origins = np.zeros_like(directions) + np.array([0.0, 0.0, scene.altitude])
@@ -252,6 +269,7 @@ def sun_along(scene: Scene, wavelengths: Array, directions: Array) -> Array:
     """What comes straight from the Sun's disk to the observer, as the walks find it, (ray, wavelength)."""
     plain = scene.model_copy(update={"lights": None, "towns": None})
     lit, dark = (tables(as_surfaces(one, wavelengths), wavelengths) for one in (plain, _dark(scene)))
+    lit = Context(lit.table._replace(lamps=eclipsed(lit.table.lamps, scene, wavelengths)))
     return straight(lit, scene, directions) - straight(dark, scene, directions)
 
 

@@ -112,12 +112,5 @@ def star_shines(scene: Scene, wavelengths: Array) -> bool:
 def check_scene(scene: Scene) -> None:
     """Refuse what walks among surfaces do not know of a sky."""
     held = scene.world
-    if scene.sun.site is not None:
-        from skyscatter.solvers.eclipse import eclipse_of
-
-        if eclipse_of(scene) is not None:
-            raise DomainError(
-                "time", scene.sun.site.time, f"is in an eclipse, which scenes with {held} cannot have yet"
-            )
     if np.degrees(np.arcsin(min(scene.star.radius / scene.star_distance, 1.0))) > 5.0:
         raise DomainError("radius", scene.star.radius, f"fills more than 10 degrees of the sky of a scene with {held}")

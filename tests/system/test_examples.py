@@ -15,6 +15,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WRITES = {
     "air_mass.py": (),
     "clear_ground.py": (),
+    "eclipse_crescents.py": ("eclipse_crescents.png",),
     "first_sky.py": ("first_sky.png",),
     "moonlit_snow.py": ("moonlit_snow.png",),
     "neutral_points.py": ("neutral_points.png",),
@@ -38,8 +39,8 @@ def test_every_example_is_tested_and_listed() -> None:
 
 #: Several seconds to a quarter of a minute and more each; what they show is tested elsewhere.
 LONG = {
-    "air_mass.py", "clear_ground.py", "moonlit_snow.py", "neutral_points.py", "night_strip.py", "twilight_ozone.py",
-    "twilight_sequence.py", "zenith_and_horizon.py",
+    "air_mass.py", "clear_ground.py", "eclipse_crescents.py", "moonlit_snow.py", "neutral_points.py", "night_strip.py",
+    "twilight_ozone.py", "twilight_sequence.py", "zenith_and_horizon.py",
 }  # fmt: skip
 
 

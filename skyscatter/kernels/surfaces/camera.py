@@ -213,7 +213,7 @@ def see_surroundings(lamps, ray, order, s, sums, by_order, polar):
         if lamps.kind[k] == SURROUNDINGS:
             for i in range(s.light.size):
                 s.light[i] = lamps.power[k, i]
-            shade(lamps, k, s.walk.direction, s.light, s.light_through)
+            shade(lamps, k, s.origin, s.walk.direction, s.light, s.light_through)
             see_light(ray, order, s, sums, by_order, polar)
 
 
@@ -291,7 +291,7 @@ def look(
                 continue
         if item < 0:
             see_surroundings(scene.lamps, ray, order, s, sums, by_order, polar)
-            if straight and scene.lamps.limb.shape[0] > 0 and disk_light(scene.lamps, d, s.light, s.light_through):
+            if straight and scene.lamps.limb.shape[0] > 0 and disk_light(scene.lamps, x, d, s.light, s.light_through):
                 see_light(ray, order, s, sums, by_order, polar)
             return
         for n in range(3):

@@ -94,7 +94,7 @@ def emit_photon(scene, e, count, s):
     elif k == lamps.mapped:
         for n in range(3):
             s.place[n] = -d[n]
-        shade(lamps, k, s.place, walk.value, s.light)
+        shade(lamps, k, walk.position, s.place, walk.value, s.light)
     for n in range(s.stack.size):
         s.stack[n] = lamps.stack[k, n]
     return k, skip

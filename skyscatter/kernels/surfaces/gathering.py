@@ -259,7 +259,7 @@ def light_leg(table, hero, sampling, first, s):
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):
         s.light[i] *= mean * walk.value[i] * s.halfway[i] * towards[i] * lamps.power[k, i]
-    shade(lamps, k, s.aside, s.light, s.spare)
+    shade(lamps, k, s.place, s.aside, s.light, s.spare)
     scattering_terms(s.polar, media, m, s.media.density, cosine)
     see_turned(s.polar, d, s.aside, s.light)
     return True
@@ -306,7 +306,7 @@ def light_surface(table, row, both_sides, here, there, sampling, s):
     mean = light * walk.chance.size / mean
     for i in range(walk.value.size):
         s.light[i] *= mean * walk.value[i] * s.factor[i] * lamps.power[k, i]
-    shade(lamps, k, s.aside, s.light, s.spare)
+    shade(lamps, k, x, s.aside, s.light, s.spare)
     surface_terms(
         s.polar, table.materials, row, s.normal, s.back, s.aside, s.factor, media.index[here], media.index[there]
     )
@@ -353,7 +353,7 @@ def light_end(table, sampling, s, sums):
             add_light(s.polar, s.factor, 1.0, s.at[ORDER], s.at[LAST], sums)
         # Disks are far smaller than what scatters: they are met only where none of them was aimed at.
         unaimed = sampling == ANGULAR or s.at[BEFORE] == NO_AIM
-        if unaimed and lamps.limb.shape[0] > 0 and disk_light(lamps, d, s.factor, s.spare):
+        if unaimed and lamps.limb.shape[0] > 0 and disk_light(lamps, s.start, d, s.factor, s.spare):
             for i in range(s.factor.size):
                 s.factor[i] *= walk.value[i] * s.through[i]
             see_plain(s.polar, s.factor)

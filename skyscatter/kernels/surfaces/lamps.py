@@ -17,13 +17,17 @@ import numpy as np
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.codes.surfaces import PARALLEL_LAMP, POINT_LAMP, SPHERE, SURROUNDINGS
 from skyscatter.kernels.directions import turn
+from skyscatter.kernels.eclipse import behind_moon, dim
 from skyscatter.kernels.jit import inlined, kernel, merged
+from skyscatter.kernels.random import mix
 from skyscatter.kernels.surfaces.beams import place_beside, to_beam
 from skyscatter.kernels.surfaces.shapes import sample_item
 from skyscatter.kernels.tabulated import cell_of, first_above
 
 #: Share of the choices of a lamp that do not ask how much of its light arrives.
 BLIND_SHARE = 0.1
+#: Points of an eclipsed disk that are tried; what makes integers of numbers in [0, 1); and the number of 32-bit words.
+TRIES, SCRAMBLED, WORDS = 64, 2.0**53, 2.0**32
 
 
 @by_address
@@ -84,6 +88,33 @@ def point_on_disk(lamps, k, u, v, d):
         d[n] = lamps.position[k, n]
     if lamps.limb_row[k] >= 0:
         turn(d, math.sqrt(1.0 - u * lamps.disk[k] ** 2), 2.0 * math.pi * v)
+
+
+@kernel
+def past_moon(lamps, k, x, u, v, d):
+    """Unit vector from x to a point of the disk of lamp k that the Moon leaves free, even over that, into `d` (3,).
+
+    Points are drawn until one is free, between the limb and the circle within which all is hidden, by numbers that
+    follow from the two that are given.  The edge that is next to come out stands for a crescent that none meets.
+    """
+    p, moon = lamps.position[k], lamps.moon
+    a, b, c = moon.moon[0] - x[0], moon.moon[1] - x[1], moon.moon[2] - x[2]
+    near = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / near - p[0], b / near - p[1], c / near - p[2]
+    apart, size = math.sqrt(a * a + b * b + c * c), lamps.disk[k]
+    hidden = (moon.moon_radius / near - apart) * moon.scale / size if size > 0.0 else 0.0
+    hidden = min(max(hidden, 0.0), 1.0) ** 2
+    state = mix(np.uint64(u * SCRAMBLED) ^ mix(np.uint64(v * SCRAMBLED)))
+    for _ in range(TRIES):
+        point_on_disk(lamps, k, hidden + u * (1.0 - hidden), v, d)
+        if not behind_moon(moon, p, x[0], x[1], x[2], d[0], d[1], d[2]):
+            return
+        state = mix(state)
+        u, v = (state >> np.uint64(32)) / WORDS, (state & np.uint64(0xFFFFFFFF)) / WORDS
+    along, flat = a * p[0] + b * p[1] + c * p[2], math.sqrt(1.0 - size * size)
+    a, b, c = a - along * p[0], b - along * p[1], c - along * p[2]
+    back = size / math.sqrt(max(a * a + b * b + c * c, 1e-300))
+    d[0], d[1], d[2] = flat * p[0] - back * a, flat * p[1] - back * b, flat * p[2] - back * c
 
 
 @inlined
@@ -163,9 +194,14 @@ def around_density(lamps, d):
 
 
 @kernel
-def shade(lamps, k, d, light, spare):
-    """Make mean light (wavelength,) of lamp k that of direction d, where the lamp is not the same all over."""
-    if lamps.limb_row[k] >= 0:
+def shade(lamps, k, x, d, light, spare):
+    """Make mean light (wavelength,) of lamp k that which comes to x from direction d of `aim`.
+
+    An eclipsed disk counts as even over what is free: so its light is exact, and bodies cast shadows of the crescent.
+    """
+    if k == lamps.eclipsed:
+        dim(lamps.moon, x[0], x[1], x[2], light)
+    elif lamps.limb_row[k] >= 0:
         darken(lamps, k, ring_of(lamps, k, d), light)
     elif k == lamps.mapped:
         for i in range(light.size):
@@ -176,12 +212,14 @@ def shade(lamps, k, d, light, spare):
 
 
 @kernel
-def disk_light(lamps, d, light, spare):
-    """Radiance of the disks of parallel lamps in direction d, into `light` (wavelength,); False beside them."""
+def disk_light(lamps, x, d, light, spare):
+    """Radiance of the disks of parallel lamps from x in direction d, into `light` (wavelength,); False beside them."""
     found = False
     for k in range(lamps.kind.size):
         square = ring_of(lamps, k, d)
         if square <= 1.0:
+            if k == lamps.eclipsed and behind_moon(lamps.moon, lamps.position[k], x[0], x[1], x[2], d[0], d[1], d[2]):
+                continue
             if not found:
                 for i in range(light.size):
                     light[i] = 0.0
@@ -242,7 +280,10 @@ def aim(shapes, lamps, k, x, u, v, d, point):
         without extent; 0 if nothing shines this way
     """
     if lamps.kind[k] == PARALLEL_LAMP:
-        point_on_disk(lamps, k, u, v, d)
+        if k == lamps.eclipsed:
+            past_moon(lamps, k, x, u, v, d)
+        else:
+            point_on_disk(lamps, k, u, v, d)
         return math.inf, np.int64(-1), 0.0, 1.0
     if lamps.kind[k] == SURROUNDINGS:
         return math.inf, np.int64(-1), draw_around(lamps, u, v, d), 1.0

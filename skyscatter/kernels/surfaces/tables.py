@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
+from skyscatter.kernels.eclipse import EclipseTable
 from skyscatter.kernels.lookup import ColumnTable
 from skyscatter.kernels.space import SpaceTable
 
@@ -127,6 +128,8 @@ class LampTable(NamedTuple):
     #: over the x-y plane, columns in the azimuth from y towards x; no rows where there is none
     around: np.ndarray
     around_cdf: np.ndarray  #: ((row - 1) * column,) 0 < ... = 1, by which walks aim at cells between nodes; none: never
+    eclipsed: int  #: parallel lamp that the Moon stands before, -1 if none
+    moon: EclipseTable  #: in the frame of the scene
 
 
 @by_address
