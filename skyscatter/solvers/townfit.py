@@ -121,10 +121,11 @@ def _solved(mean: Array, error: Array, penalty: Array) -> tuple[Array, Array, fl
         stated = error / level
         relative = np.where(met, np.hypot(np.maximum(stated, np.median(stated[met])), LEAST), UNMET)
         weight = relative**-2
-        inverse = np.linalg.inv(np.diag(weight) + penalty)
+        matrix = np.diag(weight) + penalty
         step = np.where(met, np.clip((mean - level) / level, -1.0, 3.0), 0.0) if number else 0.0
-        logarithm = inverse @ (weight * (logarithm + step))
+        logarithm = np.linalg.solve(matrix, weight * (logarithm + step))
         level = np.exp(logarithm)
+    inverse = np.linalg.inv(matrix)
     freedom = float(np.sum((np.diag(inverse) * weight)[met]))
     rest = float(np.sum((weight * (mean / level - 1.0) ** 2)[met]))
     wider = max(rest / max(np.count_nonzero(met) - freedom, 1.0), 1.0)

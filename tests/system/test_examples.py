@@ -40,7 +40,7 @@ def test_every_example_is_tested_and_listed() -> None:
 #: Several seconds to a quarter of a minute and more each; what they show is tested elsewhere.
 LONG = {
     "air_mass.py", "clear_ground.py", "eclipse_crescents.py", "moonlit_snow.py", "neutral_points.py", "night_strip.py",
-    "twilight_ozone.py", "twilight_sequence.py", "zenith_and_horizon.py",
+    "reflection_nebula.py", "twilight_ozone.py", "twilight_sequence.py", "zenith_and_horizon.py",
 }  # fmt: skip
 
 

@@ -45,7 +45,11 @@ def pairs_of_walks(fog: Fog, pairs: int) -> Any:
 
 @pytest.mark.parametrize(
     ("name", "pairs", "spread", "skew"),
-    [("thin", 15_000, 0.7, 3.5), ("fog", 15_000, 1.8, 6.0), ("dense", 4000, 1.6, 4.0)],
+    [
+        ("thin", 15_000, 0.7, 3.5),
+        pytest.param("fog", 15_000, 1.8, 6.0, marks=pytest.mark.slow),
+        ("dense", 4000, 1.6, 4.0),
+    ],
 )
 def test_no_few_walks_carry_the_light(name: str, pairs: int, spread: float, skew: float) -> None:
     """Spread and skewness of pairs of walks, the worst look's; bounds are a third to a half above those measured.
@@ -107,7 +111,7 @@ def test_error_bars_of_photons_cover_beside_a_lamp() -> None:
     [
         ("thin", (1.2, 1.0, 2.2), 0.005),
         ("fog", (1.2, 1.0, 2.2), 0.005),
-        ("even", (1.2, 1.0, 2.2), 0.005),
+        pytest.param("even", (1.2, 1.0, 2.2), 0.005, marks=pytest.mark.slow),
         ("dense", (0.3, 0.2, 0.2), 0.012),
     ],
 )

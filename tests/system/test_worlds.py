@@ -15,8 +15,15 @@ from skyscatter import fields
 from skyscatter.surfaces import Body, Box, Dielectric, Lambert, Mosaic, PointLamp, RossLi, Rpv, Sea
 
 
-@pytest.mark.parametrize("sun", [60.0, 25.0, 5.0])
-@pytest.mark.parametrize("model", ["earth-simple", "earth-hazy"])
+@pytest.mark.parametrize(
+    ("model", "sun"),
+    [
+        ("earth-simple", 60.0),
+        ("earth-hazy", 5.0),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("earth-simple", 25.0), ("earth-simple", 5.0))),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("earth-hazy", 60.0), ("earth-hazy", 25.0))),
+    ],
+)
 def test_a_plain_sky(model: str, sun: float) -> None:
     """A dozen directions, by the general walk against the sky's own walks and against orders."""
     walks = 8192 if model == "earth-simple" else 4096

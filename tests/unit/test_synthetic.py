@@ -64,7 +64,10 @@ def test_diffusion_is_that_of_the_closed_form(ground: float) -> None:
     np.testing.assert_allclose(found, right, rtol=3e-3)
 
 
-@pytest.mark.parametrize(("depth", "albedo", "ground"), [(3.0, 1.0, 0.3), (10.0, 1.0, 0.0), (20.0, 0.98, 0.9)])
+@pytest.mark.parametrize(
+    ("depth", "albedo", "ground"),
+    [(3.0, 1.0, 0.3), (10.0, 1.0, 0.0), pytest.param(20.0, 0.98, 0.9, marks=pytest.mark.slow)],
+)
 def test_cycles_are_the_sum_of_all_orders_in_few_sweeps(depth: float, albedo: float, ground: float) -> None:
     tolerance = 0.01
     made = problem(cloud(depth, albedo, ground=ground), tolerance)

@@ -44,7 +44,7 @@ def swept_to_the_end(sweeper: Sweeper, goal: float) -> Any:
         ("earth-simple", 60.0),
         ("earth-simple", -3.0),
         ("earth-hazy", 30.0),
-        ("earth-simple", -18.0),
+        pytest.param("earth-simple", -18.0, marks=pytest.mark.slow),
         pytest.param("mars", 5.0, marks=pytest.mark.slow),
         pytest.param("earth-hazy", -6.0, marks=pytest.mark.slow),
     ],
@@ -153,7 +153,7 @@ def test_a_step_that_leads_nowhere_is_told() -> None:
     ("model", "elevation"),
     [
         ("earth-simple", 40.0),
-        ("earth-simple", -5.0),
+        pytest.param("earth-simple", -5.0, marks=pytest.mark.slow),
         ("mars", 60.0),
         pytest.param("earth", -12.0, marks=pytest.mark.slow),
         pytest.param("earth-hazy", -12.0, marks=pytest.mark.slow),
