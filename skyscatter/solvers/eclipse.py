@@ -13,6 +13,7 @@ from skyscatter.celestial.eclipse import REACH, SUN_RADIUS, Eclipse, solar_eclip
 from skyscatter.celestial.frames import Array, Sight
 from skyscatter.celestial.moon import MOON_RADIUS
 from skyscatter.kernels.eclipse import INNER, NO_ECLIPSE, OUTER, EclipseTable
+from skyscatter.kernels.optics import OpticsTable
 from skyscatter.scene import Scene, Site
 
 #: How far the Sun of a scene may stand from where its place and time put it [rad]: further off somebody has moved it,
@@ -145,6 +146,12 @@ def free_middle(scene: Scene) -> Array:
     passed = float(light.sum())
     apart = float((x * light).sum()) / passed if passed > 0 else 0.0
     return towards * apart * eclipse.sun_radius * scene.star.radius / SUN_RADIUS
+
+
+def light_axis(optics: OpticsTable) -> Array:
+    """Direction (3,) to the middle of the points of the disk that shine, as `skyscatter.kernels.single` takes it."""
+    towards = optics.sun_direction.sum(axis=0)
+    return np.asarray(towards / np.linalg.norm(towards))
 
 
 def moon_drawn(eclipse: Eclipse, axis: Array, radius: float) -> tuple[Array, float]:

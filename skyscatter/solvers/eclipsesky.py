@@ -17,6 +17,7 @@ import numpy as np
 
 from skyscatter.solvers import path
 from skyscatter.solvers.base import Array, Asked, Rays, Tables
+from skyscatter.solvers.eclipse import light_axis
 from skyscatter.solvers.options import Path
 from skyscatter.solvers.response import TURNS, Glow, ViewNodes
 from skyscatter.solvers.single import single_parts
@@ -201,7 +202,7 @@ def _once(tables: Tables, nodes: ViewNodes, position: Array, directions: Array, 
         light, ground = single_along(some, position, rays.reshape(-1, 3), pool)
         lit.append(_refined(nodes, light.reshape(shape)))
     once = Once(
-        tuple(lit), _refined(nodes, ground.reshape(shape)), optics.phase[kept], optics.disk_axis,
+        tuple(lit), _refined(nodes, ground.reshape(shape)), optics.phase[kept], light_axis(optics),
         np.zeros(optics.sigma_s.shape[1]),
     )  # fmt: skip
     tested = directions[np.linspace(0, len(directions) - 1, min(COMPARED, len(directions))).astype(int)]

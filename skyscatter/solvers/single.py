@@ -15,6 +15,7 @@ from skyscatter.kernels.optics import GroundTable, SceneTable, ground_rows
 from skyscatter.kernels.polar import B1
 from skyscatter.kernels.single import make_scratch, single_rays
 from skyscatter.solvers.base import Answer, Array, Asked, Rays, Tables, prepare_tables
+from skyscatter.solvers.eclipse import light_axis
 from skyscatter.solvers.options import SINGLE_TOLERANCE, Single
 
 #: Largest disagreement of the two quadrature rules on a piece of a ray.  The result is as a rule ten times better, and
@@ -72,8 +73,7 @@ def single_polarisation(
     """
     optics = scene.optics._replace(phase=matrix[:, B1].copy(), emits=False)
     q = single_parts(scene._replace(optics=optics), land, rays, tolerance)[0]
-    middle = scene.optics.sun_direction.sum(axis=0)
-    turned = meridian_turns(rays.origins, rays.directions, middle / np.linalg.norm(middle))
+    turned = meridian_turns(rays.origins, rays.directions, light_axis(scene.optics))
     return q * turned[:, :1], q * turned[:, 1:]
 
 

@@ -186,7 +186,7 @@ def test_how_dark_totality_is() -> None:
     assert ratio[3, 2] > 1.2 * ratio[3, 0]
 
 
-@pytest.mark.parametrize("time", [TOTAL, pytest.param(PARTIAL, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("time", [TOTAL, PARTIAL])
 def test_nodes_agree_with_walks(time) -> None:
     """What is joined over the sky, against rays that have walks of their own, in units of the stated errors."""
     it = scene(time)
@@ -197,6 +197,8 @@ def test_nodes_agree_with_walks(time) -> None:
     context = eclipsed.prepare(it, rays, WL, options, 1, None)
     assert context.sky is not None
     assert context.sky.once is not None
+    # Between nodes; with phase functions about the middle of the Sun, not of its crescent, it was 2e-3 in a partial eclipse.
+    assert context.sky.once.missed.max() < (2e-3 if time == TOTAL else 2e-4)
     joined = eclipsed.solve(context, rays, options)
     some = np.arange(7, len(rays.origins), len(rays.origins) // 24)
     own = Rays(rays.origins[some].copy(), rays.directions[some].copy(), rays.numbers[some] + 10**6)
