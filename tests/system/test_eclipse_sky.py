@@ -197,7 +197,7 @@ def test_nodes_agree_with_walks(time) -> None:
     context = eclipsed.prepare(it, rays, WL, options, 1, None)
     assert context.sky is not None
     assert context.sky.once is not None
-    # Between nodes; with phase functions about the middle of the Sun, not of its crescent, it was 2e-3 in a partial eclipse.
+    # Between nodes; with phase functions about the middle of the Sun, not of the crescent, the latter were 2e-3.
     assert context.sky.once.missed.max() < (2e-3 if time == TOTAL else 2e-4)
     joined = eclipsed.solve(context, rays, options)
     some = np.arange(7, len(rays.origins), len(rays.origins) // 24)
