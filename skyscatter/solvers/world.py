@@ -87,9 +87,8 @@ def prepare(
     sea = lift if isinstance(ground.rest if isinstance(ground, Mosaic) else ground, Sea) else 0.0
     guide = guide._replace(level=ROULETTE_LEVEL, sea=sea)
     guide = guide._replace(open=guide.open or bool(shining.around.any()))
-    star, lamps = star_shines(scene, wavelengths), walks.table.lamps._replace(around=shining.around)
-    if star:
-        lamps = eclipsed(lamps, scene, wavelengths)
+    star = star_shines(scene, wavelengths)
+    lamps = eclipsed(walks.table.lamps._replace(around=shining.around), scene, wavelengths)
     table = walks.table._replace(guide=guide, lamps=lamps)
     if star and lamps.eclipsed < 0 and is_knowable(scene, len(rays.origins), asked):
         known = known_sky(scene, rays, wavelengths, star_lamp(lamps), threads, progress, asked.stokes)

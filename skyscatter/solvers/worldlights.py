@@ -30,7 +30,7 @@ from skyscatter.solvers.surface_path import Context, guided, solve
 from skyscatter.solvers.surfaces import compile_surfaces
 from skyscatter.solvers.townlamps import LEAST, lamps_and_towns, towns_shine
 from skyscatter.solvers.townseen import LIFT, lamps_seen
-from skyscatter.solvers.worldscene import as_surfaces, spectrum
+from skyscatter.solvers.worldscene import as_surfaces, spectrum, star_shines
 from skyscatter.surfaces.lamps import AnyLamp, AreaLamp, ParallelLamp, PointLamp
 from skyscatter.surfaces.scene import SurfaceScene
 from skyscatter.workers import in_parts
@@ -240,7 +240,7 @@ def tables(surfaces: SurfaceScene, wavelengths: Array) -> Context:
 def eclipsed(lamps: LampTable, scene: Scene, wavelengths: Array) -> LampTable:
     """Lamps of a scene, with the Moon before its star where it is in an eclipse."""
     moon = eclipse_table(scene, wavelengths)
-    if not moon.share.size:
+    if not moon.share.size or not star_shines(scene, wavelengths):
         return lamps
     down = np.array([0.0, 0.0, -scene.medium.radius])
     return lamps._replace(eclipsed=star_lamp(lamps), moon=moon._replace(sun=moon.sun + down, moon=moon.moon + down))
