@@ -122,7 +122,7 @@ def free_middle(scene: Scene) -> Array:
 
     Examples
     --------
-    Half an hour before totality a quarter of the light passes, by the edge opposite to the Moon.
+    Some twenty minutes before totality a third of the light passes, by the edge opposite to the Moon.
 
     >>> import numpy as np
     >>> import skyscatter

@@ -381,8 +381,8 @@ def test_lamps_are_looked_for_where_the_moon_leaves_the_disk_free(time: str) -> 
     free = points[np.linalg.norm(points + sun - moon, axis=-1) > eclipse.moon_radius]
     for axis in (v, w):
         seen, true = (found - sun) @ axis / eclipse.sun_radius, free @ axis / eclipse.sun_radius
-        # Two and a half standard errors of means, twice.
-        assert abs(seen.mean() - true.mean()) < 2.5 * true.std() / np.sqrt(n) + 2e-3
+        # Beside chance the disk that is drawn is smaller by 0.07 %.
+        assert abs(seen.mean() - true.mean()) < 2.5 * true.std() / np.sqrt(n) + 7e-4
         assert abs(seen.std() / true.std() - 1) < 0.02
 
 
