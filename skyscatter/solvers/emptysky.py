@@ -26,7 +26,7 @@ from skyscatter.solvers.options import Path
 from skyscatter.solvers.orders import Context, darkest_sun, window_of
 from skyscatter.solvers.path import walks_for
 from skyscatter.solvers.skytable import angle_cells, frame_of, weighted
-from skyscatter.solvers.sweeps import Solution, view
+from skyscatter.solvers.sweeps import Solution, diffuse_light, view
 from skyscatter.spectra.table import SpectralTable
 from skyscatter.surfaces.grounds import RossLi, Rpv
 from skyscatter.surfaces.materials import Lambert, Mosaic
@@ -218,8 +218,8 @@ def _tabulated(
         some = slice(start, min(start + TOGETHER, len(flat_o)))
         lit = np.empty((some.stop - start, components, wavelengths), np.float32)
         o, d = np.ascontiguousarray(flat_o[some]), np.ascontiguousarray(flat_d[some])
-        scattered, multiple, ground, _ = view(fine.problem, fine.loaded, table, o, d, lit)
-        rest = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
+        found = diffuse_light(*view(fine.problem, fine.loaded, table, o, d, lit))
+        rest = found[:, 0]
         cell, share = angle_cells(d @ star, whole.shape[1] - 1)
         for k, c in enumerate(kept):
             rest -= weighted(whole[k], cell, share) * lit[:, c]
@@ -227,7 +227,7 @@ def _tabulated(
         light[some, kept.size] = rest
         if stokes > 1:
             once = sum(weighted(polarised[k], cell, share) * lit[:, c] for k, c in enumerate(kept))
-            light[some, kept.size + 1 : kept.size + stokes] = scattered[:, 1:] + multiple[:, 1:]
+            light[some, kept.size + 1 : kept.size + stokes] = found[:, 1:]
             light[some, kept.size + 1 : kept.size + 3] -= (
                 meridian_turns(o, d, star)[:, :, None] * np.asarray(once)[:, None]
             )
@@ -270,8 +270,7 @@ def _missed(known: EmptySky, fine: Solution, table: SceneTable) -> tuple[Array, 
     around = np.stack([cosine, sine * np.cos(turn), sine * np.sin(turn)], axis=1)
     d = np.ascontiguousarray(around @ np.array(frame_of(known.star, up)))
     o = (known.radius + LOWEST + LOW_AIR * rng.random(COMPARED)[:, None] ** 2) * up
-    scattered, multiple, ground, _ = view(fine.problem, fine.loaded, table, o, d)
-    exact = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
+    exact = diffuse_light(*view(fine.problem, fine.loaded, table, o, d))[:, 0]
     return weight @ exact, weight @ np.abs(_looked_up(known, o, d) - exact)
 
 

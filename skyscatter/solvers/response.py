@@ -21,7 +21,7 @@ import numpy as np
 from skyscatter.solvers.base import Array
 from skyscatter.solvers.estimate import error_share
 from skyscatter.solvers.field import RadianceField
-from skyscatter.solvers.sweeps import Solution, view
+from skyscatter.solvers.sweeps import Solution, diffuse_light, view
 from skyscatter.workers import in_parts, steady_algebra
 
 #: Elevations at which one looks, above the horizon and below it; they crowd at the horizon by this power.
@@ -203,8 +203,7 @@ class Response:
         def work(part: slice) -> None:
             for s in range(part.start, part.stop):
                 table = self.field.at(self.field.sun(float(np.degrees(elevations[s])), 0.0))
-                scattered, multiple, ground, _ = view(solution.problem, solution.loaded, table, origins, directions)
-                light = scattered[:, 0] + np.maximum(multiple[:, 0], 0.0) + ground
+                light = diffuse_light(*view(solution.problem, solution.loaded, table, origins, directions))[:, 0]
                 light /= table.optics.sun_irradiance.sum(axis=0)
                 found[s] = transform @ light.reshape(ABOVE + BELOW, AZIMUTHS, -1)
 

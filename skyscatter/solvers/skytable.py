@@ -192,11 +192,6 @@ class SkyTable:
         return np.asarray(beside)
 
     @cached_property
-    def unlost(self) -> Array:
-        """`lost` where nothing is."""
-        return self.lost[:, :, :0]
-
-    @cached_property
     def smooth(self) -> Array:
         """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
         return np.asarray(self.parts.rest + np.maximum(self.parts.multiple, 0.0) + self.parts.ground)
@@ -265,8 +260,8 @@ class SkyTable:
         join_rays(
             at.row, at.across, at.column, at.odd if odd else at.along, at.cell, at.share,
             self.parts.rest[:0] if smooth is None else smooth, self.parts.lit[:0] if lit is None else lit,
-            self.phase[0, :0] if phase is None else phase, self.unlost if lost is None else lost, int(self.above),
-            np.empty((2, out.shape[1])), out,
+            self.phase[0, :0] if phase is None else phase, self.lost[:, :, :0] if lost is None else lost,
+            int(self.above), np.empty((2, out.shape[1])), out,
         )  # fmt: skip
         if at.dark.any():
             out[at.dark] = 0.0
