@@ -1,4 +1,4 @@
-"""Airglow: the light of the upper air by night, in thin layers of a sphere around the observer.
+"""Airglow: the light of the upper air by night, in layers of a sphere around the observer.
 
 A layer of column I (rayleighs towards the zenith) at the distance r_h from the planet's centre is seen by an observer
 below it, at the distance r, along a line of sight with the sine of elevation s, with the intensity
@@ -6,9 +6,9 @@ below it, at the distance r, along a line of sight with the sine of elevation s,
     I / sqrt(1 - (r / r_h)^2 (1 - s^2))
 
 (van Rhijn 1921): brighter towards the horizon, the more so the lower the layer.  One who stands in the layer or above
-looks through both its sides where the planet is not in the way; there the layer has a thickness, and what counts is
-the length of the line of sight within it, or else the limb would be endlessly bright.  Scattering and absorption on
-the way are left to whoever solves the air.
+looks through both its sides where the planet is not in the way; there the layer has a profile, or else the limb would
+be endlessly bright: a normal curve over the height, as wide at half of its maximum as is measured (OH 8.6 km: Baker &
+Stair 1988, Phys. Scr. 37, 611).  Scattering and absorption on the way are left to whoever solves the air.
 
 One rayleigh is 1e10 / (4 pi) photons m-2 s-1 sr-1 (Hunten, Roach & Chamberlain 1956).  Strengths are annual means over
 a low-latitude site (Cerro Paranal; the tables in data/ name their sources) at a solar radio flux of 100 sfu, and follow
@@ -34,6 +34,8 @@ RAYLEIGH = 1e10 / (4.0 * np.pi)  #: photons m-2 s-1 sr-1
 RANGE = 300.0, 1000.0  #: wavelengths for which airglow is tabulated [nm]
 FLUXES = 50.0, 400.0  #: solar radio fluxes at 10.7 cm that the linear law is allowed for [sfu]; fitted at 67 to 166
 _MEAN_FLUX = 100.0  # to which the tables belong [sfu]
+_ENDS = 4.5  # of a layer's profile, in standard deviations
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _CONTINUA = {"ho2": 1, "feo": 3, "o2": 5}  # columns of the table of continua, and their classes
 
 
@@ -41,7 +43,7 @@ class Layers(NamedTuple):
     """Layers of airglow, each of one class of emission; every column of shape (layer,)."""
 
     height_m: Array  #: of the middle above the ground [m]
-    thickness_m: Array  #: [m]
+    thickness_m: Array  #: full width at half maximum [m]
     solar_slope: Array  #: relative change of the intensity per sfu
 
 
@@ -171,22 +173,32 @@ def _from_below(sine: Array, radius: float, ground: float, shell: float) -> Arra
 
 
 def _through(sine: Array, radius: float, ground: float, shell: float, thickness: float) -> Array:
-    """Length of the line of sight within a layer, over the layer's thickness."""
+    """Integral of a layer's profile along the line of sight, over that along the vertical."""
     impact = radius * np.sqrt(1.0 - sine * sine)
-    middle = -radius * sine  # distance of the point that is nearest to the centre
-    end = np.where((sine < 0.0) & (impact < ground), middle - _half(ground, impact), np.inf)
-
-    def within(sphere: float) -> Array:
-        half = _half(sphere, impact)
-        return np.maximum(np.minimum(middle + half, end) - np.maximum(middle - half, 0.0), 0.0) * (half > 0.0)
-
-    length = within(shell + 0.5 * thickness) - within(shell - 0.5 * thickness)
-    return np.where(np.isnan(sine), np.nan, length / thickness)
+    deviation = thickness / np.sqrt(8.0 * np.log(2.0))
+    low, high = shell - _ENDS * deviation, shell + _ENDS * deviation
+    down, lowest = sine < 0.0, np.maximum(impact, ground)
+    before = np.where(down, _leg(impact, lowest, min(high, radius), low, shell, deviation), 0.0)
+    beyond = _leg(impact, np.where(down, impact, radius), high, low, shell, deviation)
+    return np.where(np.isnan(sine), np.nan, before + np.where(down & (impact < ground), 0.0, beyond))
 
 
-def _half(sphere: float, impact: Array) -> Array:
-    """Half of the chord that a line has in a sphere."""
-    return np.sqrt(np.maximum((sphere - impact) * (sphere + impact), 0.0))
+def _leg(impact: Array, begin: Array, end: float, low: float, shell: float, deviation: float) -> Array:
+    """The same from one distance to another from the planet's centre, on a line that passes it at `impact`.
+
+    At the distance r = b + w^2, b being the impact, it is 2 r / sqrt(r + b) dw long: smooth, also at the limb.
+    """
+    first = np.sqrt(np.maximum(np.maximum(begin, low) - impact, 0.0))
+    half = 0.5 * np.maximum(np.sqrt(np.maximum(end - impact, 0.0)) - first, 0.0)
+    out, crossed = np.zeros_like(impact), half > 0.0
+    impact, first, half = impact[crossed], first[crossed], half[crossed]
+    total = np.zeros_like(impact)
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        distance = impact + (first + half * (1.0 + node)) ** 2
+        profile = np.exp(-0.5 * ((distance - shell) / deviation) ** 2)
+        total += weight * profile * distance / np.sqrt(impact + distance)
+    out[crossed] = np.sqrt(2.0 / np.pi) / deviation * half * total
+    return out
 
 
 def airglow_spectra(wavelengths_nm: ArrayLike, solar_flux: float = 100.0) -> Array:

@@ -629,6 +629,8 @@ def _checked(
         joined = np.concatenate([joined, looked.polarised])
     allowed = np.maximum(MISSED * tolerance, MISSED_OF_ERROR * looked.error)
     allowed = allowed * np.maximum(np.abs(exact[0]), FAINT * np.abs(exact[0]).max(axis=0))
+    # Where all that is seen lies in the depth of night nothing is promised.
+    allowed = np.maximum(allowed, MISSED * fine.unseen)
     missed = np.any(np.abs(joined - exact) > allowed, axis=(0, 2))
     high = np.abs(found.frame.of(directions[tested])[0] - found.horizon)
     for near, band in zip(NEAR, BAND, strict=True):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
 
 from skyscatter.celestial.airglow import (
     RAYLEIGH,
@@ -62,13 +64,14 @@ def test_the_ground_hides_what_is_below() -> None:
     assert np.all(seen[1] == 0.0)
 
 
-def length_by_steps(sine, altitude, height, thickness):
-    """Length of a line of sight within a layer, by going along it in steps of 20 m until it meets the ground."""
-    step, radius = 20.0, EARTH + altitude
+def light_by_steps(sine, altitude, height, thickness):
+    """What a line of sight has of a layer, by going along it in steps of 20 m until it meets the ground."""
+    step, radius, deviation = 20.0, EARTH + altitude, thickness / 2.3548
     distance = np.arange(0.5, 3e5) * step
     centre = np.sqrt(radius**2 + distance**2 + 2 * radius * distance * sine)
     free = np.cumsum(centre < EARTH) == 0
-    return step * np.sum(free & (np.abs(centre - EARTH - height) < 0.5 * thickness))
+    profile = np.exp(-0.5 * ((centre - EARTH - height) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
+    return step * np.sum(free * profile)
 
 
 @pytest.mark.parametrize("altitude", [96e3, 100e3, 400e3])
@@ -80,23 +83,27 @@ def test_from_within_and_above(altitude, down) -> None:
     for k in (GREEN, 3):
         height, thickness = layers.height_m[k], layers.thickness_m[k]
         if altitude > height - 0.5 * thickness:
-            steps = length_by_steps(down, altitude, height, thickness) / thickness
-            # Each of up to four ends of the stretch falls somewhere into a step: 4 * 20 m of 8.6 km.
-            assert ours[k] == pytest.approx(steps, abs=0.01)
+            # The steps of 20 m, less than a hundredth of the profile, begin and end somewhere.
+            assert ours[k] == pytest.approx(light_by_steps(down, altitude, height, thickness), rel=1e-3, abs=2e-3)
 
 
 def test_above_the_layer() -> None:
     assert np.all(airglow_paths([0.0, 0.5, 1.0], 400e3)[:, :7] == 0.0)
-    # Straight down: the layer once, the ground behind it.
-    assert airglow_paths(-1.0, 400e3) == pytest.approx(np.ones(8), rel=1e-9)
+    # Straight down: the layer once, the ground behind it; of the red one a thousandth lies above.
+    ours, above = airglow_paths(-1.0, 400e3), norm.sf(150.0 / (120.0 / 2.3548))
+    assert ours == pytest.approx(np.append(np.ones(7), 1.0 - above), abs=1e-5)
     # Just above the ground's edge the layer is seen twice: before and behind, each with van Rhijn's factor at the
-    # ground's edge.  The layer's 8.6 km change that by 1e-3 or so.
+    # ground's edge.  The layer's width of 8.6 km changes that by 1e-3 or so.
     edge = -np.sqrt(1 - ((EARTH + 1.0) / (EARTH + 400e3)) ** 2)
     assert airglow_paths(edge, 400e3)[GREEN] == pytest.approx(2 * airglow_paths(0.0)[GREEN], rel=3e-3)
-    # The brightest limb is a chord through the layer: 2 sqrt(2 r t) over t.
+    # The brightest limb of a normal curve of deviation d: sqrt(2 r / d) max_x int t^-1/2 phi(x + t) dt, both halves.
     sines = -np.sqrt(1 - ((EARTH + np.linspace(60e3, 110e3, 2001)) / (EARTH + 400e3)) ** 2)
     limb = airglow_paths(sines, 400e3)[:, GREEN]
-    assert limb.max() == pytest.approx(2 * np.sqrt(2 * (EARTH + 97e3) / 8.6e3), rel=0.01)
+    most = max(quad(lambda u, x=x: 2 * norm.pdf(x + u * u), 0, 4)[0] for x in np.linspace(-1.5, 0.0, 61))
+    assert limb.max() == pytest.approx(np.sqrt(2 * (EARTH + 97e3) / (8.6e3 / 2.3548)) * most, rel=0.01)
+    # And it begins smoothly: no step of 100 m changes it by more than a twentieth of the brightest.
+    fine = -np.sqrt(1 - ((EARTH + np.arange(85e3, 115e3, 100.0)) / (EARTH + 400e3)) ** 2)
+    assert np.abs(np.diff(airglow_paths(fine, 400e3)[:, GREEN])).max() < limb.max() / 20
 
 
 def test_nothing_jumps_as_an_observer_rises() -> None:
@@ -108,9 +115,9 @@ def test_nothing_jumps_as_an_observer_rises() -> None:
     steps = np.abs(np.diff(paths, axis=0))[np.diff(altitudes) == step]
     assert steps[:, 1:].max() < 1.2 * step / thickness / 0.3
     assert steps[:, 0].max() < 1.2 * 2 * np.sqrt(2 * 6.5e6 * step) / thickness  # a whole chord of such a depth
-    # Horizontally, where the layer begins: its chord from inside, not that of a thin shell (7.4 for the red one).
+    # Horizontally, below half of the layer: its profile from inside, not a thin shell (7.4 for the red one).
     bottom = [airglow_paths(0.0, altitude)[RED] for altitude in (190e3 - 1.0, 190e3 + 1.0)]
-    assert bottom == pytest.approx([np.sqrt(2 * (EARTH + 250e3) / 120e3)] * 2, rel=0.01)
+    assert bottom == pytest.approx([light_by_steps(0.0, 190e3, 250e3, 120e3)] * 2, rel=0.01)
 
 
 GRIDS = {

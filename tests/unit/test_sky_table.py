@@ -88,6 +88,19 @@ def test_joined_rays_are_as_rays_by_themselves(
     assert np.mean(np.abs(quick.radiance - slow.radiance) > quick.standard_error + floor) < 0.005
 
 
+def test_a_night_from_orbit_has_a_table() -> None:
+    """Away from a Sun under the horizon light is so faint that nothing is promised of it, and rays need not agree."""
+    camera = skyscatter.Perspective(width=240, height=160, azimuth_deg=317, elevation_deg=-17, fov_deg=60)
+    field, table, origins, directions = solved("earth-simple", -15.0, camera, 400e3)
+    sky = field.sky_table(table, origins, directions, 2)
+    assert sky is not None
+    chosen = np.random.default_rng(0).choice(len(directions), JUDGED, replace=False)
+    quick, slow = (field.look(table, origins[chosen], directions[chosen], False, by) for by in (sky, None))
+    lit = slow.radiance > 0
+    assert np.mean(slow.radiance[lit] < field.fine.unseen) > 0.03
+    assert np.all(np.abs(quick.radiance - slow.radiance) <= quick.standard_error + MISSED * field.fine.unseen)
+
+
 def pairs(quick: Any, slow: Any) -> list[tuple[Any, Any]]:
     """Radiances of two answers, and their Q, U and V where they have them."""
     layers = [(quick.layers[name], slow.layers[name]) for name in "QUV" if name in slow.layers]
