@@ -75,6 +75,8 @@ Exposure = Annotated[
 DEFAULT_TONE = "photograph"
 #: Numbers of which a summary takes the median, at least.
 JUDGED = 500_000
+#: Share of the brightest pixel below which there is no light to tell the error of.
+NO_LIGHT = 1e-9
 TONES = (
     "photograph (the default: colours as strong as film has them), eye (they fade in dim light), filmic (as they are), "
     "asinh (the faint is lifted, the bright keeps its colour) or linear"
@@ -591,6 +593,7 @@ def describe_denoising(summary: dict[str, Any]) -> str:
 def median_error(image: Any) -> float | None:
     """Median over pixels and wavelengths of the relative stated error, where there is light; None in the dark.
 
+    Light is what has a share of `NO_LIGHT` of the brightest at least: a night side tells nothing of the day beside it.
     Of more than `JUDGED` numbers every second, third and so on pixel counts: two digits are said.
     """
     if image.standard_error is None:
@@ -599,6 +602,7 @@ def median_error(image: Any) -> float | None:
     step = 1 + radiance.size // JUDGED
     radiance, error = radiance[::step], error[::step]
     lit = np.isfinite(radiance) & np.isfinite(error) & (radiance > 0)
+    lit &= radiance >= NO_LIGHT * np.max(radiance, initial=0.0, where=lit)
     return float(np.median(error[lit] / radiance[lit])) if lit.any() else None
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import skyscatter
+from skyscatter.cli import common
 from skyscatter.cli.main import main
 from skyscatter.image import SpectralImage
 from skyscatter.image.png import read_png
@@ -158,3 +159,13 @@ def test_a_dark_scene_is_no_good_model(tmp_path: Path, capsys: pytest.CaptureFix
     path.write_text('name = "dark"\n[viewpoint]\ntarget = [1, 0, 0]\n')
     assert main(["models", "check", str(path)]) == 2
     assert "nothing shines; add a lamp" in capsys.readouterr().err
+
+
+def test_the_night_side_of_a_planet_does_not_tell_the_error_of_its_day() -> None:
+    radiance = np.full((4, 4, 1), 1e-16)
+    radiance[:1] = [[[1.0], [0.5], [0.1], [1e-4]]]  # a quarter has light
+    error = np.where(radiance > 1e-9, 0.01, 70.0) * radiance
+    image = SpectralImage(wavelengths=[550.0], radiance=radiance, standard_error=error)
+    assert common.median_error(image) == pytest.approx(0.01)
+    dark = SpectralImage(wavelengths=[550.0], radiance=np.zeros((4, 4, 1)), standard_error=np.zeros((4, 4, 1)))
+    assert common.median_error(dark) is None
