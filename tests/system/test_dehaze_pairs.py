@@ -68,6 +68,7 @@ def test_hazy_halves_come_close_to_the_clear_ones(pairs, difference):
     assert np.all(np.array(after) > np.array(before) - 1.5)
 
 
+@pytest.mark.slow
 def test_clear_halves_stay_as_they_are(pairs, difference):
     changes = [difference(fit_picture(clear).apply(clear)[0], clear) for _, clear in pairs]
     assert np.mean(changes) < 2.0

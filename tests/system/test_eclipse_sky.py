@@ -186,7 +186,7 @@ def test_how_dark_totality_is() -> None:
     assert ratio[3, 2] > 1.2 * ratio[3, 0]
 
 
-@pytest.mark.parametrize("time", [TOTAL, PARTIAL])
+@pytest.mark.parametrize("time", [pytest.param(TOTAL, marks=pytest.mark.slow), PARTIAL])
 def test_nodes_agree_with_walks(time) -> None:
     """What is joined over the sky, against rays that have walks of their own, in units of the stated errors."""
     it = scene(time)

@@ -133,6 +133,7 @@ def test_what_has_no_halves(build: Any, solver: str, options: dict[str, Any], wo
         skyscatter.render(scene, camera, WL, halves=True, **asked(solver, **options))
 
 
+@pytest.mark.slow
 def test_a_real_sky_denoised() -> None:
     """A sky in 16 walks, beside 256: its error falls, and is what is stated."""
     scene, _ = sky()

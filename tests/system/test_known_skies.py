@@ -63,7 +63,7 @@ LAND, SEA = Rpv(amplitude=0.2, exponent=0.8, asymmetry=-0.2), Sea(wind_speed=6.0
 
 @pytest.mark.parametrize(
     ("material", "sun", "most"),
-    [(LAND, 10.0, 0.6), slow(LAND, 50.0, 0.8), slow(SEA, 3.0, 0.75), slow(SEA, 40.0, 1.4)],
+    [slow(LAND, 10.0, 0.6), slow(LAND, 50.0, 0.8), slow(SEA, 3.0, 0.75), slow(SEA, 40.0, 1.4)],
     ids=["land-10", "land-50", "sea-3", "sea-40"],
 )
 def test_ground_that_orders_cannot_have(material: Any, sun: float, most: float) -> None:

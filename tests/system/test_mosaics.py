@@ -94,7 +94,8 @@ def test_walks_find_the_cells() -> None:
     assert found.radiance[1, 1] > 2 * found.radiance[0, 1], "snow is brighter than grass"
 
 
-@pytest.mark.parametrize("direct", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("direct", [True, False])
 def test_photons_find_the_cells(direct: bool) -> None:
     """As walks find them; disks of 5 cm are far from all edges, and smooth light has no bias over them."""
     found = look(painted(0.1), "photons", photons=50_000, radius=0.05, seed=3, direct=direct)

@@ -91,7 +91,7 @@ def check_first_order(name: str, way: str, samples: int, n: int, share: float, m
         ("hollow", "quadrature", 64),
         pytest.param("hollow", "ratio", 1024, marks=pytest.mark.slow),
         pytest.param("hollow", "residual-ratio", 1024, marks=pytest.mark.slow),
-        ("star-in-dust", "quadrature", 128),
+        pytest.param("star-in-dust", "quadrature", 128, marks=pytest.mark.slow),
     ],
 )
 def test_first_order_of_walks_is_the_exact_integral(name: str, way: str, samples: int) -> None:

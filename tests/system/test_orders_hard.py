@@ -149,6 +149,7 @@ def test_limbs_through_haze_are_those_of_walks(model: str, elevation: float, alt
     assert most < 4
 
 
+@pytest.mark.slow
 def test_aureoles_over_a_curved_planet_are_those_of_more_degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sunlight comes to a limb by a short way and leaves it by a long one: forward peaks widen by both, not by one.
 
@@ -172,6 +173,7 @@ def test_aureoles_over_a_curved_planet_are_those_of_more_degrees(monkeypatch: py
     np.testing.assert_allclose(usual.radiance, finer.radiance, rtol=0.012)
 
 
+@pytest.mark.slow
 @MODELS
 def test_a_limb_at_dusk_is_resolved(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     described = skyscatter.load_model(model)
@@ -187,6 +189,7 @@ def test_a_limb_at_dusk_is_resolved(model: str, monkeypatch: pytest.MonkeyPatch)
     np.testing.assert_allclose(usual.radiance, right, rtol=2 * DEFAULT_TOLERANCE)
 
 
+@pytest.mark.slow
 @MODELS
 def test_the_night_limb_is_told_as_well_as_it_is_known(model: str) -> None:
     """The limb away from the Sun has a hundred thousand millionth of the light of the day that is solved with it."""
@@ -305,6 +308,7 @@ def test_what_cannot_be_solved_is_refused_before_the_work() -> None:
         assert all(word in message for word in ("optical depth", "550 nm", "node to node", "solver path"))
 
 
+@pytest.mark.slow
 def test_no_loose_tolerance_is_refused_where_the_default_is_not() -> None:
     """Titan's haze is 14 deep at 450 nm: nodes must not lie further apart than a sweep sees, whatever the tolerance.
 

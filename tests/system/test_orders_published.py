@@ -366,6 +366,7 @@ def test_six_layers_of_thickness_21(reference: Path) -> None:
     assert np.median(off) < 1e-3
 
 
+@pytest.mark.slow
 def test_absorbing_slab_between_sun_and_ground(reference: Path) -> None:
     """Problem 6b, the beam alone; and the same slab over a bright ground, whose light has a closed form."""
     slab = Slab(1.0, 0.0, Isotropic(), 0.5, 200.0)

@@ -100,7 +100,7 @@ def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: s
     ("sun", "sampling"),
     [
         (0.0, "march"),
-        (-4.0, "march"),
+        pytest.param(-4.0, "march", marks=pytest.mark.slow),
         (0.0, "free-flight"),
         *(pytest.param(30.0, s, marks=pytest.mark.slow) for s in ("march", "free-flight")),
     ],

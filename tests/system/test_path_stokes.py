@@ -96,6 +96,7 @@ def shining_ball(radius: float) -> Body:
     return Body(name="lamp", shape=shape, material=Lambert(albedo=0), lamp=shine)
 
 
+@pytest.mark.slow
 def test_light_that_comes_to_thin_gas_by_way_of_a_mirror() -> None:
     """Half of the light is the lamp's image, which walks meet by chance, and of walks to thin gas few went on.
 

@@ -213,7 +213,7 @@ def greek(reference: Path) -> GreekPhase:
     return GreekPhase(**rows)
 
 
-@pytest.mark.parametrize("samples", [4096, pytest.param(2**16, marks=SLOW)])
+@pytest.mark.parametrize("samples", [pytest.param(n, marks=SLOW) for n in (4096, 2**16)])
 @pytest.mark.parametrize(
     ("azimuth", "tables"),
     [(0, ("table2_I", "table3_Q")), pytest.param(180, ("table8_I", "table9_Q"), marks=SLOW)],
@@ -260,7 +260,7 @@ def test_marched_and_free_walks_agree(sun: float) -> None:
 
 @pytest.mark.filterwarnings("ignore:sampling = 'free-flight'")  # the spread over 16 seeds is what is judged by
 @pytest.mark.parametrize("sampling", ["march", pytest.param("free-flight", marks=SLOW)])
-@pytest.mark.parametrize("sun", [30.0, pytest.param(-4.0, marks=SLOW)])
+@pytest.mark.parametrize("sun", [pytest.param(sun, marks=SLOW) for sun in (30.0, -4.0)])
 def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: str) -> None:
     samples = 256 if sampling == "march" else 4000
     _, together = over_seeds(lambda seed: look(hazy(sun), samples=samples, sampling=sampling, seed=seed), 16)
@@ -275,6 +275,7 @@ def test_every_wavelength_alone_agrees_with_all_together(sun: float, sampling: s
             assert np.all(np.abs(mean - alone[name][0][:, 0]) < largest_t(mean.size) * error + slack), name
 
 
+@pytest.mark.slow
 def test_stated_errors_are_the_spread_over_seeds() -> None:
     seeds = 60
     answers = [look(hazy(30.0), samples=256, seed=seed) for seed in range(seeds)]

@@ -89,6 +89,7 @@ def around(axis: Array, least: float, rng: np.random.Generator, count: int) -> A
     return cosine[:, None] * axis + sine[:, None] * across
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenes", COUNTS)
 def test_star_and_eye_change_places(scenes: int) -> None:
     """A point gathers from all around as much of a star's light as the star's place would of its own (Helmholtz)."""

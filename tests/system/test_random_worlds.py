@@ -63,7 +63,7 @@ def random_world(number: int) -> tuple[skyscatter.Scene, Any]:
     return scene, directions(np.stack([rng.uniform(-40, 40, 10), rng.uniform(-25, 50, 10)], axis=1))
 
 
-@pytest.mark.parametrize("number", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 40))])
+@pytest.mark.parametrize("number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 40))])
 @pytest.mark.filterwarnings("ignore")  # of low Suns, and of disks in mirrors
 def test_led_walks_find_the_same_light(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, d = random_world(number)

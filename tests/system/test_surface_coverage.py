@@ -48,7 +48,7 @@ def pairs_of_walks(fog: Fog, pairs: int) -> Any:
     [
         ("thin", 15_000, 0.7, 3.5),
         pytest.param("fog", 15_000, 1.8, 6.0, marks=pytest.mark.slow),
-        ("dense", 4000, 1.6, 4.0),
+        pytest.param("dense", 4000, 1.6, 4.0, marks=pytest.mark.slow),
     ],
 )
 def test_no_few_walks_carry_the_light(name: str, pairs: int, spread: float, skew: float) -> None:
@@ -77,6 +77,7 @@ def test_droplets_that_scatter_sharply_leave_no_bright_specks() -> None:
     assert noise < 0.3
 
 
+@pytest.mark.slow
 def test_error_bars_cover_in_thin_fog() -> None:
     """Many runs of 256 walks against one long one: they were within two standard errors in 84 % before."""
     pieces, origins, directions = scene_with(FOGS["thin"])
@@ -112,7 +113,7 @@ def test_error_bars_of_photons_cover_beside_a_lamp() -> None:
         ("thin", (1.2, 1.0, 2.2), 0.005),
         ("fog", (1.2, 1.0, 2.2), 0.005),
         pytest.param("even", (1.2, 1.0, 2.2), 0.005, marks=pytest.mark.slow),
-        ("dense", (0.3, 0.2, 0.2), 0.012),
+        pytest.param("dense", (0.3, 0.2, 0.2), 0.012, marks=pytest.mark.slow),
     ],
 )
 def test_light_is_what_plain_walks_find(name: str, eye: tuple[float, float, float], known: float) -> None:

@@ -109,6 +109,7 @@ def test_a_box_darkens_the_haze() -> None:
     assert (dimmed < 0.9 * whole).all()
 
 
+@pytest.mark.slow
 def test_a_map_of_the_ground() -> None:
     """Beside a body it is what it is without one: cells, what lies around them, and their light in the haze."""
     painted = skyscatter.GroundMap(classes=[[0, 1, 0], [1, 0, 1], [0, 0, 1]], albedos=[0.05, "snow"], cell_size="700 m")

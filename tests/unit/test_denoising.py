@@ -42,7 +42,7 @@ def rms(values):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("walks", [16, 64, 1024])
+@pytest.mark.parametrize("walks", [64, *(pytest.param(n, marks=pytest.mark.slow) for n in (16, 1024))])
 def test_gain_stated_error_tiles_and_flux(method, walks):
     """What is promised of real scenes in benchmarks/denoising.py, here with a truth that is known."""
     truth = scene(96, 128)

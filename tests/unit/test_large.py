@@ -34,7 +34,10 @@ def few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(strips, "STRIP", 5 * 8 * 24 * 2)
 
 
-@pytest.mark.parametrize(("solver", "options"), [("single", {"parts": True}), ("path", {"samples": 16, "orders": 1})])
+@pytest.mark.parametrize(
+    ("solver", "options"),
+    [pytest.param("single", {"parts": True}, marks=pytest.mark.slow), ("path", {"samples": 16, "orders": 1})],
+)
 def test_the_same_numbers(solver: str, options: dict[str, Any], tmp_path: Path) -> None:
     wanted = skyscatter.render(scene(), camera(), WAVELENGTHS, **asked(solver, **options))
     picture = render_stored(scene(), camera(), WAVELENGTHS, tmp_path / "run.zarr", **asked(solver, **options))

@@ -111,6 +111,7 @@ def test_moonlight_is_sunlight_from_the_moon() -> None:
     assert found.radiance == pytest.approx(found.layers["moon"])
 
 
+@pytest.mark.slow
 def test_every_light_alone_sums_to_all_together() -> None:
     scene = skyscatter.sky_at(PARANAL, "2026-04-02T03:00Z")  # with the Moon
     camera, wavelengths = skyscatter.Fisheye(width=24, height=24), [550.0]
@@ -151,7 +152,10 @@ def vertical_depths(scene, wavelength):
     return skyscatter.optical_depth(scene, here, here + np.array([0, 0, 1e6]), [wavelength], by_component=True)[:, 0]
 
 
-@pytest.mark.parametrize(("time", "expected_deg"), [("2026-01-12T19:07Z", 5.0), ("2026-03-12T02:12Z", 60.0)])
+@pytest.mark.parametrize(
+    ("time", "expected_deg"),
+    [("2026-01-12T19:07Z", 5.0), pytest.param("2026-03-12T02:12Z", 60.0, marks=pytest.mark.slow)],
+)
 def test_sirius_keeps_its_light_but_for_the_air(time: str, expected_deg: float) -> None:
     place = (48.86, 2.35) if expected_deg < 10 else (-24.6, -70.4)
     star = stars_at(Sight(*place, time), limit=0.0)
@@ -256,6 +260,7 @@ def test_twilight_beside_paranal(minutes: int) -> None:
         assert ours[band] == pytest.approx(a + b * x + c * x * x, abs=bar), band
 
 
+@pytest.mark.slow
 def test_twilight_goes_over_into_night_without_a_step() -> None:
     """What is left out above the thresholds is less than a thousandth there: night's own light, and the Sun's below."""
     scene = skyscatter.sky_at(PARANAL, "2026-06-14T23:00Z")

@@ -228,6 +228,7 @@ def test_degrees_of_freedom_are_the_trace_of_what_maps_data_to_images() -> None:
     assert spread < 0.1 * np.trace(share)
 
 
+@pytest.mark.slow
 def test_counting_degrees_of_freedom_sharpens_what_is_small_and_bright() -> None:
     model, exact = emitting(), truth() ** 3
     views = noisy(model, exact, 0.01, count=5)

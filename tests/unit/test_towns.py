@@ -68,6 +68,7 @@ def test_lights_name_towns() -> None:
         at_night(lights=("towns", "stars"))
 
 
+@pytest.mark.slow
 def test_a_picture_has_a_layer_of_towns() -> None:
     """By day and night alike; left out where the lights leave it out."""
     town = Town(distance="20 km", azimuth_deg=90, lumens=1e8, spectrum=SPECTRUM)
@@ -227,6 +228,7 @@ def test_maps_that_are_none(tmp_path: Path) -> None:
         parse_map("none.tif,led-4000k", on_earth=True)
 
 
+@pytest.mark.slow
 def test_a_map_of_many_pixels_is_a_town_where_they_are_one(tmp_path: Path) -> None:
     """A hundred thousand pixels, one of them bright: rings of distances against the town alone."""
     values = np.full((400, 300), 1e-9)

@@ -42,7 +42,7 @@ def swept_to_the_end(sweeper: Sweeper, goal: float) -> Any:
     ("model", "elevation"),
     [
         ("earth-simple", 60.0),
-        ("earth-simple", -3.0),
+        pytest.param("earth-simple", -3.0, marks=pytest.mark.slow),
         ("earth-hazy", 30.0),
         pytest.param("earth-simple", -18.0, marks=pytest.mark.slow),
         pytest.param("mars", 5.0, marks=pytest.mark.slow),
@@ -154,7 +154,7 @@ def test_a_step_that_leads_nowhere_is_told() -> None:
     [
         ("earth-simple", 40.0),
         pytest.param("earth-simple", -5.0, marks=pytest.mark.slow),
-        ("mars", 60.0),
+        pytest.param("mars", 60.0, marks=pytest.mark.slow),
         pytest.param("earth", -12.0, marks=pytest.mark.slow),
         pytest.param("earth-hazy", -12.0, marks=pytest.mark.slow),
         pytest.param("mars", -12.0, marks=pytest.mark.slow),

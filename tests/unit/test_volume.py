@@ -100,7 +100,7 @@ def test_the_guide_is_fine_around_a_star(star: tuple[float, float, float]) -> No
     assert np.abs(depth - exact).mean() < 0.02 * exact.mean()
 
 
-@pytest.mark.parametrize("residual", [False, True])
+@pytest.mark.parametrize("residual", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_tracked_transmittances_are_unbiased(residual: bool) -> None:
     scene = lumpy()
     table = compile_volume(scene, ONE)
