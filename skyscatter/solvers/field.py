@@ -441,7 +441,7 @@ class RadianceField:
         sun = self.sun(sun_elevation_deg, sun_azimuth_deg)
         flat_o, flat_d = (np.ascontiguousarray(a.reshape(-1, 3)) for a in (o, d))
         self.check_coverage(flat_o, flat_d, sun)
-        found, shape = self.along(flat_o, flat_d, sun, parts, threads), (*o.shape[:-1], self.wavelengths.size)
+        found, shape = self.along(flat_o, flat_d, self.at(sun), parts, threads), (*o.shape[:-1], self.wavelengths.size)
         return Answer(
             found.radiance.reshape(shape),
             found.standard_error.reshape(shape),
@@ -454,16 +454,16 @@ class RadianceField:
         self,
         origins: Array,
         directions: Array,
-        sun: Sun,
+        table: SceneTable,
         parts: bool,
         threads: int | None = None,
         sky: SkyTable | None = None,
     ) -> Answer:
-        """`radiance` of rays (ray, 3) whose Suns the field was solved for, which is not asked again.
+        """`radiance` of rays (ray, 3) with the Sun where `table` has it; that the field covers them is not asked again.
 
         With a `sky_table` of more rays, these are some of them.
         """
-        table, workers = self.at(sun), worker_count(threads)
+        workers = worker_count(threads)
         size = min(max(len(origins) // CHUNKS, CHUNK[0]), CHUNK[1])
         chunks = [slice(k, k + size) for k in range(0, len(origins), size)]
         found = sky or self.sky_table(table, origins, directions, workers)

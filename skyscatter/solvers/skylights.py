@@ -41,6 +41,9 @@ MOON_SCATTERS = -2.0
 #: Share of the light of all points from which on one of them is solved by itself, and the most of those.  The others
 #: share Fourier orders over the azimuth, which blur the brightness around each by 5 degrees.
 BRIGHT, MOST_BRIGHT = 0.05, 4
+#: Where all that is seen already is so many times as bright as a point's light, sent evenly into all directions, what
+#: surrounds the point is drowned in it.
+DROWNED = 1e4
 #: Rays begin at the observer if they do so to this share of its distance from the planet's centre.
 SAME_PLACE = 1e-9
 #: Points on the radius of the Moon's disk, at least and for each pixel.
@@ -262,18 +265,19 @@ def _add_as_sun(
     """
     place = sun_towards(towards)
     # The field's own Sun, at its distance: by its irradiance the field's light is scaled.
-    sun = air.field.sun(place.elevation_deg, place.azimuth_deg)
-    whole = air.field.at(sun).optics.sun_irradiance.sum(axis=0)
+    table = air.field.at(air.field.sun(place.elevation_deg, place.azimuth_deg))
+    whole = table.optics.sun_irradiance.sum(axis=0)
+    # The disk itself is none of it.
+    table = table._replace(optics=table.optics._replace(disk_radiance=np.zeros_like(table.optics.disk_radiance)))
     share = np.divide(irradiance, whole, out=np.zeros_like(whole), where=whole > 0)
     here = scene.observer.position
     flat = picture.directions.reshape(-1, 3)
     flat = np.ascontiguousarray(flat[np.isfinite(flat[:, 0])])
-    sky = air.field.sky_table(air.field.at(sun), np.broadcast_to(here, flat.shape), flat, worker_count(threads))
+    sky = air.field.sky_table(table, np.broadcast_to(here, flat.shape), flat, worker_count(threads))
     for pixels, directions in picture.blocks():
         origins = np.ascontiguousarray(np.broadcast_to(here, directions.shape))
-        found = air.field.along(origins, directions, sun, True, threads, sky)
-        light = (found.radiance - found.layers["direct"]) * share
-        picture.add(label, pixels, light, found.standard_error * share)
+        found = air.field.along(origins, directions, table, False, threads, sky)
+        picture.add(label, pixels, found.radiance * share, found.standard_error * share)
         for name in "QUV":
             if name in picture.layers and name in found.layers:
                 layer = picture.layers[name]
@@ -372,7 +376,9 @@ def _add_night(
         directions, irradiance = (np.concatenate(arrays) for arrays in zip(*points, strict=True))
         _draw(picture, scene, label, directions, irradiance, above)
         if air is not None:
-            bright = brightest(directions, irradiance, air.response.lowest)
+            # A layer of its own is for itself.
+            seen = 0.0 if picture.parts else float(np.nanmedian(picture.radiance.sum(axis=-1)))
+            bright = brightest(directions, irradiance, air.response.lowest, 4 * np.pi * seen / DROWNED)
             for k in np.flatnonzero(bright):
                 _add_as_sun(picture, scene, label, directions[k], irradiance[k], air, threads)
             glow = air.response.glow(sky if spread else None, (directions[~bright], irradiance[~bright]))
@@ -387,13 +393,16 @@ def _add_night(
         picture.add(label, pixels, light, error)
 
 
-def brightest(directions: Array, irradiance: Array, lowest: float) -> NDArray[np.bool_]:
-    """Points that light the air so much that what surrounds them is seen: each is solved by itself."""
+def brightest(directions: Array, irradiance: Array, lowest: float, least: float = 0.0) -> NDArray[np.bool_]:
+    """Points that light the air so much that what surrounds them is seen: each is solved by itself.
+
+    They stand above an elevation [degree] and have more irradiance than `least`, summed over the wavelengths.
+    """
     total = irradiance.sum(axis=1)
     total[directions[:, 2] < np.sin(np.radians(lowest))] = 0.0
     order = np.argsort(-total)[:MOST_BRIGHT]
     bright = np.zeros(len(total), bool)
-    bright[order] = total[order] > BRIGHT * total.sum()
+    bright[order] = total[order] > max(BRIGHT * total.sum(), least)
     return bright
 
 

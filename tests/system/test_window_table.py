@@ -21,7 +21,7 @@ def solver_differences(table: SkyTableFile, tolerance: float) -> np.ndarray:
     found = []
     for sun, directions in views(1, 25):
         origins = np.tile(scene.observer.position, (len(directions), 1))
-        answer = field.along(origins, directions, field.sun(sun, 0.0), True)
+        answer = field.along(origins, directions, field.at(field.sun(sun, 0.0)), True)
         light = answer.radiance - answer.layers["direct"]
         found.append(difference(table.xyz(directions, sun, 0.0, disk=False), spectrum_to_xyz(light, WAVELENGTHS)))
     return np.concatenate(found)
@@ -80,7 +80,7 @@ def test_from_a_mountain_and_an_aeroplane() -> None:
             elevation = np.concatenate([random.uniform(-dip + 0.05, 60, 6), -dip - random.uniform(0.05, 30, 6)])
             directions = direction_from_azimuth_elevation(random.uniform(0, 360, 12), elevation)
             origins = np.tile(scene.observer.position, (12, 1))
-            answer = field.along(origins, directions, field.sun(sun, 0.0), True)
+            answer = field.along(origins, directions, field.at(field.sun(sun, 0.0)), True)
             exact = spectrum_to_xyz(answer.radiance - answer.layers["direct"], WAVELENGTHS)
             found.append(difference(table.xyz(directions, sun, 0.0, disk=False), exact))
         assert np.median(np.concatenate(found)) < 0.5

@@ -19,7 +19,7 @@ from skyscatter.image.filters import filter_curve
 from skyscatter.image.photometry import VEGA_ZERO
 from skyscatter.solvers.field import solve_range
 from skyscatter.solvers.response import Response, lowest_light
-from skyscatter.solvers.skylights import heavens_of
+from skyscatter.solvers.skylights import brightest, heavens_of
 
 ARCSEC2 = (np.pi / 648000.0) ** 2
 PARANAL, SUMMIT = (-24.6, -70.4), (19.83, -155.47)
@@ -85,11 +85,19 @@ def test_a_point_of_light_lights_the_air_as_a_sun_does() -> None:
     sun = field.sun(40.0, 50.0)
     whole = field.at(sun).optics.sun_irradiance.sum(axis=0)
     origins = np.broadcast_to(field.scene.observer.position, rays.shape).copy()
-    found = field.along(origins, rays, sun, parts=True)
+    found = field.along(origins, rays, field.at(sun), parts=True)
     expected = (found.radiance - found.layers["direct"]) / whole
     glow = response.glow(None, (towards([40.0], [50.0]), np.ones((1, 2)))).at(rays)
     # The light is shared by the two nodes of elevation beside it, 3 degrees apart: a chord for an arc.
     np.testing.assert_allclose(glow, expected, rtol=0.02)
+
+
+def test_points_that_are_drowned_are_not_solved_by_themselves() -> None:
+    """Of two bright points one stands too low; the other counts for itself where it has more than what is asked for."""
+    rays, light = towards([40.0, -60.0, 20.0], [0.0, 0.0, 0.0]), np.array([[3.0, 1.0], [9.0, 9.0], [0.1, 0.0]])
+    assert brightest(rays, light, -40.0).tolist() == [True, False, False]
+    assert brightest(rays, light, -40.0, 3.9).tolist() == [True, False, False]
+    assert not brightest(rays, light, -40.0, 4.1).any()
 
 
 def test_moonlight_is_sunlight_from_the_moon() -> None:
