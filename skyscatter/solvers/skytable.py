@@ -113,6 +113,36 @@ def frame_of(origin: Array, sun: Array) -> Frame:
     return Frame(up, towards, np.cross(up, towards))
 
 
+class Edges(NamedTuple):
+    """Where the sky of an observer has edges, as elevations [rad]."""
+
+    horizon: float
+    top: float  #: above it there is no air
+    aloft: bool
+    slant: Array  #: as for `below_place`
+
+    @property
+    def above(self) -> bool:
+        """Whether that is above the air, from where day and night may be seen at once."""
+        return self.top < math.pi / 2
+
+    @classmethod
+    def of(cls, table: SceneTable, origin: Array) -> Edges:
+        """Those that an observer sees at a place."""
+        columns, height = table.columns, float(np.linalg.norm(origin))
+        ground, top = columns.radius, columns.radius + columns.top
+        low = min(max(height - ground, LOWEST), columns.top)
+        lead = slant_columns(columns, 0.0, 1.0), slant_columns(columns, low, 1.0)
+        depth = float(np.max((lead[0] - lead[1]) @ table.optics.sigma_t, initial=0.0))  # type: ignore[operator]
+        squares = [max((height - r) * (height + r), 0.0) for r in (ground, top)]
+        return cls(
+            -math.acos(min(ground / height, 1.0)),
+            -math.acos(top / height) if height > top else math.pi / 2,
+            height > ground * (1 + 1e-6),
+            np.array([height, *squares, SHORT * low / max(depth, low / ground)]),
+        )
+
+
 @dataclass(frozen=True)
 class Parts:
     """Light along rays or at nodes; (..., wavelength) each."""
@@ -146,8 +176,7 @@ class SkyTable:
     below : int
     turn : ndarray, shape (turn,)
         Nodes of the azimuth from the Sun, 0 to pi [rad].
-    horizon, top : float
-        Elevation of the horizon, and of where there is no air above [rad].
+    edges : Edges
     phase : ndarray, shape (use, component, angle, wavelength)
         Of those that scatter, times scattering per unit density, as `skyscatter.kernels.tabulated.angle_cell` reads it;
         and b1 times it where light is polarised.
@@ -159,8 +188,6 @@ class SkyTable:
         What comes straight from beyond the air where the Sun is not.
     error : ndarray, shape (node, wavelength)
         Estimated relative error of the diffuse light.
-    slant : ndarray, shape (4,)
-        As for `skyscatter.kernels.skyrows.below_place`.
     disk : float
         Rays within this angle of the Sun's middle are solved themselves in any case [rad].
     near, band : float
@@ -172,14 +199,12 @@ class SkyTable:
     elevation: Array
     below: int
     turn: Array
-    horizon: float
-    top: float
+    edges: Edges
     phase: Array
     lost: Array
     parts: Parts
     beyond: Array
     error: Array
-    slant: Array
     disk: float
     near: float
     band: float = 0.0
@@ -188,18 +213,13 @@ class SkyTable:
         """Which rays are to be solved themselves."""
         beside = np.linalg.norm(directions - self.sun, axis=1) <= 2 * math.sin(0.5 * self.near)
         if self.band > 0:
-            beside |= np.abs(self.frame.of(directions)[0] - self.horizon) < self.band
+            beside |= np.abs(self.frame.of(directions)[0] - self.edges.horizon) < self.band
         return np.asarray(beside)
 
     @cached_property
     def smooth(self) -> Array:
         """All of the diffuse light that no phase function belongs to, (node, turn, wavelength)."""
         return np.asarray(self.parts.rest + np.maximum(self.parts.multiple, 0.0) + self.parts.ground)
-
-    @property
-    def above(self) -> bool:
-        """Whether the observer stands above the air, and may see day and night at once."""
-        return self.top < math.pi / 2
 
     @cached_property
     def axes(self) -> Array:
@@ -209,7 +229,8 @@ class SkyTable:
     @cached_property
     def places(self) -> Array:
         """What the cubics of the elevation are of, (node,)."""
-        return np.concatenate([_below_places(self.elevation[: self.below], self.slant), self.elevation[self.below :]])
+        below, above = np.split(self.elevation, [self.below])
+        return np.concatenate([_below_places(below, self.edges.slant), above])
 
     def look(self, directions: Array, parts: bool = True) -> Look:
         """Light along rays (ray, 3); without `parts` all diffuse light counts as scattered once."""
@@ -217,7 +238,7 @@ class SkyTable:
         if stokes:
             directions = off_vertical(np.broadcast_to(self.frame.up, directions.shape), directions)
         at = self._placed(directions)
-        if self.above:
+        if self.edges.above:
             scattered = self._joined(at, self.parts.rest, self.parts.lit, self.phase[0], self.lost)
             alike = np.ones((1, *self.phase.shape[2:]))
             multiple, ground = (
@@ -229,7 +250,7 @@ class SkyTable:
             others = (self.parts.multiple, self.parts.ground) if parts else ()
             multiple, ground = [self._joined(at, part) for part in others] or [np.zeros((0, smooth.shape[2]))] * 2
         polarised = self._polarised(at, directions, multiple) if stokes else None
-        if self.above and not parts:
+        if self.edges.above and not parts:
             scattered, multiple, ground = scattered + multiple + ground, *np.zeros((2, 0, scattered.shape[1]))
         beyond = weighted(self.beyond, at.row, at.across) if self.beyond.any() else None
         return Look(scattered, np.maximum(multiple, 0.0), ground, beyond, self.error[at.row[:, 1]], polarised)
@@ -241,10 +262,10 @@ class SkyTable:
         across, along, odd, share, high = (np.empty((rays, n)) for n in (4, 4, 4, 2, 1))
         place_rays(
             np.ascontiguousarray(directions), self.axes, self.places, float(self.elevation[0]),
-            float(self.elevation[-1]), self.below, self.horizon, self.slant, _mirrored(self.turn),
+            float(self.elevation[-1]), self.below, self.edges.horizon, self.edges.slant, _mirrored(self.turn),
             self.phase.shape[2] - 1, row, across, column, along, odd, cell, share, high[:, 0],
         )  # fmt: skip
-        return _Places(row, across, column, along, odd, cell, share, high[:, 0] > self.top)
+        return _Places(row, across, column, along, odd, cell, share, high[:, 0] > self.edges.top)
 
     def _joined(
         self,
@@ -261,7 +282,7 @@ class SkyTable:
             at.row, at.across, at.column, at.odd if odd else at.along, at.cell, at.share,
             self.parts.rest[:0] if smooth is None else smooth, self.parts.lit[:0] if lit is None else lit,
             self.phase[0, :0] if phase is None else phase, self.lost[:, :, :0] if lost is None else lost,
-            int(self.above), np.empty((2, out.shape[1])), out,
+            int(self.edges.above), np.empty((2, out.shape[1])), out,
         )  # fmt: skip
         if at.dark.any():
             out[at.dark] = 0.0
@@ -270,7 +291,7 @@ class SkyTable:
     def _polarised(self, at: _Places, directions: Array, multiple: Array) -> Array:
         """Q, U and, where there is any, V along rays, (channel, ray, wavelength)."""
         found = np.stack([self._joined(at, part, odd=k > 0) for k, part in enumerate(self.parts.polarised)])
-        if self.above:
+        if self.edges.above:
             found *= multiple
         once = self._joined(at, lit=self.parts.lit, phase=self.phase[1])
         for light, turned in zip(found, meridian_turns(self.frame.up[None], directions, self.sun).T, strict=False):
@@ -375,7 +396,7 @@ def _effort(sight: _Sight, left: NDArray[np.bool_]) -> float:
 class _Nodes(NamedTuple):
     """Where a table is solved."""
 
-    edges: _Edges
+    edges: Edges
     elevation: Array
     below: int
     turn: Array
@@ -383,7 +404,7 @@ class _Nodes(NamedTuple):
     @classmethod
     def of(cls, sight: _Sight, share: float) -> _Nodes:
         """A share of the nodes."""
-        edges = _Edges.of(sight.table, sight.origin)
+        edges = Edges.of(sight.table, sight.origin)
         sun = math.asin(float(np.asarray(sight.table.optics.disk_axis) @ sight.frame.up))
         elevation, below = _elevations(edges, sun, sight.low, sight.high, share)
         return cls(edges, elevation, below, _turns(share, edges.above))
@@ -414,39 +435,9 @@ def _table(sight: _Sight, nodes: _Nodes, pool: Workers) -> SkyTable | None:
     if edges.above:
         solved[1].take_logarithms()
     found = SkyTable(
-        frame, np.asarray(table.optics.disk_axis), elevation, below, turn, edges.horizon, edges.top, phase, *solved,
-        edges.slant, disk, disk,
+        frame, np.asarray(table.optics.disk_axis), elevation, below, turn, edges, phase, *solved, disk, disk,
     )  # fmt: skip
     return _checked(found, fine, table, origin, directions, tolerance, pool)
-
-
-class _Edges(NamedTuple):
-    """Where the sky of an observer has edges, as elevations [rad]."""
-
-    horizon: float
-    top: float  #: above it there is no air
-    aloft: bool
-    slant: Array  #: as for `below_place`
-
-    @property
-    def above(self) -> bool:
-        """Whether that is above the air."""
-        return self.top < math.pi / 2
-
-    @classmethod
-    def of(cls, table: SceneTable, origin: Array) -> _Edges:
-        columns, height = table.columns, float(np.linalg.norm(origin))
-        ground, top = columns.radius, columns.radius + columns.top
-        low = min(max(height - ground, LOWEST), columns.top)
-        lead = slant_columns(columns, 0.0, 1.0), slant_columns(columns, low, 1.0)
-        depth = float(np.max((lead[0] - lead[1]) @ table.optics.sigma_t, initial=0.0))  # type: ignore[operator]
-        squares = [max((height - r) * (height + r), 0.0) for r in (ground, top)]
-        return cls(
-            -math.acos(min(ground / height, 1.0)),
-            -math.acos(top / height) if height > top else math.pi / 2,
-            height > ground * (1 + 1e-6),
-            np.array([height, *squares, SHORT * low / max(depth, low / ground)]),
-        )
 
 
 def _below_places(elevation: Array, slant: Array) -> Array:
@@ -454,7 +445,7 @@ def _below_places(elevation: Array, slant: Array) -> Array:
     return np.array([below_place.py_func(float(angle), slant) for angle in elevation])
 
 
-def _elevations(edges: _Edges, sun: float, low: float, high: float, share: float) -> tuple[Array, int]:
+def _elevations(edges: Edges, sun: float, low: float, high: float, share: float) -> tuple[Array, int]:
     """Nodes of elevation [rad] that rays between two elevations need, and how many look below the horizon."""
     horizon, top, aloft, slant = edges
     many = (ALOFT if aloft else 1) * share
@@ -610,7 +601,7 @@ def _checked(
     order = np.argsort(angle, kind="stable")
     order = order[np.searchsorted(angle[order], found.near, side="right") :]
     beside = order[: np.searchsorted(angle[order], BESIDE_SUN)]
-    if found.above:
+    if found.edges.above:
         sight = np.broadcast_to(origin, directions.shape), directions
         low, _ = seen_zenith(*sight, found.sun, table.columns.radius, table.columns.top)
         beside = np.flatnonzero(np.abs(low - 0.5 * math.pi) < TERMINATOR)
@@ -632,7 +623,7 @@ def _checked(
     # Where all that is seen lies in the depth of night nothing is promised.
     allowed = np.maximum(allowed, MISSED * fine.unseen)
     missed = np.any(np.abs(joined - exact) > allowed, axis=(0, 2))
-    high = np.abs(found.frame.of(directions[tested])[0] - found.horizon)
+    high = np.abs(found.frame.of(directions[tested])[0] - found.edges.horizon)
     for near, band in zip(NEAR, BAND, strict=True):
         if np.mean(missed & (angle[tested] > np.radians(near)) & (high >= np.radians(band))) <= MISSING:
             return replace(found, near=max(found.near, float(np.radians(near))), band=float(np.radians(band)))

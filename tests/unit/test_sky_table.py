@@ -139,7 +139,7 @@ def test_the_ground_is_joined_up_to_the_horizon(altitude: float) -> None:
     sky = field.sky_table(table, origins, directions, 2)
     assert sky is not None
     assert (sky.near, sky.band) == (sky.disk, 0.0)  # no rays but those of the Sun's disk are left to themselves
-    below = frame_of(origins[0], table.optics.disk_axis).of(directions)[0] < sky.horizon
+    below = frame_of(origins[0], table.optics.disk_axis).of(directions)[0] < sky.edges.horizon
     some = np.random.default_rng(1).choice(np.flatnonzero(below), JUDGED, replace=False)
     quick = field.look(table, origins[some], directions[some], False, sky)
     slow = field.look(table, origins[some], directions[some], False)
