@@ -376,9 +376,11 @@ def _add_night(
         directions, irradiance = (np.concatenate(arrays) for arrays in zip(*points, strict=True))
         _draw(picture, scene, label, directions, irradiance, above)
         if air is not None:
+            seen = picture.radiance.sum(axis=-1)
+            seen = seen[np.isfinite(seen)]
             # A layer of its own is for itself.
-            seen = 0.0 if picture.parts else float(np.nanmedian(picture.radiance.sum(axis=-1)))
-            bright = brightest(directions, irradiance, air.response.lowest, 4 * np.pi * seen / DROWNED)
+            least = 4 * np.pi * float(np.median(seen)) / DROWNED if seen.size and not picture.parts else 0.0
+            bright = brightest(directions, irradiance, air.response.lowest, least)
             for k in np.flatnonzero(bright):
                 _add_as_sun(picture, scene, label, directions[k], irradiance[k], air, threads)
             glow = air.response.glow(sky if spread else None, (directions[~bright], irradiance[~bright]))

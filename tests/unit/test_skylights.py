@@ -100,6 +100,12 @@ def test_points_that_are_drowned_are_not_solved_by_themselves() -> None:
     assert not brightest(rays, light, -40.0, 4.1).any()
 
 
+def test_no_rays_have_no_light() -> None:
+    scene = skyscatter.sky_at((48.86, 2.35), "2026-06-17T23:50Z", lights=["planets", "stars"])
+    none = np.zeros((0, 3))
+    assert skyscatter.radiance(scene, none, none, [550.0]).radiance.shape == (0, 1)
+
+
 def test_moonlight_is_sunlight_from_the_moon() -> None:
     """The Moon alone against a scene whose Sun stands in its place, by another field, scaled by the irradiances."""
     scene = skyscatter.sky_at((46.5, 7.9), "2026-01-03T22:00Z", lights=["moon"])
