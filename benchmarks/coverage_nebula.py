@@ -76,8 +76,12 @@ def scenes() -> dict[str, tuple[SpaceScene, float]]:
         "white slab, lit side, depth 20, g 0.5": (lit_from_the_camera(20.0, 1.0, 0.5), 0.0),
         "white slab, lit side, depth 20, g 0.85": (lit_from_the_camera(20.0, 1.0, 0.85), 0.0),
         "dark slab, lit side, depth 20, albedo 0.6, g 0.9": (lit_from_the_camera(20.0, 0.6, 0.9), 0.0),
+        "dark slab, lit side, depth 3, albedo 0.5, g 0.95": (lit_from_the_camera(3.0, 0.5, 0.95), 0.0),
         "white ball lit from aside, depth 10, g 0.6": (lit_from_aside(10.0, 1.0, 0.6), 0.3),
+        "white ball lit from aside, depth 3, g 0.9": (lit_from_aside(3.0, 1.0, 0.9), 0.3),
         "dark ball lit from aside, depth 5, albedo 0.6, g 0.85": (lit_from_aside(5.0, 0.6, 0.85), 0.3),
+        "dark ball lit from aside, depth 3, albedo 0.5, g 0.93": (lit_from_aside(3.0, 0.5, 0.93), 0.3),
+        "dark ball around a star, depth 5, albedo 0.6, g 0.9": (sphere(5.0, 0.6, 0.9), 0.3),
     }
 
 

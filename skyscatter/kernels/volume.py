@@ -21,14 +21,16 @@ from skyscatter.kernels.jit import entry, inlined, kernel
 from skyscatter.kernels.optics import transmittance
 from skyscatter.kernels.space import SpaceTable, SpaceWork, clip_to_space, make_space_work, space_columns
 
-#: Part of the mean cosine by which directions count towards parallel light that diffuses; how it falls tells the rest.
-LEVEL = 0.55
 #: Part of the distance to a star that one looks ahead at most.
 SHY = 0.3
 #: Part of the way to the edge of the medium that one looks ahead at most: what lies outside tells nothing.
 INSIDE = 0.5
-#: Mean cosine of scattering beyond which the guess of light does not go: what it calls dark is looked into as well.
-MOST_FORWARD = 0.8
+#: Mean cosine of scattering beyond which the guess of light does not go.
+MOST_FORWARD = 0.97
+#: Share of scattered light that is guessed to come from all around, however forward: lobes know nothing of sharp turns.
+WIDE = 0.1
+#: Scatterings on the way to a light that are guessed at least.
+FEW = 0.05
 
 
 @by_address
@@ -68,6 +70,7 @@ class VolumeTable(NamedTuple):
     rate: np.ndarray  #: (component,) greatest extinction of any wavelength per unit density [m-1], for tracking
     tracking: int  #: how walks find transmittances to lights, see `kernels.tracking`
     onward: np.ndarray  #: (component,) scattering times mean cosine per unit density at the middle wavelength [m-1]
+    recall: float  #: share of the scattered light of distant lights that knows their direction where it enters
     #: (x, y, z, wavelength) logarithm of what the guess of all light is to be multiplied by; empty where it is good
     correction: np.ndarray
     guide: np.ndarray  #: (light, x, y, z, component) mean density towards a point light, column to a distant one
@@ -203,14 +206,43 @@ def forward_gain(g, cosine):
 
 
 @inlined
-def beamed(v, k, g):
-    """The part of the mean cosine g by which the guess of diffusing light of light number k goes, see `LEVEL`.
+def scattering_at(v, columns, i):
+    """Optical depth of columns by scattering at wavelength number i (or scattering of densities)."""
+    depth = 0.0
+    for c in range(columns.size):
+        depth += columns[c] * v.sigma_s[c, i]
+    return depth
 
-    In dark media light of a distant light has been scattered straight on before, which widens it.
+
+@inlined
+def turned_lobes(g, scatterings):
+    """Lobes of light that was scattered at least once on a straight way: share of the first, mean cosine of the second.
+
+    How often it was goes by Poisson's law about so many `scatterings`, and each of them multiplies the mean cosine by
+    g.  The first lobe, of mean cosine g, is that of light scattered once.
     """
-    if not v.distant[k]:
-        return g
-    return LEVEL * g if v.correction.shape[0] > 0 else g * g
+    m = max(scatterings, FEW)
+    none = math.exp(-m)
+    once, more = m * none, 1.0 - none - m * none
+    return once / (once + more), none * (math.exp(m * g) - 1.0 - m * g) / more
+
+
+@inlined
+def turned_gain(v, k, g, then, columns, cosine):
+    """What a direction counts for over the mean in light of light number k that was scattered in `columns` before it.
+
+    Multiply by the mean cosine `then` of what it is scattered by next.  Parallel light forgets its direction as it
+    diffuses, and what has diffused comes back to where it enters.
+    """
+    if g < 1e-3:
+        return 1.0
+    middle, known = v.power.shape[1] // 2, 1.0 - WIDE
+    m = scattering_at(v, columns, middle)
+    if v.distant[k]:
+        known *= v.recall * math.exp((1.0 - v.decay[middle]) * (g - 1.0) * m)
+    once, rest = turned_lobes(g, m)
+    lobes = once * forward_gain(then * g, cosine) + (1.0 - once) * forward_gain(then * rest, cosine)
+    return 1.0 + known * (lobes - 1.0)
 
 
 @inlined
@@ -219,7 +251,8 @@ def guess_light(v, x, y, z, d, g, work, direct, diffuse):
 
     Multiply scattered light of a point falls about as (1 + tau) exp(-kappa tau) / d^2 with the exponent kappa of
     diffusion, which is 1 for black and 0 for white media.  It counts by the angle too, with the mean cosine g of one
-    scattering where it comes straight, and with less the deeper the light is.  Over all directions that is one.
+    scattering where it comes straight, and else as `turned_gain` has it at the middle wavelength.  Over all directions
+    that is one.
     """
     for i in range(direct.size):
         direct[i] = 1e-6 * v.floor[i]
@@ -227,9 +260,8 @@ def guess_light(v, x, y, z, d, g, work, direct, diffuse):
     for k in range(v.power.shape[0]):
         a, b, c, far, fall = face_light(v, k, x, y, z)
         cosine = a * d[0] + b * d[1] + c * d[2]
-        straight = forward_gain(g, cosine)
-        kept = beamed(v, k, g)
         guide_columns(v, k, x, y, z, far, work.to_light)
+        straight, turned = forward_gain(g, cosine), turned_gain(v, k, g, g, work.to_light, cosine)
         for i in range(direct.size):
             work.spare[i] = 0.0
         for c in range(work.to_light.size):
@@ -239,7 +271,6 @@ def guess_light(v, x, y, z, d, g, work, direct, diffuse):
             tau = work.spare[i]
             light = v.power[k, i] * fall
             direct[i] += light * straight * fast_exp(-tau)
-            turned = forward_gain(kept * (0.1 + tau * kept * fast_exp((kept - 1.0) * tau)) / (0.1 + tau), cosine)
             diffuse[i] += light * turned * (0.1 + tau) * fast_exp(-v.decay[i] * tau)
 
 
@@ -298,11 +329,10 @@ def transport_length(v, density):
 @inlined
 def forwardness(v, density):
     """Mean cosine of the scattering angle at densities (component,), at the middle wavelength."""
-    total, onward = 0.0, 0.0
+    onward = 0.0
     for c in range(density.size):
-        total += density[c] * v.sigma_s[c, v.power.shape[1] // 2]
         onward += density[c] * v.onward[c]
-    return onward / max(total, 1e-300)
+    return onward / max(scattering_at(v, density, v.power.shape[1] // 2), 1e-300)
 
 
 @inlined
@@ -334,8 +364,7 @@ def middle_guess(v, x, y, z, d, g, work):
         a, b, c, far, fall = face_light(v, k, x, y, z)
         guide_columns(v, k, x, y, z, far, work.to_light)
         tau = depth_at(v, work.to_light, middle)
-        kept = beamed(v, k, g)
-        gain = forward_gain(kept * fast_exp((kept - 1.0) * tau), a * d[0] + b * d[1] + c * d[2])
+        gain = turned_gain(v, k, g, 1.0, work.to_light, a * d[0] + b * d[1] + c * d[2])
         total += gain * v.power[k, middle] * fall * (0.1 + tau) * fast_exp(-v.decay[middle] * tau)
     table = v.correction
     i0, i1, u = cell_place(v.space, 0, x, table.shape[0])

@@ -19,9 +19,10 @@ from skyscatter.kernels.volume import (
     depth_at,
     face_light,
     forward_gain,
-    forwardness,
     guessed_forwardness,
     guide_columns,
+    scattering_at,
+    turned_lobes,
 )
 
 #: Optical depth at which a star is deep.
@@ -31,10 +32,8 @@ DEEP = 4.0
 NEAR_SHARES, DEEP_SHARES = (0.9, 0.0), (0.2, 0.7)
 #: The same shares for stars outside the medium, where no ray comes near them.
 OUTSIDE_NEAR_SHARES, OUTSIDE_DEEP_SHARES = (0.3, 0.0), (0.0, 0.6)
-#: The share by distant lights.
-BEAMS = 0.8
-#: Mean cosine by which light that comes straight from distant lights counts, at most.
-MOST_STRAIGHT = 0.97
+#: The share by distant lights, of what does not come from elsewhere.
+BEAMS = 0.95
 
 #: Columns of `Aim.lights`: the direction is in the first three, then come shares of the light of near and of distant
 #: lights, what of a distant light comes straight, the mean cosine by which the rest is turned, and the optical depth.
@@ -61,22 +60,24 @@ def make_aim(lights: int) -> Aim:
 def face_lights(v, x, work, lights):
     """Directions, depths and shares of the lights as seen from a vertex, into `lights`.
 
-    Returns the mean optical depth to the near lights, negative where none shines, and the distant lights' share of all.
+    Returns the mean optical depth to the near lights, negative where none shines, and the distant lights' share of all,
+    emission and background included.
     """
     middle = v.power.shape[1] // 2
-    near, far, depth = 0.0, 0.0, 0.0
+    near, far, depth, power = 0.0, 0.0, 0.0, 0.0
     g = guessed_forwardness(v, work.density)
     for k in range(lights.shape[0]):
         a, b, c, d, fall = face_light(v, k, x[0], x[1], x[2])
         lights[k, 0], lights[k, 1], lights[k, 2], lights[k, NEAR], lights[k, FAR] = a, b, c, 0.0, 0.0
         guide_columns(v, k, x[0], x[1], x[2], d, work.to_light)
         tau = depth_at(v, work.to_light, middle)
+        power += v.power[k, middle]
         light = v.share[k] * fall * (0.1 + tau) * math.exp(-v.decay[middle] * tau)
         lights[k, DEPTH] = tau
         if v.distant[k]:
             straight = v.share[k] * fall * math.exp(-tau)
-            lights[k, FAR], lights[k, STRAIGHT] = straight + light, straight / (straight + light)
-            lights[k, TURNED] = g * (0.1 + tau * g * math.exp((g - 1.0) * tau)) / (0.1 + tau)
+            lights[k, FAR] = straight + light
+            lights[k, STRAIGHT], lights[k, TURNED] = turned_lobes(g, scattering_at(v, work.to_light, middle))
             far += straight + light
         else:
             lights[k, NEAR] = light
@@ -85,7 +86,8 @@ def face_lights(v, x, work, lights):
     for k in range(lights.shape[0]):
         lights[k, NEAR] /= max(near, 1e-300)
         lights[k, FAR] /= max(far, 1e-300)
-    return depth / near if near > 0.0 else -1.0, far / max(near + far, 1e-300)
+    elsewhere = v.floor[middle] / max(power, 1e-300)
+    return depth / near if near > 0.0 else -1.0, far / max(near + far + elsewhere, 1e-300)
 
 
 @inlined
@@ -117,7 +119,7 @@ def take_aim(v, x, work, aim):
             part *= 1.0 - min(max(depth / DEEP - 1.0, 0.0), 1.0)
         aim.law[n] = part * (1.0 - afar)
     aim.law[BEAM] = BEAMS * afar
-    aim.law[COSINE] = min(max(forwardness(v, work.density), 0.0), MOST_STRAIGHT)
+    aim.law[COSINE] = guessed_forwardness(v, work.density)
     return depth
 
 

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 #: From what on the error bars of few walks are too small: transport free paths and scatterings forward in nearly white
-#: media, e-foldings of the light in others, and scatterings forward by which light is turned towards the observer.
-MOST_FREE_PATHS, MOST_FORWARD, MOST_FOLDS, MOST_TURNS = 25.0, 40.0, 120.0, 5.5
+#: media, e-foldings of the light in others, and scatterings forward by which light is turned towards the observer; the
+#: last for plain walks too, which know nothing of where it comes from.
+MOST_FREE_PATHS, MOST_FORWARD, MOST_FOLDS, MOST_TURNS, PLAIN_TURNS = 25.0, 40.0, 120.0, 10.0, 5.5
 #: Exponent in the depths below which a medium is nearly white, and mean cosine from which on it scatters forward.
 NEARLY_WHITE, FORWARD = 0.2, 0.5
 #: Part of a half turn by which light is turned at least, whatever the way to it, and optical depth of scattering from
@@ -49,7 +50,8 @@ def warn_of_depths(table: VolumeTable, rays: Rays, names: tuple[str, ...], asked
     # Light is turned by one scattering in 1 / (1 - g).
     turns = ways.turn[:, None] * cosine / np.maximum(1.0 - cosine, 1e-9)
     enough = ways.through @ table.sigma_s > TURNING
-    turned = (np.where(enough & forward, turns, 0.0), MOST_TURNS, "scatterings forward that turn it to the observer")
+    bound = PLAIN_TURNS if plain else MOST_TURNS
+    turned = (np.where(enough & forward, turns, 0.0), bound, "scatterings forward that turn it to the observer")
     depth, ahead = ways.columns @ table.sigma_t, ways.columns @ onward
     if plain:
         most = max(float(np.log(max(walks / ENOUGH, 1.0))), NEAR_FOLDS)

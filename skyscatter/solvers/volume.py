@@ -78,13 +78,14 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
         rate=_rates(sigma_t, emission, space.bound_step * space.cells),
         tracking=0,
         onward=sigma_s[:, wl.size // 2] * mean_cosines(phase)[:, wl.size // 2],
+        recall=1.0,
         correction=np.zeros((0, 0, 0, wl.size)),
         guide=np.zeros((len(lights), 2, 2, 2, len(sigma_s))),
         focus=np.full((len(lights), 3, 2), -1.0),
     )
     guide, focus = make_guide(table)
     table = table._replace(guide=guide, focus=focus)
-    table = table._replace(floor=_floor(table))
+    table = table._replace(floor=_floor(table), recall=_recall(table))
     return table._replace(correction=guess_correction(table)) if table.decay[wl.size // 2] < SLOW else table
 
 
@@ -158,6 +159,16 @@ def _rates(sigma_t: Array, emission: Array, size: Array) -> Array:
     """Rates of tentative collisions per unit density; a component that only shines needs some of them too."""
     least = np.where(np.any(emission > 0, axis=1), 4 / np.linalg.norm(size), 0.0)
     return np.maximum(sigma_t.max(axis=1), least)
+
+
+def _recall(table: VolumeTable) -> float:
+    """Share of the scattered light of distant lights that knows their direction where it enters.
+
+    The rest has diffused in the medium: the more, the more transport free paths it is deep and the less it absorbs.
+    """
+    middle = table.background.size // 2
+    across = table.guide[table.distant] @ (table.sigma_s[:, middle] - table.onward)
+    return 1.0 / (1.0 + (1.0 - float(table.decay[middle])) * float(across.max(initial=0.0)))
 
 
 def _floor(table: VolumeTable) -> Array:
