@@ -20,7 +20,8 @@ Continuum.  The light of stars, and of dust that scatters it, falls into narrow 
 each plane give every star the same loud colour.  ``"subtract"`` takes it off as observers do, by what is seen beside
 the lines, in `CLEAR`: between two wavelengths there ln(λ⁵ L) is a straight line over 1 / λ, as by Wien's law for black
 bodies of any temperature, and beyond the last it is as there.  ``"natural"`` gives it back in its own colours: L at
-460, 540 and 615 nm as blue, green and red, its 99.9th percentile as bright as the white of the lines.
+460, 540 and 615 nm as blue, green and red, its 99.9th percentile as bright as the white of the lines; where a pixel is
+stopped at white its part of it turns white, as stars do that overexpose.
 """
 
 from __future__ import annotations
@@ -131,13 +132,21 @@ def _check_levels(levels: Levels) -> list[tuple[float, float]]:
     return pairs
 
 
-def lupton(planes: ArrayLike, stretch: float, softening: float) -> Array:
-    """Display values in [0, 1] of non-negative planes (..., 3); the curve and its source are in the module's text."""
+def lupton(planes: ArrayLike, stretch: float, softening: float, pale: ArrayLike = 0.0) -> Array:
+    """Display values in [0, 1] of non-negative planes (..., 3); the curve and its source are in the module's text.
+
+    Of each pixel's light the share `pale` (..., 1) turns white where it is stopped at white.
+    """
     x = np.asarray(planes, dtype=float)
     mean = x.mean(axis=-1, keepdims=True)
     shown = np.arcsinh(softening * mean / stretch) / softening
-    rgb = x * np.divide(shown, mean, out=np.zeros_like(mean), where=mean > 0.0)
-    return rgb / np.maximum(rgb.max(axis=-1, keepdims=True), 1.0)
+    return _stopped(x * np.divide(shown, mean, out=np.zeros_like(mean), where=mean > 0.0), pale)
+
+
+def _stopped(rgb: Array, pale: ArrayLike) -> Array:
+    """Values (..., 3) stopped at white with their ratios, but for the share `pale` that turns white beyond it."""
+    peak = np.maximum(rgb.max(axis=-1, keepdims=True), 1.0)
+    return np.asarray(rgb / peak + (1.0 - rgb / peak) * pale * (1.0 - 1.0 / peak))
 
 
 def auto_stretch(planes: ArrayLike, softening: float) -> float:
@@ -215,11 +224,14 @@ def plane_picture(
         made["palette"] = palette
     if between is not None:
         made["continuum"] = continuum
-        x = x + _natural(between) if continuum == "natural" else x
+    natural = _natural(between) if between is not None and continuum == "natural" else np.zeros_like(x)
+    x = x + natural
+    whole = x.sum(axis=-1, keepdims=True)
+    pale = np.divide(natural.sum(axis=-1, keepdims=True), whole, out=np.zeros_like(whole), where=whole > 0.0)
     if tone == "linear":
-        return Planes(encode(x / np.maximum(x.max(axis=-1, keepdims=True), 1.0)), opaque, made)
+        return Planes(encode(_stopped(x, pale)), opaque, made)
     straight = auto_stretch(x, soft) if stretch is None else _positive("stretch", stretch, 1e6)
-    return Planes(lupton(x, straight, soft), opaque, {**made, "stretch": straight, "softening": soft})
+    return Planes(lupton(x, straight, soft, pale), opaque, {**made, "stretch": straight, "softening": soft})
 
 
 def _plane(image: SpectralImage, curve: Any) -> Array:

@@ -53,6 +53,19 @@ def test_highlights_keep_their_hue() -> None:
     np.testing.assert_allclose(lupton(np.full((1, 3), 0.05), 0.1, 1e-6), 0.5, rtol=1e-9)
 
 
+def test_light_of_stars_turns_white_where_it_is_overexposed() -> None:
+    """The brighter, the whiter: the middle of a star is no hole in what is around it."""
+    blue = np.array([0.4, 0.6, 1.0])
+    shown = lupton(blue * np.geomspace(1e-4, 1e6, 200)[:, None], 0.1, 8.0, pale=1.0)
+    assert np.all(np.diff(shown, axis=0) > -1e-12)
+    below = shown.max(axis=1) < 1.0
+    np.testing.assert_allclose(shown[below] / shown[below, 2:], np.tile(blue, (below.sum(), 1)), rtol=1e-12)
+    assert 0.8 < shown[-1].min() < shown.max() == 1.0
+    # half of it: half the way to white
+    half, none = (lupton(blue * 1e6, 0.1, 8.0, pale=pale) for pale in (0.5, 0.0))
+    np.testing.assert_allclose(half, (none + shown[-1]) / 2, rtol=1e-12)
+
+
 def test_levels_are_percentiles_of_each_plane_or_of_all() -> None:
     planes = np.linspace(0.0, 1.0, 1001)[None, :, None] * np.array([1.0, 2.0, 4.0]) + 1.0
     own = auto_levels(planes, own=True)
