@@ -222,12 +222,14 @@ def plane_picture(
     }
     if palette is not None:
         made["palette"] = palette
+    pale: Array | float = 0.0
     if between is not None:
         made["continuum"] = continuum
-    natural = _natural(between) if between is not None and continuum == "natural" else np.zeros_like(x)
-    x = x + natural
-    whole = x.sum(axis=-1, keepdims=True)
-    pale = np.divide(natural.sum(axis=-1, keepdims=True), whole, out=np.zeros_like(whole), where=whole > 0.0)
+    if between is not None and continuum == "natural":
+        natural = _natural(between)
+        x = x + natural
+        whole = x.sum(axis=-1, keepdims=True)
+        pale = np.divide(natural.sum(axis=-1, keepdims=True), whole, out=np.zeros_like(whole), where=whole > 0.0)
     if tone == "linear":
         return Planes(encode(_stopped(x, pale)), opaque, made)
     straight = auto_stretch(x, soft) if stretch is None else _positive("stretch", stretch, 1e6)

@@ -130,12 +130,24 @@ def columns_ahead(v, x, y, z, a, b, c, far, work, out):
 
 
 @inlined
+def sum_at(columns, sigma, i):
+    """Sum of columns (component,) times `sigma` (component, wavelength) at wavelength number i."""
+    total = 0.0
+    for c in range(columns.size):
+        total += columns[c] * sigma[c, i]
+    return total
+
+
+@inlined
 def depth_at(v, columns, i):
     """Optical depth of columns at wavelength number i (or extinction of densities)."""
-    tau = 0.0
-    for c in range(columns.size):
-        tau += columns[c] * v.sigma_t[c, i]
-    return tau
+    return sum_at(columns, v.sigma_t, i)
+
+
+@inlined
+def scattering_at(v, columns, i):
+    """Optical depth of columns by scattering at wavelength number i (or scattering of densities)."""
+    return sum_at(columns, v.sigma_s, i)
 
 
 @inlined
@@ -203,15 +215,6 @@ def forward_gain(g, cosine):
     """What scattering by an angle counts for over its mean: the phase function of Henyey & Greenstein times 4 pi."""
     b = 1.0 + g * (g - 2.0 * cosine)
     return (1.0 - g * g) / (b * math.sqrt(b))
-
-
-@inlined
-def scattering_at(v, columns, i):
-    """Optical depth of columns by scattering at wavelength number i (or scattering of densities)."""
-    depth = 0.0
-    for c in range(columns.size):
-        depth += columns[c] * v.sigma_s[c, i]
-    return depth
 
 
 @inlined

@@ -23,6 +23,7 @@ from skyscatter.kernels.volume import (
     guessed_forwardness,
     middle_guess,
     nearest_star,
+    scattering_at,
     transport_length,
 )
 from skyscatter.kernels.volume_aims import DEEP, beams_ahead, beams_here, direction_law, draw_by_law, take_aim
@@ -133,9 +134,7 @@ def draw_by_phase(v, hero, u, w, work, walk):
 
     `v` is a `VolumeTable`, or with hero 0 its `MeanPhase`.
     """
-    total = 0.0
-    for c in range(work.density.size):
-        total += work.density[c] * v.sigma_s[c, hero]
+    total = scattering_at(v, work.density, hero)
     if total <= 0.0:
         return False
     rest, chosen, part = u * total, 0, 1.0

@@ -24,6 +24,7 @@ from skyscatter.kernels.volume import (
     correct_guess,
     guess_light,
     guessed_forwardness,
+    scattering_at,
 )
 
 #: The window, in parts of what a walk promised at its first vertex.
@@ -75,10 +76,7 @@ def promise(v, first, work, walk, shift, spare):
     correct_guess(v, x, y, z, spare)
     total = 0.0
     for i in range(spare.size):
-        scattering = 0.0
-        for c in range(work.density.size):
-            scattering += work.density[c] * v.sigma_s[c, i]
-        spare[i] *= walk.value[i] * scattering
+        spare[i] *= walk.value[i] * scattering_at(v, work.density, i)
         if first:
             work.promised[i] = max(spare[i], 1e-290)
         total += spare[i] / work.promised[i]
