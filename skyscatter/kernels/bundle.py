@@ -34,7 +34,7 @@ class Field(NamedTuple):
     order: np.ndarray  #: (moment,) int64
     by_order: np.ndarray  #: (moment,) int64 numbers of the moments, rising in order
     gives: np.ndarray  #: (moment, use, 4) int64; see `skyscatter.solvers.moments`
-    bound: np.ndarray  #: (moment,) greatest magnitude in units of the mean radiance at its place
+    bound: np.ndarray  #: (row, moment) greatest magnitude in units of the mean radiance at its place
     recurrence: np.ndarray  #: (2, order, degree, 3) coefficients of the angular functions, for d_m0 and d_m2
     station: float  #: angle at the planet's centre between two places at which a course's light is put together [rad]
     least: float  #: share of the isotropic part of a source below which others are left out

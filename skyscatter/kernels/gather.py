@@ -94,8 +94,8 @@ def _weigh_degrees(weight, bundle):
 
 
 @inlined
-def _moments_at(field, functions, relative, active, begins):
-    """Numbers of the moments that matter at a point, into `active`; returns how many, and how many Fourier parts.
+def _moments_at(field, row, other, functions, relative, active, begins):
+    """Numbers of the moments that matter between two rows, into `active`; returns how many, and how many Fourier parts.
 
     Those of Fourier part m are from ``begins[m]`` to ``begins[m + 1]``.
     """
@@ -107,7 +107,7 @@ def _moments_at(field, functions, relative, active, begins):
         share = 0.0
         for u in range(field.gives.shape[1]):
             share = max(share, relative[field.gives[k, u, 0], d] * abs(functions[field.gives[k, u, 1], m, d]))
-        if share * field.bound[k] * (1.0 if m == 0 else 2.0) > field.least or k == 0:
+        if share * max(field.bound[row, k], field.bound[other, k]) * (1.0 if m == 0 else 2.0) > field.least or k == 0:
             for between in range(orders, m + 1):
                 begins[between] = n
             active[n] = k
@@ -172,11 +172,13 @@ def _source_at(field, course, s, low, high, ends_on_ground, bundle):
     block = bundle.fourier.shape[1] * stokes * wavelengths
     _fill_functions(field.recurrence, course.place[s, 1], field.gives.shape[1] > 1, bundle.functions)
     _weigh_degrees(course.weight[s], bundle)
-    moments, orders = _moments_at(field, bundle.functions, bundle.relative, bundle.active, bundle.begins)
+    v = course.place[s, 3]
+    row = course.row[s] + 1 if v == 1.0 else course.row[s]
+    other = course.row[s] if v == 0.0 else course.row[s] + 1
+    moments, orders = _moments_at(field, row, other, bundle.functions, bundle.relative, bundle.active, bundle.begins)
     for j in range(low, high + 1):
         clear(bundle.fourier, j * block, orders * stokes * wavelengths)
     clear(bundle.mean, low * wavelengths, (high - low + 1) * wavelengths)
-    v = course.place[s, 3]
     for side in range(2):
         share = v if side == 1 else 1.0 - v
         if share > 0.0:

@@ -19,8 +19,8 @@ BASE_TOLERANCE = 0.002
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
 HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
-#: depth away from both, up to the third, for deep inside a thick medium the light changes evenly.
-DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
+#: depth away from both, up to the third, for deep inside a thick medium the light changes evenly whatever its slant.
+DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.5
 #: Optical depth from node to node beyond which a sweep does not see what lies between, at any tolerance.
 MOST_GAP = 1.0
 #: Cosine of the Sun's zenith angle below which steps shrink with it, and how far; the last for those in height at dusk.
@@ -125,7 +125,7 @@ def height_nodes(
     slant = float(np.clip(lowest_sun / STEEP_SUN, LEAST_SLANT, 1.0))
     step = f * max(slant, LEAST_SLANT if night else LEAST_RISE) * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
-    by_depth = f * slant * np.minimum(DEPTH_STEP + DEPTH_GROWTH * inside, DEPTH_MOST)
+    by_depth = f * np.minimum(slant * (DEPTH_STEP + DEPTH_GROWTH * inside), DEPTH_MOST)
     by_depth = np.minimum(by_depth, MOST_GAP / (1 + SPARE))
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])
@@ -166,7 +166,7 @@ def seen_rows(nodes: Array, altitude: Array, depth: Array, level: float, toleran
 
 
 def sun_nodes(
-    low: float, high: float, sinking: float, tolerance: float, twilight: float = 1.0
+    low: float, high: float, sinking: float, tolerance: float, twilight: float = 1.0, at_horizon: float = np.inf
 ) -> tuple[Array, Array, Array]:
     """Zenith angles of the Sun at the nodes, the fine ones, and the table from the Sun's cosine to their numbers.
 
@@ -179,6 +179,8 @@ def sun_nodes(
     tolerance : float
     twilight : float
         Share of the tolerance that twilight is given.
+    at_horizon : float
+        The same angle for whatever changes over less height when the Sun sets there, such as the top of a cloud.
     """
     low, high = _in_steps(max(low, 0.0), min(high, np.pi))
     f = fineness(tolerance)
@@ -186,6 +188,9 @@ def sun_nodes(
     dusk = min(fineness(twilight * tolerance) * TWILIGHT_STEP * sinking, f * np.radians(MOST_TWILIGHT))
     away = np.maximum(np.pi / 2 - 2 * sinking - angle, angle - np.pi / 2 - NIGHT * sinking)
     step = dusk + f * DAY_GROWTH * np.maximum(away, 0.0)
+    if at_horizon < sinking:  # the sky lights it as well, which changes less: the mean of both angles
+        away = np.maximum(np.abs(angle - np.pi / 2) - 2 * at_horizon, 0.0)
+        step = np.minimum(step, dusk * np.sqrt(at_horizon / sinking) + f * DAY_GROWTH * away)
     step = np.minimum(step, f * np.radians(DAY_STEP))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (1 / step[1:] + 1 / step[:-1]) * np.diff(angle))])
     if high - low < ONE_SUN:  # a flat world: one Sun for all

@@ -30,6 +30,8 @@ MEMORY, MOST_STEPS = 6, 30
 FASTEST = 0.995
 #: A step that darkens a place by more than this is not believed: light is not negative.
 DARKEST = 0.1
+#: Squared size, in units of the largest, below which what one step tells beside the others is rounding.
+LEAST_NEW = 1e-12
 #: Nor what several steps together make of a place beyond this factor of what the last one made of it.
 WILDEST = 3.0
 
@@ -121,29 +123,39 @@ class Past:
 
     def _mixed(self, last: Light, mean: Array) -> Light:
         """The last image with what several steps make of it, by parts and wavelengths."""
-        scale = per_light(mean)
-        moments, flux = last.moments.copy(), last.flux.copy()
+        scale = per_light(mean)[:, :, None]
+        moments, flux = np.empty_like(last.moments), last.flux
         for part in np.unique(self.parts.part):
             mine = np.flatnonzero(self.parts.part == part)
             telling = mine[self.parts.weight[mine] > 0]
             weight = self.parts.weight[telling, None]
-            changes = [step[:, :, telling] * scale[:, :, None] * weight for step in self.steps]
-            for w in range(mean.shape[-1]):
-                shares = _shares(np.stack([change[..., w].ravel() for change in changes]))
-                for share, image in zip(shares, self.images, strict=True):
-                    moments[:, :, mine, w] -= share * (last.moments[:, :, mine, w] - image.moments[:, :, mine, w])
-                    if part == 0:
-                        flux[..., w] -= share * (last.flux[..., w] - image.flux[..., w])
+            shares = _shares([step[:, :, telling] * scale * weight for step in self.steps])
+            images = [image.moments[:, :, mine] for image in self.images]
+            moments[:, :, mine] = _weighed(last.moments[:, :, mine], images, shares)
+            if part == 0:
+                flux = _weighed(last.flux, [image.flux for image in self.images], shares)
         tame, tame_flux = _tame(moments[:, :, 0], last.moments[:, :, 0]), _tame(flux, last.flux)
         return Light(np.where(tame[:, :, None], moments, last.moments), np.where(tame_flux, flux, last.flux))
 
 
-def _shares(rows: Array) -> Array:
-    """Shares of the earlier ones of several steps (step, ...) that leave least of them all."""
-    length = np.linalg.norm(rows[-1])
-    if length == 0:
-        return np.zeros(len(rows) - 1)
-    return np.asarray(np.linalg.lstsq((rows[-1] - rows[:-1]).T / length, rows[-1] / length, rcond=1e-8)[0])
+def _shares(steps: Sequence[Array]) -> Array:
+    """Shares of earlier ones among several steps (..., wavelength) that leave least of them all, (step, wavelength)."""
+    *before, last = (step.reshape(-1, step.shape[-1]) for step in steps)
+    rows = [last - step for step in before]
+    system = np.array([[np.einsum("iw,iw->w", one, other) for other in rows] for one in rows])
+    asked = np.array([np.einsum("iw,iw->w", row, last) for row in rows])
+    out = np.zeros(asked.shape)
+    for w in np.flatnonzero(np.einsum("iw,iw->w", last, last) > 0):
+        out[:, w] = np.linalg.lstsq(system[:, :, w], asked[:, w], rcond=LEAST_NEW)[0]
+    return out
+
+
+def _weighed(last: Array, images: Sequence[Array], shares: Array) -> Array:
+    """The last image with shares of earlier ones in its place, (..., wavelength)."""
+    out = (1.0 - shares.sum(axis=0)) * last
+    for share, image in zip(shares, images, strict=True):
+        out += share * image
+    return out
 
 
 def _rate(light: Light, next_light: Light, image: Light, next_image: Light) -> float:

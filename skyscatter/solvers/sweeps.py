@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 #: Degrees to which phase functions may be kept, each with the tolerances below which it may be chosen, and no lower one
 #: may; what is more forward-peaked is cut off (delta-M).
 DEGREES = ((6, 1.0, 1.0), (8, 1.0, 0.01), (12, 0.02, 0.003), (16, 0.02, 0.001), (24, 0.002, 0.0))
+#: Optical depth from above beyond which what lies beneath is not seen.
+SEEN_DEPTH = 1.0
 #: Optical depth of the cut peaks that is good enough, in units of the tolerance.
 PEAK_SHARE = 1.5
 #: What cut peaks may take, in units of the tolerance and at most, from sunlight that comes in nearly level.  Delta-M
@@ -186,12 +188,15 @@ def level_share(table: SceneTable) -> Array:
     return np.asarray(-np.expm1(-longest[:, None] * table.optics.sigma_s))
 
 
-def sinking(columns: ColumnTable, altitude: Array, depth: Array) -> float:
+def sinking(columns: ColumnTable, altitude: Array, depth: Array, visible: float = SEEN_DEPTH) -> float:
     """Angle under which a scale height sinks below the horizon [rad], from vertical optical depths above altitudes.
 
-    Of the two decades from the ground: haze near it says little of where light comes from after sunset.
+    Of the two decades from the ground, or from the depth that is `visible` from above: haze near the ground says little
+    of where light comes from after sunset, and what lies beneath a cloud says nothing.
     """
-    scale = float(np.interp(-0.01 * depth[0], -depth, altitude)) / np.log(100) if depth[0] > 0 else columns.top
+    lowest = min(depth[0], visible)
+    low, high = np.interp([-lowest, -0.01 * lowest], -depth, altitude)
+    scale = float(high - low) / np.log(100) if lowest > 0 else columns.top
     return float(np.arccos(columns.radius / (columns.radius + scale)))
 
 
@@ -369,6 +374,7 @@ def make_grid(
     altitude = sample_altitudes(columns)
     depth = outward_profile(columns, altitude) @ sigma_t
     sink = sinking(columns, altitude, depth.mean(axis=1))
+    whole = sinking(columns, altitude, depth.mean(axis=1), np.inf)
     in_shadow = (darkest - np.pi / 2) / sink > DEEP[1]
     nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance, bool(in_shadow))
     below = (sun_zenith[1] - np.pi / 2) / sink
@@ -376,7 +382,7 @@ def make_grid(
     for_directions = DEEP_DIRECTIONS if deep else DUSK_DIRECTIONS if below > 1 else 1.0
     for_suns = DEEP_SUNS if night else DUSK_SUNS if below > 1 else 1.0
     finer = min(tolerance * for_directions, MOST_DEEP if deep else 1.0)
-    coarse, fine, index = grids.sun_nodes(*sun_zenith, sink, tolerance, for_suns)
+    coarse, fine, index = grids.sun_nodes(*sun_zenith, sink, tolerance, for_suns, whole)
     between = grids.between_counts(nodes, columns.radius, sink, finer, bool(below > 0))
     quadrature = grids.directions(nodes, columns.radius, degree, finer, between)
     seen = grids.seen_rows(nodes, altitude, depth, float(levelness(sun_zenith[1])), tolerance)
@@ -424,7 +430,7 @@ class Stage:
                 np.empty((grid.rows.size, suns, kept.size, wavelengths), np.float32),
                 np.zeros((suns, wavelengths), np.float32),
                 moments.degree, moments.order, np.argsort(moments.order, kind="stable"), moments.gives,
-                np.ones(kept.size), grids.recurrence(degree, order),
+                np.ones((grid.rows.size, kept.size)), grids.recurrence(degree, order),
                 STATION * float(np.diff(grid.sun_zenith).min(initial=np.pi)), LEAST_SHARE * problem.tolerance,
             ),
         )  # fmt: skip
@@ -545,8 +551,9 @@ class Sweeper:
         packed = np.clip(moments[:, :, self.stage.kept] / mean, -2.0, 2.0)
         packed[:, :, :1] = np.log(mean)
         field = self.stage.field
-        field.bound[:] = np.abs(packed).max(axis=(0, 1, 3))
-        field.bound[0] = 1.0
+        largest = np.abs(packed).max(axis=(1, 3))
+        field.bound[:] = np.einsum("rk,rkm->rm", np.abs(self.row_weight), largest[self.row_node])
+        field.bound[:, 0] = 1.0
         suns = field.ground.shape[0]
         edges = np.linspace(0, suns, min(4 * self.threads, suns) + 1).astype(int)
 
