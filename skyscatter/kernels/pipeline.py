@@ -92,9 +92,13 @@ class _QuickFlags(Flags):
         return self._HASH
 
     def __eq__(self, other: object) -> bool:
-        if isinstance(other, _QuickFlags) and self._values == other._values:
+        if not isinstance(other, _QuickFlags):
+            return bool(super().__eq__(other))
+        mine, theirs = self._values, other._values
+        if mine == theirs:
             return True
-        return bool(super().__eq__(other))
+        defaults = {name: self.options[name].default for name in mine.keys() ^ theirs.keys()}
+        return bool({**defaults, **mine} == {**defaults, **theirs})
 
 
 @contextmanager

@@ -8,8 +8,9 @@ import sys
 
 import numpy as np
 import pytest
+from numba.core.compiler import Flags
 
-from skyscatter.kernels.pipeline import _Entry, _Part
+from skyscatter.kernels.pipeline import _Entry, _Part, _QuickFlags
 
 OURS = "from skyscatter.kernels.jit import entry as top, kernel as middle, {innermost} as lowest\n"
 NUMBAS = """from numba import njit
@@ -102,3 +103,14 @@ def test_a_kept_part_serves_entries_of_other_processes(module_of, tmp_path):
         x = np.array([1.0, 2.0])
         expected = (x / (1 + step * (np.exp(-x - step) * np.sin(3 * (x + step)) + 0.1))).sum()
         assert float(said[0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_flags_are_told_apart_by_what_holds() -> None:
+    plain, said, other, nothing = (_QuickFlags() for _ in range(4))
+    said.nrt, other.nrt, nothing.nrt = True, True, False
+    assert said == other
+    assert hash(said) == hash(other)
+    assert nothing == plain == Flags()
+    assert said != plain
+    other.forceinline = True
+    assert said != other
