@@ -199,8 +199,23 @@ def sun_nodes(
     count = max(int(np.ceil(number[-1])), 4)
     coarse = np.interp(np.linspace(0, number[-1], count + 1), number, angle)
     fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)
-    index = np.interp(np.linspace(0, np.pi, INDEX_STEPS + 1), fine, np.arange(fine.size) / SUN_REFINEMENT)
-    return coarse, fine, index
+    return coarse, fine, _numbered(fine)
+
+
+def _numbered(fine: Array) -> Array:
+    """Number of the Sun node over the Sun's zenith angle from 0 to pi; beyond the ends the last one goes on.
+
+    But not in the steps in which the ends lie: read in those, the table would find each end a little within, and where
+    light is scattered often that adds up to light of the next Sun.
+    """
+    angle, number = np.linspace(0, np.pi, INDEX_STEPS + 1), np.arange(fine.size) / SUN_REFINEMENT
+    index = np.interp(angle, fine, number)
+    first, last = np.searchsorted(angle, fine[0]) - 1, np.searchsorted(angle, fine[-1], side="right")
+    if first >= 0:
+        index[first] = number[1] * (angle[first] - fine[0]) / (fine[1] - fine[0])
+    if last <= INDEX_STEPS:
+        index[last] = number[-1] + number[1] * (angle[last] - fine[-1]) / (fine[-1] - fine[-2])
+    return np.asarray(index)
 
 
 def _in_steps(low: float, high: float) -> tuple[float, float]:

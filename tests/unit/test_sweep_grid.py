@@ -14,6 +14,7 @@ from skyscatter.optics.phase import HenyeyGreenstein
 from skyscatter.optics.rayleigh import RayleighPowerLaw
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
+from skyscatter.solvers.cycles import all_orders
 from skyscatter.solvers.sweeps import MOST_RAYS, Sweeper, _disk, bundles, kept_degree, make_problem
 from skyscatter.workers import Workers
 
@@ -107,6 +108,27 @@ def test_sun_nodes_cover_their_range_and_are_found_again(low: float, high: float
     expected = np.interp(angle, fine, np.arange(fine.size) / grids.SUN_REFINEMENT)
     found = np.interp(angle, np.linspace(0, np.pi, index.size), index)
     np.testing.assert_allclose(found, expected, atol=0.01)
+    # And the ends with all digits: what is read a little within them has light of the next Sun.
+    ends = np.interp([coarse[0], coarse[-1]], np.linspace(0, np.pi, index.size), index)
+    np.testing.assert_allclose(ends, [0, coarse.size - 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("end", [-1, 0])
+def test_under_a_thick_cloud_the_first_and_the_last_sun_are_as_good_as_others(end: int) -> None:
+    # Light that is scattered hundreds of times is read from the table of Suns as often.
+    optics = Particles(optical_depth=60.0, single_scattering_albedo=1.0, phase=HenyeyGreenstein(g=0.8))
+    cloud = skyscatter.Component(name="cloud", density=Uniform(base=0.0, top=1e3), optics=optics)
+    whole = (70.0, 88.013) if end else (80.013, 88.0)
+    light = []
+    for low, high in np.radians([whole, (whole[end] - 0.3, whole[end] + 0.3)]):
+        problem = make_problem(scene(cloud), np.array([550.0]), (low, high), 0.02)
+        mean = all_orders(Sweeper(problem, 1), 0.02).moments[0, :, 0, 0]
+        light.append((problem.grid.sun_zenith, mean))
+    (suns, found), (around, right) = light
+    expected = np.exp(np.interp(suns[end], around, np.log(right)))
+    # Beyond its ends the field goes on as it is there, and light comes from some ten kilometres around.
+    spread = np.tan(suns[end]) * np.radians(0.12)
+    assert found[end] == pytest.approx(expected, rel=spread)
 
 
 def test_light_deep_inside_a_cloud_is_known_at_few_heights_whatever_the_sun() -> None:
