@@ -19,8 +19,10 @@ BASE_TOLERANCE = 0.002
 #: Node spacing in units of the local scale height, at the ground; it grows by the second number per scale height.
 HEIGHT_STEP, HEIGHT_GROWTH = 0.4, 0.15
 #: Optical depth between two node heights at the top and at the ground; within it grows by the second number per optical
-#: depth away from both, up to the third, for deep inside a thick medium the light changes evenly whatever its slant.
-DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.5
+#: depth away from both, up to the third.  Deep inside a medium that absorbs little the light changes evenly, whatever
+#: its slant: up to the first of the next, and to the second over the rate at which it fades with optical depth.
+DEPTH_STEP, DEPTH_GROWTH, DEPTH_MOST = 0.03, 0.12, 0.25
+EVEN_STEP, FADING_STEP = 0.5, 0.05
 #: Optical depth from node to node beyond which a sweep does not see what lies between, at any tolerance.
 MOST_GAP = 1.0
 #: Cosine of the Sun's zenith angle below which steps shrink with it, and how far; the last for those in height at dusk.
@@ -100,7 +102,13 @@ def scale_heights(altitude: Array, depth: Array, slope: Array) -> Array:
 
 
 def height_nodes(
-    altitude: Array, depth: Array, breaks: Array, lowest_sun: float, tolerance: float, night: bool = False
+    altitude: Array,
+    depth: Array,
+    breaks: Array,
+    lowest_sun: float,
+    tolerance: float,
+    night: bool = False,
+    fading: ArrayLike = np.inf,
 ) -> Array:
     """Node heights [m].
 
@@ -117,6 +125,8 @@ def height_nodes(
     tolerance : float
     night : bool, optional
         Whether what is seen may lie deep in the planet's shadow.
+    fading : float or (wavelength,), optional
+        Rate at which light fades with optical depth deep inside, where it diffuses.
     """
     f = fineness(tolerance)
     top = altitude[-1]
@@ -125,7 +135,8 @@ def height_nodes(
     slant = float(np.clip(lowest_sun / STEEP_SUN, LEAST_SLANT, 1.0))
     step = f * max(slant, LEAST_SLANT if night else LEAST_RISE) * HEIGHT_STEP * (scale + HEIGHT_GROWTH * altitude)
     inside = np.minimum(depth, depth[0] - depth)
-    by_depth = f * np.minimum(slant * (DEPTH_STEP + DEPTH_GROWTH * inside), DEPTH_MOST)
+    even = np.clip(FADING_STEP / np.maximum(fading, 1e-9), slant * DEPTH_MOST, EVEN_STEP)
+    by_depth = f * np.minimum(slant * (DEPTH_STEP + DEPTH_GROWTH * inside), even)
     by_depth = np.minimum(by_depth, MOST_GAP / (1 + SPARE))
     density = np.maximum(1 / step, np.max(slope / by_depth, axis=1))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(altitude))])

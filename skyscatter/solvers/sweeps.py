@@ -258,7 +258,8 @@ def make_problem(
     greek = chi * optics.sigma_s[:, None, None, :] * ((2 * np.arange(kept + 1) + 1) / (4 * np.pi))[:, None]
     sigma_t = optics.sigma_t - peak * optics.sigma_s
     whole, cut = _first_tables(matrix, greek, optics.sigma_s)
-    grid = grid or make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance, darkest)
+    fading = fading_rate(column, sigma_t, greek)
+    grid = grid or make_grid(scene, table, sigma_t, sun_zenith, kept, tolerance, darkest, fading)
     light = np.stack([optics.background, np.full(wavelengths.size, ground_radiance), optics.albedo])
     tilt, share = _disk(optics)
     peaks = _peaks(matrix[:, :1], np.where(scatters[:, None], peak, 0.0), kept) * optics.sigma_s[:, None]
@@ -365,9 +366,20 @@ def sample_altitudes(columns: ColumnTable) -> Array:
     return np.asarray(both)
 
 
+def fading_rate(column: Array, sigma_t: Array, greek: Array) -> Array:
+    """Rate at which light fades with optical depth where it diffuses, sqrt(3 (1 - w) (1 - w g)), (wavelength,).
+
+    With the albedo w and the mean cosine g of the whole column (component,); extinction (component, wavelength) and
+    coefficients (component, block, degree, wavelength) per unit density, as in `Diffuse`.
+    """
+    total = np.maximum(column @ sigma_t, 1e-30)
+    albedo, forward = (4 * np.pi / (2 * k + 1) * (column @ greek[:, 0, k]) / total for k in (0, 1))
+    return np.asarray(np.sqrt(np.maximum(3 * (1 - albedo) * (1 - forward), 0.0)))
+
+
 def make_grid(
     scene: Scene, table: SceneTable, sigma_t: Array, sun_zenith: tuple[float, float], degree: int, tolerance: float,
-    darkest: float,
+    darkest: float, fading: Array,
 ) -> grids.Grid:  # fmt: skip
     """The grid for a medium and a range of zenith angles of the Sun; `darkest` as for `make_problem`."""
     columns = table.columns
@@ -376,7 +388,9 @@ def make_grid(
     sink = sinking(columns, altitude, depth.mean(axis=1))
     whole = sinking(columns, altitude, depth.mean(axis=1), np.inf)
     in_shadow = (darkest - np.pi / 2) / sink > DEEP[1]
-    nodes = grids.height_nodes(altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance, bool(in_shadow))
+    nodes = grids.height_nodes(
+        altitude, depth, table.breaks, float(np.cos(sun_zenith[1])), tolerance, bool(in_shadow), fading
+    )
     below = (sun_zenith[1] - np.pi / 2) / sink
     deep, night = (below > most for most in DEEP)
     for_directions = DEEP_DIRECTIONS if deep else DUSK_DIRECTIONS if below > 1 else 1.0

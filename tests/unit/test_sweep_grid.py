@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -134,12 +135,15 @@ def test_under_a_thick_cloud_the_first_and_the_last_sun_are_as_good_as_others(en
 def test_light_deep_inside_a_cloud_is_known_at_few_heights_whatever_the_sun() -> None:
     altitude = np.linspace(0, 1e3, 2001)
     above = 60.0 * (1 - altitude / 1e3)[:, None]
-    high, low = (grids.height_nodes(altitude, above, np.zeros(0), cosine, 0.005) for cosine in (1.0, 0.0))
+    nodes_of = partial(grids.height_nodes, altitude, above, np.zeros(0))
+    high, low = (nodes_of(cosine, 0.005, fading=0.1) for cosine in (1.0, 0.0))
     inside = [(nodes > 250) & (nodes < 750) for nodes in (high, low)]
     steps = [0.06 * np.diff(nodes[among]) for nodes, among in zip((high, low), inside, strict=True)]
     # In optical depth: 0.5, times the square root of 2.5 for this tolerance.
     np.testing.assert_allclose(np.concatenate(steps), 0.79, rtol=0.1)
     assert np.diff(low)[-1] < 0.7 * np.diff(high)[-1]  # a slanting beam fades near the top
+    # Where much is absorbed it fades inside too.
+    assert nodes_of(0.0, 0.005, fading=0.5).size > 1.3 * low.size
 
 
 def test_a_cloud_beneath_the_air_takes_few_suns_more() -> None:
