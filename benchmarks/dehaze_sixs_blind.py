@@ -2,8 +2,8 @@
 
     python benchmarks/dehaze_sixs_blind.py --write
 
-Amount and kind are found by itself.  The tables of two geometries take some minutes when they are not kept yet, the
-240 images five more.  `benchmarks/sixs_terms.py` makes the hazes, `tests/sixs_scenes.py` the images.
+Amount and kind are found by itself.  The tables of six geometries take a quarter of an hour when they are not kept
+yet, the 720 images five minutes more.  `benchmarks/sixs_terms.py` makes the hazes, `tests/sixs_scenes.py` the images.
 """
 
 from __future__ import annotations

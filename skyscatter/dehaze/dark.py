@@ -116,7 +116,8 @@ def log_likelihood(observed: Array, around: Array, terms: Array, covers: Spectra
     covers : array, shape (cover, cell, trial)
         Probability of each of `COVERS`.
     """
-    environment = np.maximum(surface_reflectance(terms, around[:, None]), 0.0)
+    # Under more haze than there can be, surroundings darker than its path reflectance are black.
+    environment = surface_reflectance(terms, np.maximum(around[:, None], terms[..., PATH]))
     rho = surface_reflectance(terms, observed[:, None], environment)
     slope = (1 - terms[..., BACK] * environment) / terms[..., DIRECT]  # of the surface over what is observed
     scattered_in = terms[..., DIFFUSE] / terms[..., DIRECT] * environment

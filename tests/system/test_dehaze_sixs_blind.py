@@ -1,6 +1,6 @@
 """Images under hazes of 6SV 1.1, five kinds of which three are not solved for: whether standard deviations hold.
 
-What `benchmarks/dehaze_sixs_blind.py` tells at length.  The tables of two geometries take some minutes each.
+What `benchmarks/dehaze_sixs_blind.py` tells at length.  The tables of six geometries take some minutes each.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from sixs_scenes import INSIDE, OUTSIDE, SixsScene, all_scenes, covered, judged
 
 pytestmark = pytest.mark.slow
 
-#: Asked for: 68 % within one standard deviation, by 8 points.  Open: 740 nm has 76.6, which is
-#: known to 2.4 points.
+#: Asked for: 68 % within one standard deviation, by 8 points.
 COVERED, POINTS = 0.68, 0.08
 
 

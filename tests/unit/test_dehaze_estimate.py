@@ -57,6 +57,16 @@ def test_negative_surfaces_are_improbable(table, covers):
     assert likelihood[0, 1] > likelihood[0, 2] + 10
 
 
+def test_surroundings_far_darker_than_the_haze_that_is_tried_are_black(covers):
+    """Their reflectance has a pole there, where what they throw back would be more than all."""
+    thick = np.broadcast_to([0.6, 0.01, 0.05, 0.28], (1, 1, len(BANDS), 4))
+    dark = np.full((1, len(BANDS)), 0.05)
+    likelihood, kinds = log_likelihood(dark, dark, thick, covers)
+    assert np.isfinite(likelihood).all()
+    assert np.isfinite(kinds).all()
+    assert likelihood[0, 0] < -100
+
+
 def test_ground_that_is_no_cover_is_said_to_be_unknown(table, covers):
     _, at = air_of(table, SUN)
     bright = np.array([0.45, 0.45, 0.45, 0.45, 0.05, 0.04])  # snow
