@@ -238,7 +238,8 @@ def _runs(solver: Solver) -> list[Solver]:
     if solver.noise is not None:
         raise DomainError("noise", solver.noise, "derivatives take a number of walks; give samples in its place")
     seeds = np.random.SeedSequence(solver.seed).generate_state(RUNS, np.uint64)
-    samples = -(-(DEFAULT_SAMPLES if solver.samples is None else int(solver.samples)) // RUNS)
+    wanted = DEFAULT_SAMPLES if solver.samples is None else int(solver.samples)
+    samples = max(-(-wanted // RUNS), 2)  # fewer than two tell no error
     return [replace(solver, samples=samples, seed=int(seed) >> 1) for seed in seeds]
 
 

@@ -202,6 +202,11 @@ def test_same_seed_same_numbers_whatever_the_threads() -> None:
     np.testing.assert_array_equal(one.jacobian, two.jacobian)
 
 
+def test_fewer_walks_than_runs_still_have_an_error() -> None:
+    few = differentiate(hazy, HAZY[:5], STEPS, *sky_rays(), WAVELENGTHS, solver=Path(samples=5, seed=9))
+    assert np.all(few.jacobian_error[0] > 0)
+
+
 # What moves, and what cannot be asked
 
 
