@@ -22,6 +22,7 @@ from mitsuba_sky import find_llvm
 from rooms import AT_ONCE, FogRoom, camera_rays, mitsuba_room, surface_room, trace
 
 import skyscatter
+from skyscatter.solvers.options import record_of
 
 VARIANTS = ("mono", "rgb", "spectral")
 INTEGRATORS = ("volpath", "volpathmis")
@@ -139,7 +140,12 @@ def main() -> None:
     room = FogRoom(extinction=given.extinction)
     scene = surface_room(room, wavelengths)
     rays = camera_rays(room, given.size)
-    solve: Any = partial(skyscatter.radiance, scene, *rays, wavelengths, threads=given.threads)
+
+    def solve(solver: str, **options: Any) -> skyscatter.Answer:
+        return skyscatter.radiance(
+            scene, *rays, wavelengths, solver=record_of(solver, **options), threads=given.threads
+        )  # fmt: skip
+
     runs = []
     for solver in given.solvers.split(","):
         samples = given.walks if solver == "path" else given.passes

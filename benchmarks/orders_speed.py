@@ -303,18 +303,18 @@ wl = np.linspace(380, 780, {wavelengths})
 {work}
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
-RENDER = 'skyscatter.render(scene, skyscatter.Panorama(width={0}, height={1}), wl, "{2}"{3})'
+RENDER = "skyscatter.render(scene, skyscatter.Panorama(width={0}, height={1}), wl, skyscatter.{2})"
 
 
 def memory(given: Any) -> list[str]:
     """Peak memory of fresh processes."""
     width, height = size(given.size)
     works = [
-        ("kernels loaded, one ray", 32, RENDER.format(1, 2, "single", "")),
-        (f"path, {given.size}, 2 walks", 32, RENDER.format(width, height, "path", ", samples=2")),
-        (f"orders, {given.size}", 32, RENDER.format(width, height, "orders", "")),
-        (f"orders, {given.size}, 128 wavelengths", 128, RENDER.format(width, height, "orders", "")),
-        (f"orders, 16x8, tolerance {FINE:g}", 32, RENDER.format(16, 8, "orders", f", tolerance={FINE}")),
+        ("kernels loaded, one ray", 32, RENDER.format(1, 2, "Single()")),
+        (f"path, {given.size}, 2 walks", 32, RENDER.format(width, height, "Path(samples=2)")),
+        (f"orders, {given.size}", 32, RENDER.format(width, height, "Orders()")),
+        (f"orders, {given.size}, 128 wavelengths", 128, RENDER.format(width, height, "Orders()")),
+        (f"orders, 16x8, tolerance {FINE:g}", 32, RENDER.format(16, 8, f"Orders(tolerance={FINE})")),
         ("orders, a field for all Suns", 32, "skyscatter.solve(scene, wl)"),
         ("orders, a field for all Suns, polarised", 32, "skyscatter.solve(scene, wl, stokes=True)"),
     ]
