@@ -34,6 +34,17 @@ def test_shipped_scenes_show_light(name: str) -> None:
 
 
 @pytest.mark.slow
+def test_walks_and_photons_see_the_same_room_in_fog() -> None:
+    """The mean light of the picture, which both together know to 0.8 %."""
+    walked = picture("fog-room", "path", samples=16384, seed=1)
+    gathered = picture("fog-room", "photons", samples=256, seed=2)
+    mean, other = (np.asarray(image.radiance).mean(axis=(0, 1)) for image in (walked, gathered))
+    variance = sum(np.asarray(image.error**2).sum(axis=(0, 1)) for image in (walked, gathered)) / 24**2
+    assert np.all(np.sqrt(variance) < 0.009 * mean)
+    assert np.all(np.abs(mean - other) < 3 * np.sqrt(variance))
+
+
+@pytest.mark.slow
 def test_subpixels_keep_the_light() -> None:
     """With one ray a pixel and with nine the mean of the picture is the same within its standard error.
 
