@@ -110,9 +110,7 @@ def moments(aod: Array, log_density: Array) -> tuple[Array, Array, Array]:
 class _Judged:
     """What one aerosol model makes of the dark cells."""
 
-    def __init__(
-        self, table: TermsTable, observed: Array, around: Array, angles: Array, gas: Gases, open_part: float
-    ) -> None:
+    def __init__(self, table: TermsTable, observed: Array, around: Array, angles: Array, gas: Gases) -> None:
         self.table = table
         self.depths = trial_depths(float(table.aod[-1]))
         (terms,) = with_water(table.at(self.depths, *(a[:, None] for a in angles), clip=True)[:1], gas)
@@ -126,8 +124,7 @@ class _Judged:
         count = known.sum()
         effective = count / (1 + (count - 1) * CORRELATION) if count > 1 else count
         pooled = (known @ self.likelihood) * (effective / count)
-        self.mean, sigma, _ = moments(self.depths, pooled + log_prior(self.depths))
-        self.sigma = np.sqrt(sigma**2 + (open_part * self.mean) ** 2 + MODEL_SPREAD_AT_LEAST**2)
+        self.mean, self.sigma, _ = moments(self.depths, pooled + log_prior(self.depths))
 
     def evidence(self, telling: Array) -> float:
         """Logarithm of the evidence for the model, by cells of that weight.
@@ -209,9 +206,8 @@ def estimate(
         return from_prior(names, [t.atmosphere.aerosol for t in others], shape)
     near = seen.ravel()
     here = Gases(gas.above[near], gas.water[near], gas.half[near], gas.relative)
-    open_part = PROFILE_SPREAD if others else MODEL_SPREAD
     judged = [
-        _Judged(table, observed[:, seen].T, lit[:, seen].T, angles[:, seen], here, open_part)
+        _Judged(table, observed[:, seen].T, lit[:, seen].T, angles[:, seen], here)
         for table, lit in zip(tables, near_by, strict=True)
     ]
     telling = np.mean([j.telling for j in judged], axis=0)
@@ -227,7 +223,10 @@ def estimate(
     shares = np.exp(weight - logsumexp(weight))
     notes = []
     dark = best.unknown < UNKNOWN
-    mean, mean_sigma = float(best.mean), float(best.sigma)
+    # A single model was named, and is taken at its word; others besides it differ in its phase function alone.
+    left_open = PROFILE_SPREAD if others and len(tables) > 1 else MODEL_SPREAD
+    mean = float(best.mean)
+    mean_sigma = float(np.sqrt(best.sigma**2 + (left_open * mean) ** 2 + MODEL_SPREAD_AT_LEAST**2))
     uncertain = np.ones(shape, bool)
     uncertain[seen] = ~dark
     if not dark.any():
@@ -269,7 +268,7 @@ def _elsewhere(
     here = Gases(gas.above[few], gas.water[few], gas.half[few], gas.relative)
 
     def judged(table: TermsTable) -> tuple[float, float]:
-        one = _Judged(table, observed[few], around[few], angles[:, few], here, PROFILE_SPREAD)
+        one = _Judged(table, observed[few], around[few], angles[:, few], here)
         return one.evidence(telling[few]), float(one.mean)
 
     known, mean = judged(best.table)
