@@ -140,6 +140,18 @@ def test_the_model_that_made_the_image_is_preferred():
     assert found.probabilities["maritime"] > usual.probabilities["maritime"]
 
 
+def test_a_named_aerosol_leaves_its_optics_open(table):
+    """7 % of the depth; others that stand beside a single model have its optics but for the phase function."""
+    seen = cells(table, 0.8, shape=(12, 12))
+    named, beside, judged = (
+        estimate(tables, *seen, vary=False, others=others)
+        for tables, others in (([table], []), ([table], [table]), ([table, table], [table]))
+    )
+    assert named.sigma.min() > 0.07 * named.mean
+    assert beside.sigma == pytest.approx(named.sigma)
+    assert named.sigma**2 - judged.sigma**2 == pytest.approx((0.07**2 - 0.02**2) * named.mean**2)
+
+
 def test_bright_sand_everywhere_is_flagged(table):
     shape = (4, 5)
     bright = np.array([0.18, 0.31, 0.41, 0.48, 0.57, 0.54])[:, None, None] * np.ones(shape)
