@@ -1,7 +1,8 @@
 """How far off `orders` is by the Sun's height, judged by `path`: the table that opens docs/validation-orders.md.
 
 Sights from the ground: five elevations towards, across from and against the Sun, at three wavelengths.  Deviations
-are in per cent of the light; the judge's standard error stands beside them, and what `orders` stated.
+are in per cent of the light; the judge's standard error stands beside them, and what `orders` stated.  Wavelengths
+share their walks: the error of a mean is that of one of them over the sights.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def row(name: str, sun: float, walks: int) -> list[object]:
     covered = np.abs(off) <= stated + 2 * known
     return [
         name, f"{sun:g}°", f"{np.median(stated):.2f} %", f"{100 * covered.mean():.0f} %",
-        f"{off.mean():+.2f} ± {np.sqrt(np.mean(known**2) / off.size):.2f} %", f"{np.median(np.abs(off)):.2f} %",
+        f"{off.mean():+.2f} ± {np.sqrt(np.mean(known**2) / len(ways)):.2f} %", f"{np.median(np.abs(off)):.2f} %",
         f"{np.median(known):.2f} %", f"{took:.1f}",
     ]  # fmt: skip
 

@@ -70,8 +70,8 @@ GUIDE_FLOOR = 0.15
 GUIDE_LOG = math.log((1.0 + GUIDE_FLOOR) / GUIDE_FLOOR)
 #: Share of the directions drawn by an isotropic phase function; the guide draws the rest.
 LEAST_PHASE_SHARE = 0.1
-#: Share of the directions drawn around the Sun by a phase function that only goes forward.
-SUN_SHARE = 0.15
+#: Share of the directions drawn around the Sun by a phase function that only goes forward; after the ground.
+SUN_SHARE, GROUND_SUN_SHARE = 0.22, 0.5
 #: Cosine of the Sun's zenith angle below which no direction is drawn around it.
 LOWEST_SUN = -0.05
 #: Share of the vertices that are drawn from the march on those legs.
@@ -512,6 +512,36 @@ def reflect(walk, u, v):
 
 
 @kernel
+def leave_ground(scene, hero, u, v, work, walk):
+    """New direction after a Lambertian reflection: by the cosine, or around the Sun as the air between scatters.
+
+    Seen from the ground forward-scattering air is brightest around the Sun, and the cosine alone finds that by chance.
+    The value takes the share that is reflected, the chance of each hero the sum of both densities.
+    """
+    optics, x, d, s = scene.optics, walk.position, walk.direction, scene.optics.disk_axis
+    r = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    x_sun = x[0] * s[0] + x[1] * s[1] + x[2] * s[2]
+    by_sun = sight_of_sun(scene, r, x_sun, work) if x_sun > 0.0 else 0.0
+    if by_sun > 0.0:
+        for c in range(work.density.size):
+            work.density[c] = work.to_sun[c]  # the mixture of the whole way
+        by_sun *= GROUND_SUN_SHARE * mixture_cosine(optics, work)
+    if u >= by_sun:
+        reflect(walk, (u - by_sun) / (1.0 - by_sun), v)
+    else:
+        d[0], d[1], d[2] = s[0], s[1], s[2]
+        turn_by_phase(optics, hero, u / by_sun, v, work, d)
+    if by_sun <= 0.0:
+        return
+    reflected = max(x[0] * d[0] + x[1] * d[1] + x[2] * d[2], 0.0) / (math.pi * r)
+    mix_components(work.density, optics.sigma_s, work.scattering)
+    mean_phase(optics, s[0] * d[0] + s[1] * d[1] + s[2] * d[2], work, work.source)
+    for i in range(walk.value.size):
+        walk.value[i] *= reflected
+        walk.chance[i] *= (1.0 - by_sun) * reflected + by_sun * work.source[i] if reflected > 0.0 else 0.0
+
+
+@kernel
 def move(walk, distance):
     """Advance the position along the direction."""
     for d in range(3):
@@ -645,7 +675,7 @@ def wander(scene, ground, line, camera, max_order, leg, work, camera_work, walk,
         u, v = draw(walk, order, 0), draw(walk, order, 1)
         if found == GROUND:
             lift_to_ground(scene, walk)
-            reflect(walk, u, v)
+            leave_ground(scene, hero, u, v, work, walk)
             depolarise(polar, d)
         else:
             scatter(scene, hero, u, v, order <= GUIDED_LEGS, work, walk, polar)

@@ -15,7 +15,7 @@ MOST_SHARE = 1.0
 #: Share of the tolerance that is always reported: where both solutions happen to agree, neither is that good.
 LEAST_ERROR = 0.4
 #: Share of the level sunlight that delta-M takes for unscattered that is reported as error.
-LEVEL_ERROR = 0.3
+LEVEL_ERROR = 0.1
 #: Zenith angles of the Sun [degree] between which sunlight begins to count as level.
 LEVEL = 80.0, 90.0
 
@@ -73,13 +73,26 @@ def relative_error(fine: Array, coarse: Array, tolerance: float, own: int, share
     return np.asarray(share * worst + LEAST_ERROR * tolerance)
 
 
-def turned(origin: Array, direction: Array, count: int) -> tuple[Array, Array]:
-    """Copies of a ray, turned about the vertical at its origin by equal steps: (ray, 3) each."""
+def lowest_point(origin: Array, direction: Array, radius: float) -> Array:
+    """Point of a ray that is nearest to a planet of that radius: where it starts, its tangent point, or the ground."""
+    along = float(origin @ direction)
+    if along >= 0:
+        return origin
+    tangent = origin - along * direction
+    depth = max(radius**2 - float(tangent @ tangent), 0.0)
+    return np.asarray(tangent - np.sqrt(depth) * direction)
+
+
+def turned(origin: Array, direction: Array, radius: float, count: int) -> tuple[Array, Array]:
+    """Copies of a ray, turned by equal steps about the vertical at its lowest point: (ray, 3) each.
+
+    There the Sun stands for all of them as high as for the ray itself, wherever they are seen from.
+    """
     if count <= 0:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    up = origin / np.linalg.norm(origin)
-    angle = 2 * np.pi * np.arange(1, count + 1)[:, None] / (count + 1)
-    along = (direction @ up) * up
-    level = direction - along
-    turned = along + np.cos(angle) * level + np.sin(angle) * np.cross(up, level)
-    return np.broadcast_to(origin, turned.shape), turned
+    from scipy.spatial.transform import Rotation
+
+    lowest = lowest_point(origin, direction, radius)
+    angle = 2 * np.pi * np.arange(1, count + 1) / (count + 1)
+    turns = Rotation.from_rotvec(angle[:, None] * lowest / np.linalg.norm(lowest))
+    return lowest + turns.apply(origin - lowest), turns.apply(direction)

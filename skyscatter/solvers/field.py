@@ -847,7 +847,8 @@ class RadianceField:
         for a, b in pairwise(group):
             own.append(order[np.unique(np.linspace(a, b - 1, min(COMPARED, b - a)).astype(int))])
             first = own[-1][0]
-            extra.append(turned(origins[first], directions[first], COMPARED - len(own[-1])))
+            copies = COMPARED - len(own[-1])
+            extra.append(turned(origins[first], directions[first], table.columns.radius, copies))
         chosen = np.concatenate([*own, np.zeros(0, np.int64)])
         o, d = (np.concatenate([a, *parts]) for a, *parts in zip((origins, directions), *extra, strict=True))
         number = len(origins)

@@ -33,6 +33,7 @@ from skyscatter.kernels.path import (
     choose,
     depart,
     draw,
+    leave_ground,
     lift_to_ground,
     make_leg,
     make_walk,
@@ -40,7 +41,6 @@ from skyscatter.kernels.path import (
     pick_sun,
     prepare_leg,
     rebalance,
-    reflect,
     scatter,
     survives,
 )
@@ -182,7 +182,7 @@ def wander(
             bounces += 1
             if bounces == 1:
                 met[0], met[1] = cells[0], cells[1]
-            reflect(walk, u, v)
+            leave_ground(scene, hero, u, v, work, walk)
             depolarise(polar, d)
         else:
             scatter(scene, hero, u, v, order <= GUIDED_LEGS, work, walk, polar)
