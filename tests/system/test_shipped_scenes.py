@@ -1,4 +1,4 @@
-"""Shipped scenes of surfaces, rendered small: light everywhere it should be, and the same light by both solvers."""
+"""Shipped scenes, looked at small: light everywhere it should be, and the same light by two solvers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from asking import asked
 
 import skyscatter
 from skyscatter.datafiles import read_table
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 
 WL = np.array([450.0, 550.0, 650.0])
 
@@ -19,6 +20,21 @@ def picture(name: str, solver: str, **options: Any) -> Any:
     model = skyscatter.load_model(name)
     camera = model.camera.model_copy(update={"width": 6, "height": 4})
     return skyscatter.render(model.scene(), camera, WL, **asked(solver, **options))
+
+
+@pytest.mark.parametrize(
+    ("name", "walks"), [("earth", 4096), ("earth-hazy", 16384), ("earth-maritime", 8192), ("mars", 32768)]
+)
+def test_skies_are_the_same_by_walks_and_by_orders_to_three_thousandths(name: str, walks: int) -> None:
+    """The mean over 15 sights, which walks know to 0.1 %: what is off by half a per cent is seen in 98 of 100 runs."""
+    scene = skyscatter.load_model(name).scene(sun_elevation_deg=50.0, sun_azimuth_deg=0.0)
+    elevation, azimuth = np.meshgrid([2.0, 10.0, 30.0, 60.0, 88.0], [12.0, 90.0, 172.0])
+    rays = scene.observer.position, direction_from_azimuth_elevation(azimuth.ravel(), elevation.ravel())
+    walked = skyscatter.radiance(scene, *rays, WL, solver=skyscatter.Path(samples=walks, tolerance=1e-4, seed=1))
+    solved = skyscatter.radiance(scene, *rays, WL, solver="orders")
+    known = np.sqrt(np.sum((walked.error / walked.radiance) ** 2, axis=0)) / len(rays[1])
+    assert np.all(known < 0.00105)
+    assert np.abs(np.mean(solved.radiance / walked.radiance - 1, axis=0)).max() < 0.003
 
 
 @pytest.mark.slow
