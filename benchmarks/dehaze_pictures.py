@@ -228,11 +228,11 @@ def main() -> None:
     grounds = {name: [pictures.shown(scene())] for name, scene in pictures.SCENES.items()}
     if folder.is_dir():
         found = list(pairs(folder))
-        parts += ["### Pairs", *on_pairs(found)]
+        parts += ["## Pairs", *on_pairs(found)]
         grounds["clear halves of every third pair"] = [clear for _, _, clear in found[::3]]
     else:
         parts.append(f"No pairs in {folder.name}: name the reference folder in SKYSCATTER_REFERENCE.")
-    parts += ["### Made-up veils", on_veils(grounds), "### Speed, one thread", speed(given.repeats)]
+    parts += ["## Made-up veils", on_veils(grounds), "## Speed, one thread", speed(given.repeats)]
     text = "\n\n".join(parts)
     print(text)
     if given.write:
