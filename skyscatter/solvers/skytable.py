@@ -46,6 +46,8 @@ ABOVE, CROWDED, BESIDE = 64, 2.2, 20
 ALOFT = 2
 #: Nodes between the horizon and the top of the atmosphere, for those who see it from outside.
 LIMB, LIMB_CROWDED = 64, 1.3
+#: Share of that way at which the last of them lies: at the top itself there is no light, of which logarithms know.
+LIMB_END = 0.999
 #: Nodes of azimuth from the Sun over 180 degrees, at squares; from above the air this share is even, for there the
 #: terminator may lie anywhere.
 TURNS, EVEN = 97, 0.9
@@ -454,7 +456,7 @@ def _elevations(edges: Edges, sun: float, low: float, high: float, share: float)
     places = _below_places(down, slant)
     down = np.interp(np.linspace(places[0], places[-1], round(many * BELOW)), places, down)
     if edges.above:
-        up = horizon + (top - horizon) * np.linspace(0, 1, round(share * LIMB)) ** LIMB_CROWDED
+        up = horizon + LIMB_END * (top - horizon) * np.linspace(0, 1, round(share * LIMB)) ** LIMB_CROWDED
     else:
         step = np.linspace(-1, 1, 2 * round(share * BESIDE) + 1)
         up = horizon + (top - horizon) * np.linspace(0, 1, round(many * ABOVE)) ** CROWDED
