@@ -193,7 +193,7 @@ def test_a_limb_in_sunlight_states_no_error_of_the_limb_at_dusk(monkeypatch: pyt
 def test_a_limb_at_dusk_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against rows closer to each other, of which no second solution at a coarser tolerance tells.
 
-    Estimated errors cover as they should anywhere: 95 % of the values, all of them twice.
+    One value in the planet's shadow, 40 km up, is 0.29 % off with 0.27 % stated: of rows both solutions know alike.
     """
     found, finer = [], []
     for model in ("earth", "earth-simple", "earth-hazy"):
@@ -209,8 +209,8 @@ def test_a_limb_at_dusk_is_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
             finer.append(skyscatter.radiance(there, *rays, [550.0], solver="orders").radiance)
     usual, error, right = (np.concatenate(a) for a in ([f.radiance for f in found], [f.error for f in found], finer))
     missed = np.abs(usual - right)
-    assert np.mean(missed <= error) >= 0.95  # of 36; both are 0 above the air
-    assert np.all(missed <= 2 * error)
+    assert np.mean(missed <= error) > 0.97  # of 36; both are 0 above the air
+    assert np.all(missed <= 1.15 * error)
     np.testing.assert_allclose(usual, right, rtol=2 * DEFAULT_TOLERANCE)
 
 
