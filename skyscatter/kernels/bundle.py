@@ -16,10 +16,14 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
-from skyscatter.kernels.stations import OPEN, cubic_weight
+from skyscatter.kernels.stations import OPEN
 
 #: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
 MOST_SUNS = 128
+#: Division takes longer than multiplication.
+SIXTH = 1.0 / 6.0
+#: Rays that a station's light is given to together.
+AT_ONCE = 16
 #: Positions of the Sun for which the first order's sunlight is known, for each node of the field.
 SUN_REFINEMENT = 2
 
@@ -48,7 +52,8 @@ class Bundle(NamedTuple):
     nu: np.ndarray  #: (ray,)
     w: np.ndarray  #: (ray,)
     sun: np.ndarray  #: (ray,) int64 first of the four Sun nodes around a point's
-    part: np.ndarray  #: (ray, 6) float32: weights of the four nodes, cosine and sine of the azimuth from the Sun
+    part: np.ndarray  #: (ray, 4) float32 weights of the four nodes
+    azimuth: np.ndarray  #: (2, ray) float32 cosine and sine of the azimuth from the Sun
     gathered: np.ndarray  #: (ray, stokes, wavelength) float32 light of all but the first order
     scattered: np.ndarray  #: (ray, stokes, wavelength) sunlight scattered once
     reflected: np.ndarray  #: (ray, wavelength) sunlight reflected once
@@ -71,8 +76,7 @@ class Bundle(NamedTuple):
     level: np.ndarray  #: (station, sun, wavelength) float32 size of the source at open stations, or its logarithm
     source: np.ndarray  #: (station, sun, order, stokes, wavelength) float32 source at open stations
     reach: np.ndarray  #: (station, 3) int64 first and last Sun node of a station, number of its orders
-    between: np.ndarray  #: (order, stokes, wavelength) float32 source of a station between four Sun nodes
-    turns: np.ndarray  #: (2, order) float32 cosines and sines of multiples of an azimuth
+    turns: np.ndarray  #: (order, 2, some rays) float32 cosines and sines of multiples of their azimuths
     sum: np.ndarray  #: (stokes, wavelength) float32 source of a station in the direction of a ray
 
 
@@ -82,7 +86,8 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
     moments, wavelengths = field.moments.shape[2:]
     orders, known = field.recurrence.shape[1:3]
     return Bundle(
-        np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 6), np.float32),
+        np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 4), np.float32),
+        np.zeros((2, rays), np.float32),
         np.zeros((rays, stokes, wavelengths), np.float32), np.zeros((rays, stokes, wavelengths)),
         np.zeros((rays, wavelengths)), np.zeros((components, peaks, wavelengths), np.float32),
         np.zeros(wavelengths, np.float32),
@@ -97,16 +102,20 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
         np.zeros((suns, wavelengths), np.float32), np.zeros((suns, orders, stokes, wavelengths), np.float32),
         np.zeros((OPEN, suns, wavelengths), np.float32),
         np.zeros((OPEN, suns, orders, stokes, wavelengths), np.float32),
-        np.zeros((OPEN, 3), np.int64), np.zeros((orders, stokes, wavelengths), np.float32),
-        np.zeros((2, orders), np.float32), np.zeros((stokes, wavelengths), np.float32),
+        np.zeros((OPEN, 3), np.int64), np.zeros((orders, 2, AT_ONCE), np.float32),
+        np.zeros((stokes, wavelengths), np.float32),
     )  # fmt: skip
 
 
 @inlined
-def cubic(v, part):
-    """Weights of Lagrange's cubic through nodes 0, 1, 2, 3 at v."""
-    for k in range(4):
-        part[k] = np.float32(cubic_weight(v, k))
+def cubic(v, ray, part):
+    """Weights of Lagrange's cubic through nodes 0, 1, 2, 3 at v, into ``part[ray]``."""
+    a, b, c = v - 1.0, v - 2.0, v - 3.0
+    v_a, b_c = v * a, b * c
+    part[ray, 0] = np.float32(-SIXTH * a * b_c)
+    part[ray, 1] = np.float32(0.5 * v * b_c)
+    part[ray, 2] = np.float32(-0.5 * v_a * c)
+    part[ray, 3] = np.float32(SIXTH * v_a * b)
 
 
 @inlined
@@ -116,7 +125,7 @@ def sun_number(diffuse, cosine):
     It is tabulated over the angle: over the cosine no table follows it near the zenith.
     """
     steps = diffuse.sun_index.size - 1
-    y = math.acos(min(max(cosine, -1.0), 1.0)) / math.pi * steps
+    y = math.acos(min(max(cosine, -1.0), 1.0)) * (steps / math.pi)
     k = min(int(y), steps - 1)
     return diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
 
@@ -140,18 +149,24 @@ def sun_reach(diffuse, line, t, r, refinement, suns, rays, bundle):
 
 @kernel
 def place_rays(diffuse, line, t, r, refinement, suns, rays, bundle):
-    """Sun nodes and azimuth from the Sun of every ray at distance t.
-
-    There are so many nodes, `refinement` for each of the field's.
-    """
-    mu, sine = t / r, line.p / r
+    """Sun nodes of every ray at distance t; there are so many, `refinement` for each of the field's."""
+    per_r, along = 1.0 / r, t - line.start
     for ray in range(rays):
-        x = sun_cosine(line, t, r, ray, bundle)
+        x = min(max((bundle.q[ray] + along * bundle.nu[ray]) * per_r, -1.0), 1.0)
         f = refinement * sun_number(diffuse, x)
         j = min(max(int(f) - 1, 0), suns - 4)
         bundle.sun[ray] = j
-        cubic(f - j, bundle.part[ray])
+        cubic(f - j, ray, bundle.part)
+
+
+@kernel
+def turn_rays(line, t, r, rays, bundle):
+    """Azimuth from the Sun of every ray at distance t."""
+    per_r, along = 1.0 / r, t - line.start
+    mu, sine = t * per_r, line.p * per_r
+    for ray in range(rays):
+        x = min(max((bundle.q[ray] + along * bundle.nu[ray]) * per_r, -1.0), 1.0)
         norm = sine * math.sqrt((1.0 - x) * (1.0 + x))
         norm = 1.0 / norm if norm > 1e-12 else 0.0
-        bundle.part[ray, 4] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
-        bundle.part[ray, 5] = np.float32(min(max(bundle.w[ray] / r * norm, -1.0), 1.0))
+        bundle.azimuth[0, ray] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
+        bundle.azimuth[1, ray] = np.float32(min(max(bundle.w[ray] * per_r * norm, -1.0), 1.0))

@@ -11,16 +11,17 @@ import math
 
 import numpy as np
 
-from skyscatter.kernels.bundle import place_rays, sun_reach
+from skyscatter.kernels.bundle import place_rays, sun_reach, turn_rays
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.rows import (
     add_product,
     add_products,
-    add_rows,
+    add_products_to_four,
     add_scaled,
+    add_turns_of_four,
     clear,
     set_exponentials,
-    set_sum_of_four,
+    set_turns,
 )
 from skyscatter.kernels.stations import (
     OPEN,
@@ -139,15 +140,24 @@ def _add_row(field, row, share, low, high, moments, orders, bundle):
     block = bundle.fourier.shape[1] * stokes * wavelengths
     clear(bundle.shared, 0, wavelengths)
     add_scaled(bundle.shared, 0, np.float32(share), bundle.size, 0, wavelengths)
+    step = count * wavelengths
+    four = high + 1 - (high + 1 - low) % 4 if uses == 1 else low  # Suns below this are taken four by four
+    for j in range(low, four, 4):
+        for m in range(orders):
+            first = bundle.begins[m]
+            add_products_to_four(
+                bundle.fourier, j * block + m * wavelengths, block, bundle.active, first, bundle.begins[m + 1] - first,
+                bundle.factor, field.moments, (row * suns + j) * step, step, wavelengths,
+            )  # fmt: skip
     for j in range(low, high + 1):
-        begin = (row * suns + j) * count * wavelengths
+        begin = (row * suns + j) * step
         add_product(bundle.mean, j * wavelengths, bundle.shared, 0, field.moments, begin, wavelengths)
         if uses == 1:
-            for m in range(orders):
+            for m in range(orders if j >= four else 0):
                 first = bundle.begins[m]
                 add_products(
-                    bundle.fourier, j * block + m * wavelengths, bundle.active, first, bundle.begins[m + 1] - first,
-                    bundle.factor, field.moments, begin, wavelengths,
+                    bundle.fourier, j * block + m * wavelengths, 0, bundle.active, first, bundle.begins[m + 1] - first,
+                    bundle.factor, field.moments, begin, 0, wavelengths,
                 )  # fmt: skip
             continue
         for a in range(moments):
@@ -244,30 +254,6 @@ def _take_logarithms(to, bundle):
 
 
 @inlined
-def _sum_orders(to, ray, orders, bundle):
-    """Source of a station in the direction of a ray, into ``bundle.sum``."""
-    suns, dimension, stokes, wavelengths = bundle.source.shape[1:]
-    part = stokes * wavelengths
-    block = dimension * part
-    cosine, sine = bundle.part[ray, 4], bundle.part[ray, 5]
-    set_sum_of_four(
-        bundle.between, 0, bundle.part[ray, 0], bundle.part[ray, 1], bundle.part[ray, 2], bundle.part[ray, 3],
-        bundle.source, (to * suns + bundle.sun[ray]) * block, block, orders * part,
-    )  # fmt: skip
-    # cos(m phi) and sin(m phi), one after the other.
-    c, z = np.float32(1.0), np.float32(0.0)
-    for m in range(orders):
-        bundle.turns[0, m], bundle.turns[1, m] = c, z
-        c, z = c * cosine - z * sine, z * cosine + c * sine
-    clear(bundle.sum, 0, part)
-    for channel in range(stokes):
-        add_rows(
-            bundle.sum, channel * wavelengths, bundle.turns, 0 if channel < 2 else dimension, orders,
-            bundle.between, channel * wavelengths, part, wavelengths,
-        )  # fmt: skip
-
-
-@inlined
 def _level_at(to, ray, bundle):
     """Level of a station for a ray, interpolated as logarithm, into ``bundle.here``.
 
@@ -280,16 +266,40 @@ def _level_at(to, ray, bundle):
     )  # fmt: skip
 
 
+@inlined
+def _source_for(to, ray, turn, orders, bundle):
+    """Source of a station in the direction of a ray, whose turns are number `turn`, into ``bundle.sum``."""
+    suns, dimension, stokes, wavelengths = bundle.source.shape[1:]
+    part, room = stokes * wavelengths, bundle.turns.shape[2]
+    block = dimension * part
+    clear(bundle.sum, 0, part)
+    for channel in range(stokes):
+        add_turns_of_four(
+            bundle.sum, channel * wavelengths,
+            bundle.part[ray, 0], bundle.part[ray, 1], bundle.part[ray, 2], bundle.part[ray, 3],
+            bundle.source, (to * suns + bundle.sun[ray]) * block + channel * wavelengths, block, part,
+            bundle.turns, (channel >> 1) * room + turn, 2 * room, orders, wavelengths,
+        )  # fmt: skip
+
+
 @kernel
 def _give_to_rays(diffuse, line, stations, b, suns, rays, bundle):
     """Give what was put together at station b to the rays."""
     t, r = station_place(stations, line, b)
     place_rays(diffuse, line, t, r, 1, suns, rays, bundle)
+    turn_rays(line, t, r, rays, bundle)
     to = b % OPEN
     _take_logarithms(to, bundle)
+    orders, at_once = bundle.reach[to, 2], bundle.turns.shape[2]
     stokes, wavelengths = bundle.gathered.shape[1], bundle.gathered.shape[2]
     for ray in range(rays):
-        _sum_orders(to, ray, bundle.reach[to, 2], bundle)
+        turn = ray % at_once
+        if turn == 0:
+            set_turns(
+                bundle.turns, bundle.azimuth, ray, bundle.azimuth.shape[1] + ray, min(at_once, rays - ray), at_once,
+                orders,
+            )  # fmt: skip
+        _source_for(to, ray, turn, orders, bundle)
         _level_at(to, ray, bundle)
         for channel in range(stokes):
             begin = channel * wavelengths

@@ -117,12 +117,6 @@ def _four_types(out: Any, row: Any) -> Any:
 
 
 @intrinsic
-def set_sum_of_four(typingctx, out, to, v_0, v_1, v_2, v_3, row, at, step, count):
-    """``out[to + i] = sum_k v_k row[at + k step + i]``, k from 0 to 3, for i below `count`."""
-    return _four_types(out, row), _four(False)
-
-
-@intrinsic
 def add_sum_of_four(typingctx, out, to, v_0, v_1, v_2, v_3, row, at, step, count):
     """``out[to + i] += sum_k v_k row[at + k step + i]``, k from 0 to 3, for i below `count`."""
     return _four_types(out, row), _four(True)
@@ -148,10 +142,15 @@ def _exponential(builder: Any, x: Any) -> Any:
     rounded = builder.fadd(builder.fmul(x, real(LOG2_E)), real(ROUND))
     n = builder.fsub(rounded, real(ROUND))
     f = builder.fsub(builder.fsub(x, builder.fmul(n, real(LN2_HIGH))), builder.fmul(n, real(LN2_LOW)))
-    # Taylor's series on |f| <= 0.347: the first term left out is f^7 / 7! < 1.2e-7.
-    total = real(1 / 720)
-    for term in (1 / 120, 1 / 24, 1 / 6, 1 / 2, 1.0, 1.0):
-        total = builder.fadd(builder.fmul(total, f), real(term))
+    # Taylor's series on |f| <= 0.347: the first term left out is f^7 / 7! < 1.2e-7.  Pairs of terms do not wait.
+    square = builder.fmul(f, f)
+
+    def pair(low: float, high: float) -> Any:
+        return builder.fadd(builder.fmul(f, real(high)), real(low))
+
+    total = builder.fadd(builder.fmul(square, real(1 / 720)), pair(1 / 24, 1 / 120))
+    total = builder.fadd(builder.fmul(total, square), pair(1 / 2, 1 / 6))
+    total = builder.fadd(builder.fmul(total, square), pair(1.0, 1.0))
     bits = ir.VectorType(whole, WIDE) if vector else whole
     places = ir.Constant(bits, [MANTISSA] * WIDE if vector else MANTISSA)
     power = builder.shl(builder.bitcast(rounded, bits), places)
@@ -184,19 +183,37 @@ def set_exponentials(typingctx, out, to, v_0, v_1, v_2, v_3, row, at, step, coun
     return _four_types(out, row), _four(False, value)
 
 
-def _sum_terms(builder: Any, count: Any, there: Any, terms: Any, term: Callable[..., Any]) -> None:
-    """Add to `there` what `term` makes of each of so many terms at a place, the sum being kept in a register."""
-    zero, one = ir.Constant(count.type, 0), ir.Constant(count.type, 1)
-    wide = ir.Constant(count.type, WIDE)
+def _kinds(builder: Any, count: Any) -> Sequence[Any]:
+    """For `for_range_slice`: vectors first, then the numbers that are left, with their types."""
+    zero, one, wide = (ir.Constant(count.type, value) for value in (0, 1, WIDE))
     whole = builder.mul(builder.sdiv(count, wide), wide)
-    for kind, begin, end, stride in ((_vector(), zero, whole, wide), (ir.FloatType(), whole, count, one)):
-        with cgutils.for_range_slice(builder, begin, end, stride) as (index, _):
-            place = builder.bitcast(builder.gep(there, [index]), kind.as_pointer())
-            total = cgutils.alloca_once(builder, kind)
-            builder.store(builder.load(place, align=4), total)
+    return (_vector(), (zero, whole, wide)), (ir.FloatType(), (whole, count, one))
+
+
+def _sum_terms(builder: Any, count: Any, there: Sequence[Any], terms: Any, term: Callable[..., Any]) -> None:
+    """Add to each row of `there` what `term` makes of so many terms at a place, the sums being kept in registers."""
+    for kind, places in _kinds(builder, count):
+        with cgutils.for_range_slice(builder, *places) as (index, _):
+            rows = [builder.bitcast(builder.gep(row, [index]), kind.as_pointer()) for row in there]
+            totals = [_kept(builder, builder.load(row, align=4)) for row in rows]
             with cgutils.for_range(builder, terms) as loop:
-                builder.store(builder.fadd(builder.load(total), term(loop.index, index, kind)), total)
-            builder.store(builder.load(total), place, align=4)
+                for total, found in zip(totals, term(loop.index, index, kind), strict=True):
+                    builder.store(builder.fadd(builder.load(total), found), total)
+            for row, total in zip(rows, totals, strict=True):
+                builder.store(builder.load(total), row, align=4)
+
+
+def _kept(builder: Any, value: Any) -> Any:
+    """A place, a register in the end, that holds a value."""
+    place = cgutils.alloca_once(builder, value.type)
+    builder.store(value, place)
+    return place
+
+
+def _factor(builder: Any, given: Any, index: Any, kind: Any) -> Any:
+    """A number of a row, as often as a kind has room for."""
+    factor = builder.load(builder.gep(given, [index]))
+    return _spread(builder, factor) if kind == _vector() else factor
 
 
 def _numbers(builder: Any, row: Any, index: Any, kind: Any) -> Any:
@@ -213,40 +230,124 @@ def add_rows(typingctx, out, to, factors, at_factors, terms, row, at, step, coun
         there, given, first = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 2, 5))
 
         def term(k: Any, index: Any, kind: Any) -> Any:
-            factor = builder.load(builder.gep(given, [k]))
             here = builder.add(builder.mul(k, args[7]), index)
-            return builder.fmul(_spread(builder, factor) if kind == _vector() else factor,
-                                _numbers(builder, first, here, kind))  # fmt: skip
+            return [builder.fmul(_factor(builder, given, k, kind), _numbers(builder, first, here, kind))]
 
-        _sum_terms(builder, args[8], there, args[4], term)
+        _sum_terms(builder, args[8], [there], args[4], term)
         return context.get_dummy_value()
 
     place = types.intp
     return types.void(out, place, factors, place, place, row, place, place, place), codegen
 
 
+def _products(rows: int) -> Callable[..., Any]:
+    """Sums of products for so many rows: each factor is read once for all of them, and no sum waits for another."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there = [_begin(context, builder, kinds[0], args[0], args[1])]
+        listed = _begin(context, builder, kinds[3], args[3], args[4])
+        left = context.make_array(kinds[6])(context, builder, args[6]).data
+        right = [_begin(context, builder, kinds[7], args[7], args[8])]
+        for _ in range(rows - 1):
+            there.append(builder.gep(there[-1], [args[2]]))
+            right.append(builder.gep(right[-1], [args[9]]))
+
+        def term(k: Any, index: Any, kind: Any) -> Any:
+            here = builder.add(builder.mul(builder.load(builder.gep(listed, [k])), args[10]), index)
+            factor = _numbers(builder, left, here, kind)
+            return [builder.fmul(factor, _numbers(builder, row, here, kind)) for row in right]
+
+        _sum_terms(builder, args[10], there, args[5], term)
+        return context.get_dummy_value()
+
+    return codegen
+
+
+def _product_types(out: Any, numbers: Any, one: Any, two: Any) -> Any:
+    place = types.intp
+    return types.void(out, place, place, numbers, place, place, one, two, place, place, place)
+
+
 @intrinsic
-def add_products(typingctx, out, to, numbers, first, terms, one, two, at_two, count):
+def add_products(typingctx, out, to, to_step, numbers, first, terms, one, two, at_two, two_step, count):
     """``out[to + i] += sum_k one[k count + i] two[at_two + k count + i]`` for i below `count`.
 
-    The sum is over so many terms k of the list `numbers`, beginning with the one at `first`.
+    The sum is over so many terms k of the list `numbers`, beginning with the one at `first`.  Both steps are for
+    `add_products_to_four` alone.
+    """
+    return _product_types(out, numbers, one, two), _products(1)
+
+
+@intrinsic
+def add_products_to_four(typingctx, out, to, to_step, numbers, first, terms, one, two, at_two, two_step, count):
+    """The same for four rows at once, each a step further on in `out` and in `two`."""
+    return _product_types(out, numbers, one, two), _products(4)
+
+
+@intrinsic
+def add_turns_of_four(
+    typingctx, out, to, v_0, v_1, v_2, v_3, row, at, step, part, factors, at_factors, factor_step, terms, count
+):
+    """A weighted sum of four rows of Fourier parts, added up at an azimuth.
+
+    ``out[to + i] += sum_m factors[at_factors + m factor_step] sum_k v_k row[at + k step + m part + i]``, m below
+    `terms`, k from 0 to 3, for i below `count`.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kinds = signature.args
-        there, listed = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 2))
-        left = context.make_array(kinds[5])(context, builder, args[5]).data
-        right = _begin(context, builder, kinds[6], args[6], args[7])
+        there, first, given = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 6, 10))
+        rows = [first]
+        for _ in range(3):
+            rows.append(builder.gep(rows[-1], [args[8]]))
+        many = [_spread(builder, weight) for weight in args[2:6]]
 
-        def term(k: Any, index: Any, kind: Any) -> Any:
-            here = builder.add(builder.mul(builder.load(builder.gep(listed, [k])), args[8]), index)
-            return builder.fmul(_numbers(builder, left, here, kind), _numbers(builder, right, here, kind))
+        def term(m: Any, index: Any, kind: Any) -> Any:
+            here = builder.add(builder.mul(m, args[9]), index)
+            weights = many if kind == _vector() else args[2:6]
+            found = [builder.fmul(f, _numbers(builder, r, here, kind)) for f, r in zip(weights, rows, strict=True)]
+            total = builder.fadd(builder.fadd(found[0], found[1]), builder.fadd(found[2], found[3]))
+            return [builder.fmul(_factor(builder, given, builder.mul(m, args[12]), kind), total)]
 
-        _sum_terms(builder, args[8], there, args[4], term)
+        _sum_terms(builder, args[14], [there], args[13], term)
+        return context.get_dummy_value()
+
+    number, place = types.float32, types.intp
+    return types.void(
+        out, place, number, number, number, number, row, place, place, place, factors, place, place, place, place
+    ), codegen
+
+
+@intrinsic
+def set_turns(typingctx, out, azimuth, at_cosine, at_sine, count, room, orders):
+    """Cosines and sines of multiples of azimuths, of whose own there are so many.
+
+    ``out[(2 m) room + i] = cos(m phi_i)`` and ``out[(2 m + 1) room + i] = sin(m phi_i)`` for m below `orders`.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        zero = ir.Constant(args[4].type, 0)
+        there = _begin(context, builder, kinds[0], args[0], zero)
+        own = [_begin(context, builder, kinds[1], args[1], at) for at in args[2:4]]
+
+        for kind, places in _kinds(builder, args[4]):
+            one, none = (ir.Constant(kind, [x] * WIDE if kind == _vector() else x) for x in (1.0, 0.0))
+            with cgutils.for_range_slice(builder, *places) as (index, _):
+                cosine, sine = (_numbers(builder, row, index, kind) for row in own)
+                c, s = _kept(builder, one), _kept(builder, none)
+                with cgutils.for_range(builder, args[6]) as loop:
+                    x, y = builder.load(c), builder.load(s)
+                    here = builder.add(builder.mul(builder.add(loop.index, loop.index), args[5]), index)
+                    for value, place in ((x, here), (y, builder.add(here, args[5]))):
+                        builder.store(value, builder.bitcast(builder.gep(there, [place]), kind.as_pointer()), align=4)
+                    builder.store(builder.fsub(builder.fmul(x, cosine), builder.fmul(y, sine)), c)
+                    builder.store(builder.fadd(builder.fmul(y, cosine), builder.fmul(x, sine)), s)
         return context.get_dummy_value()
 
     place = types.intp
-    return types.void(out, place, numbers, place, place, one, two, place, place), codegen
+    return types.void(out, azimuth, place, place, place, place, place), codegen
 
 
 @intrinsic

@@ -166,7 +166,7 @@ def _smooth_point(columns, diffuse, line, k, rays, count, course, bundle, work):
         f = ((bundle.q[ray] + (t - line.start) * bundle.nu[ray]) / r - low) / spacing
         j = min(max(int(f) - 1, 0), count - 4)
         bundle.sun[ray] = j
-        cubic(f - j, bundle.part[ray])
+        cubic(f - j, ray, bundle.part)
     _add_interpolated(diffuse, k, rays, course, bundle)
 
 

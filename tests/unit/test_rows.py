@@ -24,11 +24,8 @@ def scaled(out: Any, to: int, factor: Any, row: Any, at: int, count: int) -> Non
 
 
 @entry
-def four(out: Any, to: int, v: Any, row: Any, at: int, step: int, count: int, adds: bool) -> None:
-    if adds:
-        rows.add_sum_of_four(out, to, v[0], v[1], v[2], v[3], row, at, step, count)
-    else:
-        rows.set_sum_of_four(out, to, v[0], v[1], v[2], v[3], row, at, step, count)
+def four(out: Any, to: int, v: Any, row: Any, at: int, step: int, count: int) -> None:
+    rows.add_sum_of_four(out, to, v[0], v[1], v[2], v[3], row, at, step, count)
 
 
 @entry
@@ -43,7 +40,27 @@ def many(out: Any, to: int, factors: Any, first: int, terms: int, row: Any, at: 
 
 @entry
 def products(out: Any, to: int, numbers: Any, first: int, terms: int, one: Any, two: Any, at: int, count: int) -> None:
-    rows.add_products(out, to, numbers, first, terms, one, two, at, count)
+    rows.add_products(out, to, 0, numbers, first, terms, one, two, at, 0, count)
+
+
+@entry
+def products_of_four(
+    out: Any, to: int, to_step: int, numbers: Any, terms: int, one: Any, two: Any, at: int, step: int, count: int
+) -> None:
+    rows.add_products_to_four(out, to, to_step, numbers, 0, terms, one, two, at, step, count)
+
+
+@entry
+def turned(
+    out: Any, to: int, v: Any, row: Any, at: int, step: int, part: int, factors: Any, factor_step: int, terms: int,
+    count: int,
+) -> None:  # fmt: skip
+    rows.add_turns_of_four(out, to, v[0], v[1], v[2], v[3], row, at, step, part, factors, 1, factor_step, terms, count)
+
+
+@entry
+def turns(out: Any, azimuth: Any, at: int, count: int, room: int, orders: int) -> None:
+    rows.set_turns(out, azimuth, at, azimuth.shape[1] + at, count, room, orders)
 
 
 @entry
@@ -75,8 +92,7 @@ def test_rows_are_summed_as_numpy_does(count: int) -> None:
     v = random(4, seed=4)
     terms = [v[k] * one[at + 50 * k : at + 50 * k + count] for k in range(4)]
     total = (terms[0] + terms[1]) + (terms[2] + terms[3])
-    check(total, lambda out, to: four(out, to, v, one, at, 50, count, False))
-    check(start[there] + total, lambda out, to: four(out, to, v, one, at, 50, count, True))
+    check(start[there] + total, four, v, one, at, 50, count)
     expected = start[there].copy()
     for k in range(6):
         expected = expected + v[k % 4] * one[at + 45 * k : at + 45 * k + count]
@@ -87,6 +103,42 @@ def test_rows_are_summed_as_numpy_does(count: int) -> None:
         expected = expected + table[k] * random(30 * count + 2, seed=5)[2 + k * count : 2 + (k + 1) * count]
     check(expected, products, numbers, 2, 3, table, random(30 * count + 2, seed=5), 2, count)
     check(np.zeros(count, F), cleared, count)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 13, 16, 24])
+def test_products_of_four_rows_are_those_of_each(count: int) -> None:
+    numbers, one, two = np.array([3, 0, 7], np.int64), random(8 * count + 1, seed=1), random(4 * 250, seed=2)
+    together = random(4 * 30, seed=3)
+    alone = together.copy()
+    products_of_four(together, 1, 30, numbers, 3, one, two, 2, 250, count)
+    for k in range(4):
+        products(alone, 1 + 30 * k, numbers, 0, 3, one, two, 2 + 250 * k, count)
+    np.testing.assert_array_equal(together, alone)
+    assert count == 0 or np.any(together != random(4 * 30, seed=3))
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 13, 16, 24])
+def test_fourier_parts_of_four_rows_are_added_up_at_an_azimuth(count: int) -> None:
+    v, row, factors, out = random(4, seed=1), random(4 * 200, seed=2), random(40, seed=3), random(30, seed=4)
+    expected = out.copy()
+    for m in range(5):
+        terms = [v[k] * row[2 + 200 * k + 30 * m :][:count] for k in range(4)]
+        expected[3 : 3 + count] += factors[1 + 7 * m] * ((terms[0] + terms[1]) + (terms[2] + terms[3]))
+    turned(out, 3, v, row, 2, 200, 30, factors, 7, 5, count)
+    np.testing.assert_array_equal(out, expected)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 13, 16])
+def test_multiples_of_azimuths(count: int) -> None:
+    phi = np.random.default_rng(1).uniform(-np.pi, np.pi, 20)
+    out, azimuth = np.full((19, 2, 16), 9.0, F), np.stack([np.cos(phi), np.sin(phi)]).astype(F)
+    turns(out, azimuth, 4, count, 16, 18)
+    m = np.arange(18)[:, None]
+    expected = np.stack([np.cos(m * phi[4 : 4 + count]), np.sin(m * phi[4 : 4 + count])], axis=1)
+    # Single precision of the azimuth itself, 6e-8, grows with its multiple.
+    np.testing.assert_allclose(out[:18, :, :count], expected, atol=3e-6)
+    assert np.all(out[18:] == 9.0)
+    assert np.all(out[:, :, count:] == 9.0)
 
 
 @pytest.mark.parametrize("count", [1, 8, 13])
