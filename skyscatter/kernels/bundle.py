@@ -68,6 +68,7 @@ class Bundle(NamedTuple):
     active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
     begins: np.ndarray  #: (order + 1,) int64 where among those the ones of every order begin
     factor: np.ndarray  #: (moment, use, wavelength) float32
+    weight: np.ndarray  #: (block, degree, wavelength) of the moments at a point
     size: np.ndarray  #: (wavelength,) float32 weight of a point without regard to signs
     shared: np.ndarray  #: (wavelength,) float32 the part of it that comes from one row
     relative: np.ndarray  #: (block, degree) greatest weight of a degree at a point, in units of that
@@ -98,6 +99,7 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
         np.zeros((components, wavelengths)),
         np.zeros((3, orders, known)), np.zeros(moments, np.int64), np.zeros(orders + 1, np.int64),
         np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
+        np.zeros((blocks, degrees, wavelengths)),
         np.zeros(wavelengths, np.float32), np.zeros(wavelengths, np.float32), np.zeros((blocks, degrees)),
         np.zeros((suns, wavelengths), np.float32), np.zeros((suns, orders, stokes, wavelengths), np.float32),
         np.zeros((OPEN, suns, wavelengths), np.float32),

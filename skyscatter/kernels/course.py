@@ -69,13 +69,13 @@ class Course(NamedTuple):
     through: np.ndarray  #: (point, wavelength) transmittance from the entry
     depth: np.ndarray  #: (point, wavelength) optical depth of the cell that begins there
     bend: np.ndarray  #: (point, wavelength) what the curvature of the source adds to that cell
-    weight: np.ndarray  #: (point, block, degree, wavelength) of the moments there
+    share: np.ndarray  #: (point, component, wavelength) what a unit of its scattering there sends to the entry [m]
     gauss: np.ndarray  #: (2 point, 2): distance and radius of the Gauss points [m]
     source: np.ndarray  #: (2 point, component, wavelength): step times transmittance times density [m]
     glow: np.ndarray  #: (wavelength,) light on the line that no scattering sends there [W m-2 sr-1 nm-1]
 
 
-def make_course(shells: int, blocks: int, components: int, degrees: int, wavelengths: int) -> Course:
+def make_course(shells: int, components: int, wavelengths: int) -> Course:
     """An empty course."""
     raw = 2 * shells + 4
     points = 2 * raw + 4 * MOST_PARTS
@@ -83,7 +83,7 @@ def make_course(shells: int, blocks: int, components: int, degrees: int, wavelen
         np.zeros(raw), np.zeros(points), np.zeros((points, 4)), np.zeros(points, np.int64),
         np.zeros((points, components)), np.zeros((points, wavelengths)),
         np.zeros((points, wavelengths)), np.zeros((points, wavelengths)),
-        np.zeros((points, blocks, degrees, wavelengths)),
+        np.zeros((points, components, wavelengths)),
         np.zeros((2 * points, 2)),
         np.zeros((2 * points, components, wavelengths)), np.zeros(wavelengths),
     )  # fmt: skip
@@ -206,46 +206,40 @@ def _cell_integrals(depth):
 
 @kernel
 def weigh_cells(diffuse, hits_ground, n, course, work):
-    """Weights of the moments at the points of a course, and the light that is on the line without scattering."""
-    blocks, degrees, wavelengths = course.weight.shape[1], course.weight.shape[2], course.glow.size
+    """Shares of the components at the points of a course, and the light that is on the line without scattering."""
+    components, wavelengths = course.share.shape[1], course.glow.size
     for s in range(n):
-        for b in range(blocks):
-            for d in range(degrees):
-                for i in range(wavelengths):
-                    course.weight[s, b, d, i] = 0.0
+        for c in range(components):
+            for i in range(wavelengths):
+                course.share[s, c, i] = 0.0
     for i in range(wavelengths):
         course.glow[i] = course.through[n - 1, i] * diffuse.light[1 if hits_ground else 0, i]
     for s in range(n - 1):
         for i in range(wavelengths):
             depth = 0.0
-            for c in range(course.columns.shape[1]):
+            for c in range(components):
                 depth += (course.columns[s + 1, c] - course.columns[s, c]) * diffuse.sigma_t[c, i]
             near, far, bend = _cell_integrals(max(depth, 0.0))
             course.depth[s, i] = max(depth, 1e-30)
             course.bend[s, i] = course.through[s, i] * bend
             work.fine[i] = course.through[s, i] * near
             work.coarse[i] = course.through[s, i] * far
-        for c in range(course.columns.shape[1]):
+        for c in range(components):
             column = max(course.columns[s + 1, c] - course.columns[s, c], 0.0)
             for i in range(wavelengths):
                 course.glow[i] += (work.fine[i] + work.coarse[i]) * column * diffuse.emission[c, i]
-            if diffuse.scatters[c]:
-                for b in range(blocks):
-                    for d in range(degrees):
-                        for i in range(wavelengths):
-                            beta = column * diffuse.greek[b, c, d, i]
-                            course.weight[s, b, d, i] += work.fine[i] * beta
-                            course.weight[s + 1, b, d, i] += work.coarse[i] * beta
+                course.share[s, c, i] += work.fine[i] * column
+                course.share[s + 1, c, i] += work.coarse[i] * column
     if n < 3:
         return
     for k in range(1, n - n % 2, 2):
         # An odd cell at the end has the point before it in common with the last pair.
-        _bend_cells(diffuse, min(k, n - 2), k - min(k, n - 2), course, work)
+        _bend_cells(min(k, n - 2), k - min(k, n - 2), course, work)
 
 
 @kernel
-def _bend_cells(diffuse, s, first, course, work):
-    """Correct the weights for the curvature of the source over the two cells that meet at point s.
+def _bend_cells(s, first, course, work):
+    """Correct the shares for the curvature of the source over the two cells that meet at point s.
 
     Between its ends the source differs from the straight line by -S'' u (w - u) / 2, with u the optical depth into the
     cell and w its whole depth; S'' is that of the parabola through the three points.  `first` leaves out cell s - 1,
@@ -260,18 +254,15 @@ def _bend_cells(diffuse, s, first, course, work):
         work.fine[i] = work.fine[i] if alike else 0.5
     for cell in range(first, 2):
         k = s - 1 + cell
-        for c in range(course.columns.shape[1]):
+        for c in range(course.share.shape[1]):
             column = max(course.columns[k + 1, c] - course.columns[k, c], 0.0)
-            if diffuse.scatters[c] and column > 0.0:
-                for b in range(course.weight.shape[1]):
-                    for d in range(course.weight.shape[2]):
-                        for i in range(course.glow.size):
-                            u = work.fine[i]
-                            width = u if cell == 0 else 1.0 - u
-                            f = work.coarse[i] * width * width * course.bend[k, i] * column * diffuse.greek[b, c, d, i]
-                            course.weight[s - 1, b, d, i] -= f / u
-                            course.weight[s, b, d, i] += f / (u * (1.0 - u))
-                            course.weight[s + 1, b, d, i] -= f / (1.0 - u)
+            for i in range(course.glow.size):
+                u = work.fine[i]
+                width = u if cell == 0 else 1.0 - u
+                f = work.coarse[i] * width * width * course.bend[k, i] * column
+                course.share[s - 1, c, i] -= f / u
+                course.share[s, c, i] += f / (u * (1.0 - u))
+                course.share[s + 1, c, i] -= f / (1.0 - u)
 
 
 @kernel

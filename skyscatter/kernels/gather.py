@@ -74,23 +74,37 @@ def _fill_functions(recurrence, mu, polarised, functions):
                 functions[1, m, d], functions[2, m, d] = 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
-@inlined
-def _weigh_degrees(weight, bundle):
-    """What the mean radiance makes of a point at least, and in units of that the greatest weight of every degree.
+@kernel
+def _weigh_degrees(diffuse, share, bundle):
+    """Weights of the moments at a point, from the shares (component, wavelength) of what scatters there.
 
-    Into ``bundle.size`` and ``bundle.relative``.  Weights of a parabola have either sign, and those of one degree may
-    cancel; all do not.
+    Into ``bundle.weight``; what the mean radiance makes of the point at least into ``bundle.size``, and in units of
+    that the greatest weight of every degree into ``bundle.relative``.  Weights of a parabola have either sign, and
+    those of one degree may cancel; all do not.
     """
-    for i in range(weight.shape[2]):
-        size = 0.0
-        for d in range(weight.shape[1]):
-            size = max(size, abs(weight[0, d, i]) / (2 * d + 1))
-        bundle.size[i] = np.float32(size)
-    for b in range(weight.shape[0]):
-        for d in range(weight.shape[1]):
+    weight = bundle.weight
+    blocks, degrees, wavelengths = weight.shape
+    for b in range(blocks):
+        for d in range(degrees):
+            for i in range(wavelengths):
+                weight[b, d, i] = 0.0
+            for c in range(share.shape[0]):
+                if diffuse.scatters[c]:
+                    for i in range(wavelengths):
+                        weight[b, d, i] += share[c, i] * diffuse.greek[b, c, d, i]
+    for i in range(wavelengths):
+        bundle.size[i] = DARKEST
+    for d in range(degrees):
+        per_moment = np.float32(1.0 / (2 * d + 1))
+        for i in range(wavelengths):
+            bundle.size[i] = max(bundle.size[i], np.float32(abs(weight[0, d, i])) * per_moment)
+    for i in range(wavelengths):
+        bundle.shared[i] = np.float32(1.0) / bundle.size[i]
+    for b in range(blocks):
+        for d in range(degrees):
             most = 0.0
-            for i in range(weight.shape[2]):
-                most = max(most, abs(weight[b, d, i]) / max(bundle.size[i], DARKEST))
+            for i in range(wavelengths):
+                most = max(most, abs(weight[b, d, i]) * bundle.shared[i])
             bundle.relative[b, d] = most
 
 
@@ -119,7 +133,7 @@ def _moments_at(field, row, other, functions, relative, active, begins):
 
 
 @kernel
-def _fill_factors(field, weight, moments, share, bundle):
+def _fill_factors(field, moments, share, bundle):
     """What a share of the moments of a row gives to the Fourier parts of a point's source, into ``bundle.factor``."""
     for a in range(moments):
         k = bundle.active[a]
@@ -127,8 +141,8 @@ def _fill_factors(field, weight, moments, share, bundle):
         for u in range(field.gives.shape[1]):
             g = field.gives[k, u]
             f = share * g[2] * bundle.functions[g[1], m, d] * (1.0 if m == 0 else 2.0)
-            for i in range(weight.shape[2]):
-                bundle.factor[k, u, i] = np.float32(f * weight[g[0], d, i])
+            for i in range(bundle.weight.shape[2]):
+                bundle.factor[k, u, i] = np.float32(f * bundle.weight[g[0], d, i])
 
 
 @inlined
@@ -173,7 +187,7 @@ def _add_row(field, row, share, low, high, moments, orders, bundle):
 
 
 @kernel
-def _source_at(field, course, s, low, high, ends_on_ground, bundle):
+def _source_at(diffuse, field, course, s, low, high, ends_on_ground, bundle):
     """What point s scatters for Sun nodes `low` ... `high`; returns the number of its Fourier parts.
 
     Into ``bundle.fourier``, and its size without regard to signs into ``bundle.mean``.
@@ -181,7 +195,7 @@ def _source_at(field, course, s, low, high, ends_on_ground, bundle):
     stokes, wavelengths = bundle.fourier.shape[2], bundle.fourier.shape[3]
     block = bundle.fourier.shape[1] * stokes * wavelengths
     _fill_functions(field.recurrence, course.place[s, 1], field.gives.shape[1] > 1, bundle.functions)
-    _weigh_degrees(course.weight[s], bundle)
+    _weigh_degrees(diffuse, course.share[s], bundle)
     v = course.place[s, 3]
     row = course.row[s] + 1 if v == 1.0 else course.row[s]
     other = course.row[s] if v == 0.0 else course.row[s] + 1
@@ -192,7 +206,7 @@ def _source_at(field, course, s, low, high, ends_on_ground, bundle):
     for side in range(2):
         share = v if side == 1 else 1.0 - v
         if share > 0.0:
-            _fill_factors(field, course.weight[s], moments, share, bundle)
+            _fill_factors(field, moments, share, bundle)
             _add_row(field, course.row[s] + side, share, low, high, moments, orders, bundle)
     if ends_on_ground:
         for j in range(low, high + 1):
@@ -324,7 +338,7 @@ def gather(diffuse, field, line, n, rays, course, bundle):
             _open_station(diffuse, line, stations, opened, suns, rays, bundle)
             opened += 1
         low, high = reach_of_open(bundle.reach, base, stations)
-        orders = _source_at(field, course, s, low, high, line.hits_ground and s == n - 1, bundle)
+        orders = _source_at(diffuse, field, course, s, low, high, line.hits_ground and s == n - 1, bundle)
         for b in range(base, min(base + OPEN, stations.many)):
             _add_to_station(b, station_weight(stations, x - base, b - base), orders, bundle)
     for b in range(max(opened - OPEN, 0), opened):

@@ -276,7 +276,7 @@ def make_sweep_scratch(
     orders = field.recurrence.shape[1]
     return (
         make_work(components, wavelengths),
-        make_course(diffuse.shell.size, blocks, components, degrees, wavelengths),
+        make_course(diffuse.shell.size, components, wavelengths),
         make_bundle(rays, field, stokes, components, blocks, degrees, diffuse.peaks.shape[1]),
         np.zeros((orders, stokes, wavelengths), np.float32),
     )
