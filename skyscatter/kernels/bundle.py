@@ -39,7 +39,7 @@ class Field(NamedTuple):
     by_order: np.ndarray  #: (moment,) int64 numbers of the moments, rising in order
     gives: np.ndarray  #: (moment, use, 4) int64; see `skyscatter.solvers.moments`
     bound: np.ndarray  #: (row, moment) greatest magnitude in units of the mean radiance at its place
-    recurrence: np.ndarray  #: (2, order, degree, 3) coefficients of the angular functions, for d_m0 and d_m2
+    recurrence: np.ndarray  #: (2, 3, degree, order) coefficients of the angular functions, for d_m0 and d_m2
     station: float  #: angle at the planet's centre between two places at which a course's light is put together [rad]
     least: float  #: share of the isotropic part of a source below which others are left out
 
@@ -64,14 +64,14 @@ class Bundle(NamedTuple):
     sunlight: np.ndarray  #: (sun, wavelength) float32 irradiance at a Gauss point
     lit: np.ndarray  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters
     phase: np.ndarray  #: (component, wavelength)
-    functions: np.ndarray  #: (3, order, degree) angular functions at a point
-    active: np.ndarray  #: (moment,) int64 numbers of the moments that matter at a point
+    functions: np.ndarray  #: (3, degree, order) angular functions at a point
+    active: np.ndarray  #: (moment + 1,) int64 numbers of the moments that matter at a point
     begins: np.ndarray  #: (order + 1,) int64 where among those the ones of every order begin
     factor: np.ndarray  #: (moment, use, wavelength) float32
-    weight: np.ndarray  #: (block, degree, wavelength) of the moments at a point
+    weight: np.ndarray  #: (block, degree, wavelength) float32 of the moments at a point
     size: np.ndarray  #: (wavelength,) float32 weight of a point without regard to signs
     shared: np.ndarray  #: (wavelength,) float32 the part of it that comes from one row
-    relative: np.ndarray  #: (block, degree) greatest weight of a degree at a point, in units of that
+    relative: np.ndarray  #: (block, degree) float32 greatest weight of a degree at a point, in units of that
     mean: np.ndarray  #: (sun, wavelength) float32 size of the source at a point
     fourier: np.ndarray  #: (sun, order, stokes, wavelength) float32 source at a point
     level: np.ndarray  #: (station, sun, wavelength) float32 size of the source at open stations, or its logarithm
@@ -85,7 +85,7 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
     """An empty bundle for a field and courses with weights of so many blocks and degrees."""
     suns = field.moments.shape[1]
     moments, wavelengths = field.moments.shape[2:]
-    orders, known = field.recurrence.shape[1:3]
+    known, orders = field.recurrence.shape[2:]
     return Bundle(
         np.zeros(rays), np.zeros(rays), np.zeros(rays), np.zeros(rays, np.int64), np.zeros((rays, 4), np.float32),
         np.zeros((2, rays), np.float32),
@@ -97,10 +97,10 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
         np.zeros((max(SUN_REFINEMENT * suns, MOST_SUNS), wavelengths), np.float32),
         np.zeros((OPEN, SUN_REFINEMENT * suns, components, wavelengths), np.float32),
         np.zeros((components, wavelengths)),
-        np.zeros((3, orders, known)), np.zeros(moments, np.int64), np.zeros(orders + 1, np.int64),
+        np.zeros((3, known, orders)), np.zeros(moments + 1, np.int64), np.zeros(orders + 1, np.int64),
         np.zeros((moments, field.gives.shape[1], wavelengths), np.float32),
-        np.zeros((blocks, degrees, wavelengths)),
-        np.zeros(wavelengths, np.float32), np.zeros(wavelengths, np.float32), np.zeros((blocks, degrees)),
+        np.zeros((blocks, degrees, wavelengths), np.float32),
+        np.zeros(wavelengths, np.float32), np.zeros(wavelengths, np.float32), np.zeros((blocks, degrees), np.float32),
         np.zeros((suns, wavelengths), np.float32), np.zeros((suns, orders, stokes, wavelengths), np.float32),
         np.zeros((OPEN, suns, wavelengths), np.float32),
         np.zeros((OPEN, suns, orders, stokes, wavelengths), np.float32),

@@ -21,6 +21,7 @@ from skyscatter.kernels.rows import (
     add_turns_of_four,
     clear,
     set_exponentials,
+    set_scaled,
     set_turns,
 )
 from skyscatter.kernels.stations import (
@@ -40,38 +41,43 @@ DARKEST = np.float32(1e-37)
 @merged
 def _fill_functions(recurrence, mu, polarised, functions):
     """Angular functions of all degrees and orders at a zenith cosine; see `skyscatter.solvers.moments.wigner`."""
-    orders, degrees = functions.shape[1], functions.shape[2]
+    degrees, orders = functions.shape[1], functions.shape[2]
     half_plus, half_minus = math.sqrt(0.5 * max(1.0 + mu, 0.0)), math.sqrt(0.5 * max(1.0 - mu, 0.0))
-    for m in range(orders):
-        # d_m0 begins at l = m with a power of the sine; the table holds its factor.
-        for d in range(degrees):
-            functions[0, m, d] = 0.0
-        if m < degrees:
-            functions[0, m, m] = recurrence[0, m, m, 2] * (half_plus * half_minus) ** m
-        for d in range(m, degrees - 1):
-            before = functions[0, m, d - 1] if d > m else 0.0
-            functions[0, m, d + 1] = recurrence[0, m, d, 0] * mu * functions[0, m, d] - recurrence[0, m, d, 1] * before
+    for d in range(degrees):
+        for m in range(orders):
+            functions[0, d, m] = 0.0
+    # d_m0 begins at l = m with a power of the sine; the table holds its factor.
+    power = 1.0
+    for m in range(min(orders, degrees)):
+        functions[0, m, m] = recurrence[0, 2, m, m] * power
+        power *= half_plus * half_minus
+    for d in range(degrees - 1):
+        before = max(d - 1, 0)  # at degree 0 its coefficient is zero
+        for m in range(min(d + 1, orders)):
+            functions[0, d + 1, m] = (
+                recurrence[0, 0, d, m] * mu * functions[0, d, m] - recurrence[0, 1, d, m] * functions[0, before, m]
+            )
     if polarised:
         for m in range(orders):
             low = max(m, 2)
             for side in range(2):
                 n = 2 if side == 0 else -2
                 for d in range(degrees):
-                    functions[1 + side, m, d] = 0.0
+                    functions[1 + side, d, m] = 0.0
                 if low < degrees:
-                    start = recurrence[1, m, low, 2] * half_minus ** abs(m - n) * half_plus ** abs(m + n)
+                    start = recurrence[1, 2, low, m] * half_minus ** abs(m - n) * half_plus ** abs(m + n)
                     # The sign of the first function (Mishchenko et al. 2002, eq. B.16).
-                    functions[1 + side, m, low] = -start if n < m and (m - n) % 2 == 1 else start
+                    functions[1 + side, low, m] = -start if n < m and (m - n) % 2 == 1 else start
                 for d in range(low, degrees - 1):
-                    before = functions[1 + side, m, d - 1] if d > low else 0.0
+                    before = functions[1 + side, d - 1, m] if d > low else 0.0
                     shift = m * n / (d * (d + 1.0))
-                    functions[1 + side, m, d + 1] = (
-                        recurrence[1, m, d, 0] * (mu - shift) * functions[1 + side, m, d]
-                        - recurrence[1, m, d, 1] * before
+                    functions[1 + side, d + 1, m] = (
+                        recurrence[1, 0, d, m] * (mu - shift) * functions[1 + side, d, m]
+                        - recurrence[1, 1, d, m] * before
                     )
             for d in range(degrees):
-                plus, minus = functions[1, m, d], functions[2, m, d]
-                functions[1, m, d], functions[2, m, d] = 0.5 * (plus + minus), 0.5 * (plus - minus)
+                plus, minus = functions[1, d, m], functions[2, d, m]
+                functions[1, d, m], functions[2, d, m] = 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
 @kernel
@@ -87,22 +93,21 @@ def _weigh_degrees(diffuse, share, bundle):
     for b in range(blocks):
         for d in range(degrees):
             for i in range(wavelengths):
-                weight[b, d, i] = 0.0
-            for c in range(share.shape[0]):
-                if diffuse.scatters[c]:
-                    for i in range(wavelengths):
-                        weight[b, d, i] += share[c, i] * diffuse.greek[b, c, d, i]
+                total = 0.0
+                for c in range(share.shape[0]):
+                    total += share[c, i] * diffuse.greek[b, c, d, i]
+                weight[b, d, i] = np.float32(total)
     for i in range(wavelengths):
         bundle.size[i] = DARKEST
     for d in range(degrees):
         per_moment = np.float32(1.0 / (2 * d + 1))
         for i in range(wavelengths):
-            bundle.size[i] = max(bundle.size[i], np.float32(abs(weight[0, d, i])) * per_moment)
+            bundle.size[i] = max(bundle.size[i], abs(weight[0, d, i]) * per_moment)
     for i in range(wavelengths):
         bundle.shared[i] = np.float32(1.0) / bundle.size[i]
     for b in range(blocks):
         for d in range(degrees):
-            most = 0.0
+            most = np.float32(0.0)
             for i in range(wavelengths):
                 most = max(most, abs(weight[b, d, i]) * bundle.shared[i])
             bundle.relative[b, d] = most
@@ -114,20 +119,21 @@ def _moments_at(field, row, other, functions, relative, active, begins):
 
     Those of Fourier part m are from ``begins[m]`` to ``begins[m + 1]``.
     """
-    n, orders = 0, 1
-    begins[0] = 0
-    for a in range(field.degree.size):
-        k = field.by_order[a]
-        d, m = field.degree[k], field.order[k]
-        share = 0.0
-        for u in range(field.gives.shape[1]):
-            share = max(share, relative[field.gives[k, u, 0], d] * abs(functions[field.gives[k, u, 1], m, d]))
-        if share * max(field.bound[row, k], field.bound[other, k]) * (1.0 if m == 0 else 2.0) > field.least or k == 0:
-            for between in range(orders, m + 1):
-                begins[between] = n
+    n, a, orders = 0, 0, begins.size - 1
+    for m in range(orders):
+        begins[m] = n
+        least = field.least if m == 0 else 0.5 * field.least
+        while a < field.by_order.size and field.order[field.by_order[a]] == m:
+            k = field.by_order[a]
+            d, g = field.degree[k], field.gives[k]
+            share = relative[g[0, 0], d] * abs(functions[g[0, 1], d, m])
+            for u in range(1, g.shape[0]):
+                share = max(share, relative[g[u, 0], d] * abs(functions[g[u, 1], d, m]))
             active[n] = k
-            n += 1
-            orders = max(orders, m + 1)
+            n += 1 if share * max(field.bound[row, k], field.bound[other, k]) > least or k == 0 else 0
+            a += 1
+    while orders > 1 and begins[orders - 1] == n:
+        orders -= 1
     begins[orders] = n
     return n, orders
 
@@ -135,14 +141,17 @@ def _moments_at(field, row, other, functions, relative, active, begins):
 @kernel
 def _fill_factors(field, moments, share, bundle):
     """What a share of the moments of a row gives to the Fourier parts of a point's source, into ``bundle.factor``."""
+    uses, wavelengths = bundle.factor.shape[1], bundle.factor.shape[2]
     for a in range(moments):
         k = bundle.active[a]
         d, m = field.degree[k], field.order[k]
-        for u in range(field.gives.shape[1]):
+        for u in range(uses):
             g = field.gives[k, u]
-            f = share * g[2] * bundle.functions[g[1], m, d] * (1.0 if m == 0 else 2.0)
-            for i in range(bundle.weight.shape[2]):
-                bundle.factor[k, u, i] = np.float32(f * bundle.weight[g[0], d, i])
+            f = share * g[2] * bundle.functions[g[1], d, m] * (1.0 if m == 0 else 2.0)
+            set_scaled(
+                bundle.factor, (k * uses + u) * wavelengths, np.float32(f),
+                bundle.weight, (g[0] * bundle.weight.shape[1] + d) * wavelengths, wavelengths,
+            )  # fmt: skip
 
 
 @inlined

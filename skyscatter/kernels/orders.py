@@ -273,7 +273,7 @@ def make_sweep_scratch(
 ) -> tuple[Work, Course, Bundle, np.ndarray]:
     """Scratch of `sweep_height` and `look` for bundles of so many rays; a thread needs its own."""
     blocks, components, degrees, wavelengths = diffuse.greek.shape
-    orders = field.recurrence.shape[1]
+    orders = field.recurrence.shape[3]
     return (
         make_work(components, wavelengths),
         make_course(diffuse.shell.size, components, wavelengths),

@@ -74,18 +74,29 @@ def add_product(typingctx, out, to, one, at_one, two, at_two, count):
     return types.void(out, places, one, places, two, places, places), codegen
 
 
-@intrinsic
-def add_scaled(typingctx, out, to, factor, row, at, count):
-    """``out[to + i] += factor * row[at + i]`` for i below `count`."""
+def _scaled(adds: bool) -> Callable[..., Any]:
+    """A row times a factor, which is set or added."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kinds = signature.args
         there, here = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 3))
         many = _spread(builder, args[2])
-        _loop(builder, args[5], there, [here], lambda v, wide: builder.fmul(many if wide else args[2], v[0]), True)
+        _loop(builder, args[5], there, [here], lambda v, wide: builder.fmul(many if wide else args[2], v[0]), adds)
         return context.get_dummy_value()
 
-    return types.void(out, types.intp, types.float32, row, types.intp, types.intp), codegen
+    return codegen
+
+
+@intrinsic
+def set_scaled(typingctx, out, to, factor, row, at, count):
+    """``out[to + i] = factor * row[at + i]`` for i below `count`."""
+    return types.void(out, types.intp, types.float32, row, types.intp, types.intp), _scaled(False)
+
+
+@intrinsic
+def add_scaled(typingctx, out, to, factor, row, at, count):
+    """``out[to + i] += factor * row[at + i]`` for i below `count`."""
+    return types.void(out, types.intp, types.float32, row, types.intp, types.intp), _scaled(True)
 
 
 def _four(adds: bool, made: Callable[..., Any] = lambda builder, total, numbers: total) -> Callable[..., Any]:

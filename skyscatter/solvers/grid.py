@@ -341,17 +341,17 @@ def azimuths(degree: int, tolerance: float, fewest: float = AZIMUTHS) -> Array:
 def recurrence(degree: int, orders: int) -> Array:
     """Coefficients of the upward recurrence of d_m0 and d_m,+-2, and the factor of its first function.
 
-    Mishchenko et al. (2002), eq. B.22, divided by the factor of d^(s+1); shape (2, order, degree, 3).
+    Mishchenko et al. (2002), eq. B.22, divided by the factor of d^(s+1); shape (2, 3, degree, order).
     """
-    out = np.zeros((2, orders + 1, degree + 1, 3))
+    out = np.zeros((2, 3, degree + 1, orders + 1))
     for side, n in enumerate((0, 2)):
         for m in range(orders + 1):
             low = max(m, n)
             if low <= degree:
                 sign = (-1) ** m if n == 0 else 1
-                out[side, m, low, 2] = sign * sqrt(factorial(2 * low) / (factorial(abs(m - n)) * factorial(m + n)))
+                out[side, 2, low, m] = sign * sqrt(factorial(2 * low) / (factorial(abs(m - n)) * factorial(m + n)))
             for s in range(low, degree):
                 root, next_root = (sqrt((k * k - m * m) * (k * k - n * n)) for k in (s, s + 1))
-                out[side, m, s, 0] = (2 * s + 1) * (s + 1) / next_root
-                out[side, m, s, 1] = (s + 1) * root / (s * next_root) if s > 0 else 0.0
+                out[side, 0, s, m] = (2 * s + 1) * (s + 1) / next_root
+                out[side, 1, s, m] = (s + 1) * root / (s * next_root) if s > 0 else 0.0
     return out

@@ -89,13 +89,13 @@ def test_coefficients_of_the_kernels_recurrence(side: int, n: int) -> None:
     for m in range(10):
         expected = mo.wigner(degree, m, n, x)[:, 0]
         low = max(m, abs(n))
-        first = table[m, low, 2] * 2.0**-low * (1 - x) ** (abs(m - n) / 2) * (1 + x) ** (abs(m + n) / 2)
+        first = table[2, low, m] * 2.0**-low * (1 - x) ** (abs(m - n) / 2) * (1 + x) ** (abs(m + n) / 2)
         # For n = 2 the factor holds for n >= m; the sign of the rest is (-1)^(m - n).
         sign = (-1) ** (m - n) if n != 0 and m > n else 1
         values = {low - 1: 0.0, low: sign * first}
         for s in range(low, degree):
             tilt = m * n / (s * (s + 1)) if s > 0 else 0.0
-            values[s + 1] = table[m, s, 0] * (x - tilt) * values[s] - table[m, s, 1] * values[s - 1]
+            values[s + 1] = table[0, s, m] * (x - tilt) * values[s] - table[1, s, m] * values[s - 1]
         np.testing.assert_allclose([values[k] for k in range(low, degree + 1)], expected[low:], atol=ROUNDING)
 
 

@@ -19,8 +19,11 @@ def product(out: Any, to: int, one: Any, at_one: int, two: Any, at_two: int, cou
 
 
 @entry
-def scaled(out: Any, to: int, factor: Any, row: Any, at: int, count: int) -> None:
-    rows.add_scaled(out, to, factor, row, at, count)
+def scaled(out: Any, to: int, factor: Any, row: Any, at: int, count: int, adds: bool) -> None:
+    if adds:
+        rows.add_scaled(out, to, factor, row, at, count)
+    else:
+        rows.set_scaled(out, to, factor, row, at, count)
 
 
 @entry
@@ -88,7 +91,8 @@ def test_rows_are_summed_as_numpy_does(count: int) -> None:
 
     flat = two.ravel()
     check(start[there] + one[at : at + count] * flat[3 : 3 + count], product, one, at, two, 3, count)
-    check(start[there] + F(0.3) * flat[3 : 3 + count], scaled, F(0.3), two, 3, count)
+    check(start[there] + F(0.3) * flat[3 : 3 + count], scaled, F(0.3), two, 3, count, True)
+    check(F(0.3) * flat[3 : 3 + count], scaled, F(0.3), two, 3, count, False)
     v = random(4, seed=4)
     terms = [v[k] * one[at + 50 * k : at + 50 * k + count] for k in range(4)]
     total = (terms[0] + terms[1]) + (terms[2] + terms[3])
