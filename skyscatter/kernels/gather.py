@@ -69,11 +69,11 @@ def _fill_functions(recurrence, mu, polarised, functions):
                     # The sign of the first function (Mishchenko et al. 2002, eq. B.16).
                     functions[1 + side, low, m] = -start if n < m and (m - n) % 2 == 1 else start
                 for d in range(low, degrees - 1):
-                    before = functions[1 + side, d - 1, m] if d > low else 0.0
+                    last = functions[1 + side, d - 1, m] if d > low else 0.0
                     shift = m * n / (d * (d + 1.0))
                     functions[1 + side, d + 1, m] = (
                         recurrence[1, 0, d, m] * (mu - shift) * functions[1 + side, d, m]
-                        - recurrence[1, 1, d, m] * before
+                        - recurrence[1, 1, d, m] * last
                     )
             for d in range(degrees):
                 plus, minus = functions[1, d, m], functions[2, d, m]

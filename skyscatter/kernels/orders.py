@@ -58,8 +58,8 @@ def _node_rays(r, mu, sun_mu, azimuth, bundle):
 
 
 @kernel
-def _project(field, suns, mu, weight, take, turns, bundle, fourier, moments, flux):
-    """Add the light of one zenith direction to the moments and fluxes of a node height.
+def _project(field, suns, mu, weight, take, turns, kept, bundle, fourier, moments, flux):
+    """Add the light of one zenith direction to the moments, those that are `kept`, and fluxes of a node height.
 
     `fourier` (order, stokes, wavelength) is scratch.
     """
@@ -79,16 +79,16 @@ def _project(field, suns, mu, weight, take, turns, bundle, fourier, moments, flu
                 f = step * take[k, channel]
                 if f != 0.0:
                     for i in range(wavelengths):
-                        moments[j, k, i] += f * fourier[field.order[k], channel, i]
+                        moments[j, kept[k], i] += f * fourier[field.order[k], channel, i]
         side = 1 if mu > 0.0 else 0
         for i in range(wavelengths):
             flux[side, j, i] += step * abs(mu) * fourier[0, 0, i]
 
 
 @entry
-def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, turns, is_first,
-                 scratch, moments, flux):  # fmt: skip
-    """One order of scattering at one node height.
+def sweep_heights(columns, diffuse, first, field, altitudes, heights, directions, take, sun_mu, fine_mu, azimuth, turns,
+                  kept, is_first, scratch, moments, flux):  # fmt: skip
+    """One order of scattering at some of the node heights.
 
     Parameters
     ----------
@@ -98,30 +98,40 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
         As for `scatter_once`, with the forward peaks cut off.
     field : Field
         The order before; not used if `is_first`.
-    altitude : float
-        Of the node [m].
-    directions : (direction, 2)
+    altitudes : (node,)
+        Of the nodes [m].
+    heights : (some,) int64
+        Numbers of those that are meant.
+    directions : (node, direction, 2)
         Zenith cosines and weights of the quadrature there.
-    take : (direction, moment, stokes)
+    take : (node, direction, kept moment, stokes)
     sun_mu, fine_mu : (sun,), (fine sun,)
         Zenith cosines of the Sun at the nodes, and those at which a field to gather from is known.
     azimuth : (angle, 2)
         Cosine and sine of the angles phi of the quadrature over half a turn.
     turns : (order, 2, angle) float32
         cos(m phi) and sin(m phi).
+    kept : (kept moment,) int64
+        Numbers of the moments of the field among all.
     is_first : bool
         Whether to compute the first order from sunlight, instead of gathering.
     scratch : tuple
         Made by `make_sweep_scratch`.
-    moments : (sun, moment, wavelength), flux : (2, sun, wavelength), output
-        Fluxes are upward and downward [W m-2 nm-1].
+    moments : (node, sun, moment, wavelength), flux : (node, 2, sun, wavelength), output
+        Zeros to begin with.  Fluxes are upward and downward [W m-2 nm-1].
     """
+    for h in heights:
+        _sweep_height(
+            columns, diffuse, first, field, altitudes[h], directions[h], take[h], sun_mu, fine_mu, azimuth, turns, kept,
+            is_first, scratch, moments[h], flux[h],
+        )  # fmt: skip
+
+
+@kernel
+def _sweep_height(columns, diffuse, first, field, altitude, directions, take, sun_mu, fine_mu, azimuth, turns, kept,
+                  is_first, scratch, moments, flux):  # fmt: skip
+    """The same at one of them."""
     work, course, bundle, fourier = scratch
-    for j in range(moments.shape[0]):
-        for i in range(moments.shape[2]):
-            for k in range(moments.shape[1]):
-                moments[j, k, i] = 0.0
-            flux[0, j, i], flux[1, j, i] = 0.0, 0.0
     r = columns.radius + altitude
     for k in range(directions.shape[0]):
         mu = directions[k, 0]
@@ -142,7 +152,7 @@ def sweep_height(columns, diffuse, first, field, altitude, directions, take, sun
                         bundle.gathered[ray, channel, i] = np.float32(bundle.scattered[ray, channel, i] + extra)
         else:
             gather(diffuse, field, line, n, rays, course, bundle)
-        _project(field, sun_mu.size, mu, directions[k, 1], take[k], turns, bundle, fourier, moments, flux)
+        _project(field, sun_mu.size, mu, directions[k, 1], take[k], turns, kept, bundle, fourier, moments, flux)
 
 
 @entry
@@ -271,7 +281,7 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
 def make_sweep_scratch(
     diffuse: Diffuse, field: Field, stokes: int, rays: int
 ) -> tuple[Work, Course, Bundle, np.ndarray]:
-    """Scratch of `sweep_height` and `look` for bundles of so many rays; a thread needs its own."""
+    """Scratch of `sweep_heights` and `look` for bundles of so many rays; a thread needs its own."""
     blocks, components, degrees, wavelengths = diffuse.greek.shape
     orders = field.recurrence.shape[3]
     return (

@@ -25,7 +25,7 @@ from skyscatter.kernels.bundle import Field
 from skyscatter.kernels.course import Diffuse
 from skyscatter.kernels.lookup import ColumnTable
 from skyscatter.kernels.optics import SceneTable
-from skyscatter.kernels.orders import look, make_sweep_scratch, refine, sweep_height
+from skyscatter.kernels.orders import look, make_sweep_scratch, refine, sweep_heights
 from skyscatter.scene import Scene
 from skyscatter.solvers import grid as grids
 from skyscatter.solvers.compile import compile_scene
@@ -86,6 +86,8 @@ LEAST_SHARE = 0.05
 STATION = 0.45
 #: Sine of the angle from the vertical below which a direction has no meridian plane of its own.
 HAIR = 1e-6
+#: Shares of the heights that a thread sweeps, one after the other.
+SHARES = 4
 #: Rays whose lines agree to this share of the planet's radius share a course; and so many of them at most.
 SAME_COURSE, MOST_RAYS = 1e-10, 512
 
@@ -543,19 +545,20 @@ class Sweeper:
         p, grid, stage = self.problem, self.problem.grid, self.stage
         nodes, suns, wavelengths = grid.altitudes.size, grid.sun_zenith.size, p.diffuse.sigma_t.shape[1]
         moments = np.zeros((nodes, suns, p.moments.degree.size, wavelengths))
-        flux = np.empty((nodes, 2, suns, wavelengths))
+        flux = np.zeros((nodes, 2, suns, wavelengths))
         sun_mu, fine_mu = np.cos(grid.sun_zenith), np.cos(grid.fine_sun_zenith)
+        # A call lays out all these tables; heights next to each other cost alike, and so every share has some of all.
+        shares = min(SHARES * self.threads, nodes)
 
-        def height(k: int) -> None:
-            here = np.empty((suns, stage.kept.size, wavelengths))
+        def heights(k: int) -> None:
             with self._a_scratch() as scratch:
-                sweep_height(
-                    p.table.columns, stage.diffuse, p.cut, stage.field, grid.altitudes[k], stage.directions[k],
-                    stage.take[k], sun_mu, fine_mu, stage.azimuth, stage.turns, is_first, scratch, here, flux[k],
+                sweep_heights(
+                    p.table.columns, stage.diffuse, p.cut, stage.field, grid.altitudes, np.arange(k, nodes, shares),
+                    stage.directions, stage.take, sun_mu, fine_mu, stage.azimuth, stage.turns, stage.kept, is_first,
+                    scratch, moments, flux,
                 )  # fmt: skip
-            moments[k][:, stage.kept] = here
 
-        for _ in pool.map(height, range(nodes)):
+        for _ in pool.map(heights, range(shares)):
             pass
         return moments, flux
 
