@@ -12,6 +12,7 @@ from scipy import stats
 from significance import assert_agrees, over_seeds
 
 import skyscatter
+from skyscatter.geometry.vectors import direction_from_azimuth_elevation
 from skyscatter.media.fields import Uniform
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
@@ -44,10 +45,7 @@ def look(
 ) -> skyscatter.solvers.base.Answer:
     """Radiance along `SIGHTS` from the ground."""
     scene = model(hazy).scene(sun_elevation_deg=sun, sun_azimuth_deg=0.0)
-    azimuth, elevation = np.radians(np.array(SIGHTS)).T
-    sight = np.stack(
-        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
-    )
+    sight = direction_from_azimuth_elevation(*np.transpose(SIGHTS))
     return skyscatter.radiance(scene, scene.observer.position, sight, wavelengths, **asked(solver, **options))
 
 
@@ -150,8 +148,7 @@ def test_same_ray_numbers_same_bits_however_rays_are_split() -> None:
     from skyscatter.solvers.path import prepare, solve
 
     scene = model(True).scene(sun_elevation_deg=5.0)
-    elevation = np.radians(np.linspace(2.0, 88.0, 6))
-    sight = np.stack([np.zeros(6), np.cos(elevation), np.sin(elevation)], axis=-1)
+    sight = direction_from_azimuth_elevation(0.0, np.linspace(2.0, 88.0, 6))
     rays = Rays(np.repeat(scene.observer.position[None], 6, axis=0), sight, np.arange(6))
     options = Asked(Path(samples=32, seed=3))
     table = prepare(scene, rays, WAVELENGTHS, options, 1, None)
@@ -163,8 +160,7 @@ def test_same_ray_numbers_same_bits_however_rays_are_split() -> None:
 def test_walks_from_the_ground_find_the_bright_sky_around_the_sun() -> None:
     """Away from the Sun of a dusty day much of the light was at the ground before: noise of one walk over the light."""
     scene = skyscatter.load_model("mars").scene(sun_elevation_deg=40.0, sun_azimuth_deg=180.0)
-    elevation, seeds, walks = np.radians([5.0, 50.0]), 128, 256
-    sight = np.stack([0 * elevation, np.cos(elevation), np.sin(elevation)], axis=-1)
+    sight, seeds, walks = direction_from_azimuth_elevation(0.0, [5.0, 50.0]), 128, 256
     answer = skyscatter.radiance(
         scene,
         scene.observer.position,
@@ -187,10 +183,7 @@ def test_error_bars_cover_where_the_sky_is_bright_around_the_sun_only(
 ) -> None:
     """Seen beside it and from behind, where the light has to find its way through that narrow part of the sky."""
     scene = skyscatter.load_model(planet).scene(sun_elevation_deg=sun, sun_azimuth_deg=180.0)
-    (azimuth, elevation), seeds = np.radians(sights).T, 200
-    sight = np.stack(
-        [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
-    )
+    sight, seeds = direction_from_azimuth_elevation(*np.transpose(sights)), 200
     # Copies of a ray draw numbers of their own: they are runs with other seeds.
     answer = skyscatter.radiance(
         scene, scene.observer.position, np.tile(sight, (seeds, 1)), [450.0, 650.0], solver=skyscatter.Path(samples=1024)
