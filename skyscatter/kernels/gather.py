@@ -155,34 +155,34 @@ def _fill_factors(field, moments, share, bundle):
 
 
 @inlined
-def _add_row(field, row, share, low, high, moments, orders, bundle):
-    """Add the moments of a row for Sun nodes `low` ... `high`, times their factors, to the source of a point."""
-    suns, count = field.moments.shape[1], field.moments.shape[2]
-    uses, stokes = field.gives.shape[1], bundle.fourier.shape[2]
-    wavelengths = bundle.fourier.shape[3]
-    block = bundle.fourier.shape[1] * stokes * wavelengths
-    clear(bundle.shared, 0, wavelengths)
-    add_scaled(bundle.shared, 0, np.float32(share), bundle.size, 0, wavelengths)
-    step = count * wavelengths
-    four = high + 1 - (high + 1 - low) % 4 if uses == 1 else low  # Suns below this are taken four by four
-    for j in range(low, four, 4):
+def _add_intensities(field, row, low, high, orders, bundle):
+    """Add the moments of a row, times their factors, to the source of a point without polarisation."""
+    suns, wavelengths = field.moments.shape[1], field.moments.shape[3]
+    step, block = field.moments.shape[2] * wavelengths, bundle.fourier.shape[1] * wavelengths
+    alone = high + 1 - (high + 1 - low) % 4  # the first Sun that is left when four by four have been taken
+    for j in range(low, alone, 4):
         for m in range(orders):
             first = bundle.begins[m]
             add_products_to_four(
                 bundle.fourier, j * block + m * wavelengths, block, bundle.active, first, bundle.begins[m + 1] - first,
                 bundle.factor, field.moments, (row * suns + j) * step, step, wavelengths,
             )  # fmt: skip
+    for j in range(alone, high + 1):
+        for m in range(orders):
+            first = bundle.begins[m]
+            add_products(
+                bundle.fourier, j * block + m * wavelengths, 0, bundle.active, first, bundle.begins[m + 1] - first,
+                bundle.factor, field.moments, (row * suns + j) * step, 0, wavelengths,
+            )  # fmt: skip
+
+
+@inlined
+def _add_stokes(field, row, low, high, moments, bundle):
+    """The same with polarisation: a moment gives to several Stokes parameters."""
+    suns, wavelengths = field.moments.shape[1], field.moments.shape[3]
+    uses, stokes = field.gives.shape[1], bundle.fourier.shape[2]
+    step, block = field.moments.shape[2] * wavelengths, bundle.fourier.shape[1] * stokes * wavelengths
     for j in range(low, high + 1):
-        begin = (row * suns + j) * step
-        add_product(bundle.mean, j * wavelengths, bundle.shared, 0, field.moments, begin, wavelengths)
-        if uses == 1:
-            for m in range(orders if j >= four else 0):
-                first = bundle.begins[m]
-                add_products(
-                    bundle.fourier, j * block + m * wavelengths, 0, bundle.active, first, bundle.begins[m + 1] - first,
-                    bundle.factor, field.moments, begin, 0, wavelengths,
-                )  # fmt: skip
-            continue
         for a in range(moments):
             k = bundle.active[a]
             for u in range(uses):
@@ -191,8 +191,22 @@ def _add_row(field, row, share, low, high, moments, orders, bundle):
                     add_product(
                         bundle.fourier, j * block + (field.order[k] * stokes + channel) * wavelengths,
                         bundle.factor, (k * uses + u) * wavelengths,
-                        field.moments, begin + k * wavelengths, wavelengths,
+                        field.moments, (row * suns + j) * step + k * wavelengths, wavelengths,
                     )  # fmt: skip
+
+
+@inlined
+def _add_row(field, row, share, low, high, moments, orders, bundle):
+    """Add a share of a row for Sun nodes `low` ... `high` to the source of a point, and to its size."""
+    wavelengths = field.moments.shape[3]
+    set_scaled(bundle.shared, 0, np.float32(share), bundle.size, 0, wavelengths)
+    for j in range(low, high + 1):
+        begin = (row * field.moments.shape[1] + j) * field.moments.shape[2] * wavelengths
+        add_product(bundle.mean, j * wavelengths, bundle.shared, 0, field.moments, begin, wavelengths)
+    if field.gives.shape[1] == 1:
+        _add_intensities(field, row, low, high, orders, bundle)
+    else:
+        _add_stokes(field, row, low, high, moments, bundle)
 
 
 @kernel
