@@ -133,17 +133,21 @@ def sun_number(diffuse, cosine):
 
 
 @inlined
-def sun_cosine(line, t, r, ray, bundle):
-    """Cosine of the Sun's zenith angle on a ray at distance t."""
-    return min(max((bundle.q[ray] + (t - line.start) * bundle.nu[ray]) / r, -1.0), 1.0)
+def sun_cosine(along, per_r, ray, bundle):
+    """Cosine of the Sun's zenith angle on a ray, so far along it, at one over a radius.
+
+    All that ask for it have the same bits: a ray that stands on a node finds no other nodes than `sun_reach` does.
+    """
+    return min(max((bundle.q[ray] + along * bundle.nu[ray]) * per_r, -1.0), 1.0)
 
 
 @kernel
 def sun_reach(diffuse, line, t, r, refinement, suns, rays, bundle):
     """The lowest and the highest Sun node that the rays need at distance t, of four around each; as `place_rays`."""
     low, high = 1.0, -1.0
+    per_r, along = 1.0 / r, t - line.start
     for ray in range(rays):
-        x = sun_cosine(line, t, r, ray, bundle)
+        x = sun_cosine(along, per_r, ray, bundle)
         low, high = min(low, x), max(high, x)
     first, last = refinement * sun_number(diffuse, high), refinement * sun_number(diffuse, low)
     return min(max(int(first) - 1, 0), suns - 4), min(max(int(last) - 1, 0), suns - 4) + 3
@@ -154,7 +158,7 @@ def place_rays(diffuse, line, t, r, refinement, suns, rays, bundle):
     """Sun nodes of every ray at distance t; there are so many, `refinement` for each of the field's."""
     per_r, along = 1.0 / r, t - line.start
     for ray in range(rays):
-        x = min(max((bundle.q[ray] + along * bundle.nu[ray]) * per_r, -1.0), 1.0)
+        x = sun_cosine(along, per_r, ray, bundle)
         f = refinement * sun_number(diffuse, x)
         j = min(max(int(f) - 1, 0), suns - 4)
         bundle.sun[ray] = j
@@ -167,7 +171,7 @@ def turn_rays(line, t, r, rays, bundle):
     per_r, along = 1.0 / r, t - line.start
     mu, sine = t * per_r, line.p * per_r
     for ray in range(rays):
-        x = min(max((bundle.q[ray] + along * bundle.nu[ray]) * per_r, -1.0), 1.0)
+        x = sun_cosine(along, per_r, ray, bundle)
         norm = sine * math.sqrt((1.0 - x) * (1.0 + x))
         norm = 1.0 / norm if norm > 1e-12 else 0.0
         bundle.azimuth[0, ray] = np.float32(min(max((bundle.nu[ray] - mu * x) * norm, -1.0), 1.0))
