@@ -16,12 +16,10 @@ import numpy as np
 
 from skyscatter.kernels.byaddress import by_address
 from skyscatter.kernels.jit import inlined, kernel
-from skyscatter.kernels.stations import OPEN
+from skyscatter.kernels.stations import OPEN, cubic_weight
 
 #: Positions of the Sun for which sunlight is tabulated for a large bundle, at most.
 MOST_SUNS = 128
-#: Division takes longer than multiplication.
-SIXTH = 1.0 / 6.0
 #: Rays that a station's light is given to together.
 AT_ONCE = 16
 #: Positions of the Sun for which the first order's sunlight is known, for each node of the field.
@@ -65,7 +63,7 @@ class Bundle(NamedTuple):
     lit: np.ndarray  #: (station, fine sun, component, wavelength) float32 sunlight at open stations, by what scatters
     phase: np.ndarray  #: (component, wavelength)
     functions: np.ndarray  #: (3, degree, order) angular functions at a point
-    active: np.ndarray  #: (moment + 1,) int64 numbers of the moments that matter at a point
+    active: np.ndarray  #: (moment + 1,) int64 numbers of the moments that matter at a point, and one that may not
     begins: np.ndarray  #: (order + 1,) int64 where among those the ones of every order begin
     factor: np.ndarray  #: (moment, use, wavelength) float32
     weight: np.ndarray  #: (block, degree, wavelength) float32 of the moments at a point
@@ -112,12 +110,8 @@ def make_bundle(rays: int, field: Field, stokes: int, components: int, blocks: i
 @inlined
 def cubic(v, ray, part):
     """Weights of Lagrange's cubic through nodes 0, 1, 2, 3 at v, into ``part[ray]``."""
-    a, b, c = v - 1.0, v - 2.0, v - 3.0
-    v_a, b_c = v * a, b * c
-    part[ray, 0] = np.float32(-SIXTH * a * b_c)
-    part[ray, 1] = np.float32(0.5 * v * b_c)
-    part[ray, 2] = np.float32(-0.5 * v_a * c)
-    part[ray, 3] = np.float32(SIXTH * v_a * b)
+    for k in range(4):
+        part[ray, k] = np.float32(cubic_weight(v, k))
 
 
 @inlined

@@ -171,8 +171,8 @@ def _add_intensities(field, row, low, high, orders, bundle):
         for m in range(orders):
             first = bundle.begins[m]
             add_products(
-                bundle.fourier, j * block + m * wavelengths, 0, bundle.active, first, bundle.begins[m + 1] - first,
-                bundle.factor, field.moments, (row * suns + j) * step, 0, wavelengths,
+                bundle.fourier, j * block + m * wavelengths, bundle.active, first, bundle.begins[m + 1] - first,
+                bundle.factor, field.moments, (row * suns + j) * step, wavelengths,
             )  # fmt: skip
 
 

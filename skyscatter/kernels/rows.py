@@ -251,49 +251,54 @@ def add_rows(typingctx, out, to, factors, at_factors, terms, row, at, step, coun
     return types.void(out, place, factors, place, place, row, place, place, place), codegen
 
 
-def _products(rows: int) -> Callable[..., Any]:
-    """Sums of products for so many rows: each factor is read once for all of them, and no sum waits for another."""
+def _add_products(context: Any, builder: Any, kinds: Any, args: Any, there: Sequence[Any], right: Sequence[Any]) -> Any:
+    """Sums of products for some rows: each factor is read once for all of them, and no sum waits for another.
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kinds = signature.args
-        there = [_begin(context, builder, kinds[0], args[0], args[1])]
-        listed = _begin(context, builder, kinds[3], args[3], args[4])
-        left = context.make_array(kinds[6])(context, builder, args[6]).data
-        right = [_begin(context, builder, kinds[7], args[7], args[8])]
-        for _ in range(rows - 1):
-            there.append(builder.gep(there[-1], [args[2]]))
-            right.append(builder.gep(right[-1], [args[9]]))
+    Of `kinds` and `args` are meant the list of numbers, where it begins, how many terms, the factors, and, at the end,
+    the count.
+    """
+    listed = _begin(context, builder, kinds[0], args[0], args[1])
+    left, count = context.make_array(kinds[3])(context, builder, args[3]).data, args[-1]
 
-        def term(k: Any, index: Any, kind: Any) -> Any:
-            here = builder.add(builder.mul(builder.load(builder.gep(listed, [k])), args[10]), index)
-            factor = _numbers(builder, left, here, kind)
-            return [builder.fmul(factor, _numbers(builder, row, here, kind)) for row in right]
+    def term(k: Any, index: Any, kind: Any) -> Any:
+        here = builder.add(builder.mul(builder.load(builder.gep(listed, [k])), count), index)
+        factor = _numbers(builder, left, here, kind)
+        return [builder.fmul(factor, _numbers(builder, row, here, kind)) for row in right]
 
-        _sum_terms(builder, args[10], there, args[5], term)
-        return context.get_dummy_value()
-
-    return codegen
-
-
-def _product_types(out: Any, numbers: Any, one: Any, two: Any) -> Any:
-    place = types.intp
-    return types.void(out, place, place, numbers, place, place, one, two, place, place, place)
+    _sum_terms(builder, count, there, args[2], term)
+    return context.get_dummy_value()
 
 
 @intrinsic
-def add_products(typingctx, out, to, to_step, numbers, first, terms, one, two, at_two, two_step, count):
+def add_products(typingctx, out, to, numbers, first, terms, one, two, at_two, count):
     """``out[to + i] += sum_k one[k count + i] two[at_two + k count + i]`` for i below `count`.
 
-    The sum is over so many terms k of the list `numbers`, beginning with the one at `first`.  Both steps are for
-    `add_products_to_four` alone.
+    The sum is over so many terms k of the list `numbers`, beginning with the one at `first`.
     """
-    return _product_types(out, numbers, one, two), _products(1)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there, right = (_begin(context, builder, kinds[k], args[k], args[k + 1]) for k in (0, 6))
+        return _add_products(context, builder, kinds[2:], args[2:], [there], [right])
+
+    place = types.intp
+    return types.void(out, place, numbers, place, place, one, two, place, place), codegen
 
 
 @intrinsic
 def add_products_to_four(typingctx, out, to, to_step, numbers, first, terms, one, two, at_two, two_step, count):
     """The same for four rows at once, each a step further on in `out` and in `two`."""
-    return _product_types(out, numbers, one, two), _products(4)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = signature.args
+        there, right = ([_begin(context, builder, kinds[k], args[k], args[k + 1])] for k in (0, 7))
+        for _ in range(3):
+            there.append(builder.gep(there[-1], [args[2]]))
+            right.append(builder.gep(right[-1], [args[9]]))
+        return _add_products(context, builder, kinds[3:], args[3:], there, right)
+
+    place = types.intp
+    return types.void(out, place, place, numbers, place, place, one, two, place, place, place), codegen
 
 
 @intrinsic

@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 from skyscatter.kernels.jit import inlined
 
+#: Division takes longer than multiplication.
+SIXTH = 1.0 / 6.0
 #: Stations that are open at a time.
 OPEN = 4
 #: Angle at the planet's centre [rad] below which a course has one station.
@@ -73,10 +75,10 @@ def first_station(stations, x):
 def cubic_weight(x, k):
     """Weight of node k in Lagrange's cubic through nodes 0, 1, 2, 3 at x."""
     if k == 0:
-        return (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
+        return SIXTH * (1.0 - x) * (2.0 - x) * (3.0 - x)
     if k == 1:
-        return x * (2.0 - x) * (3.0 - x) / 2.0
-    return x * (x - 1.0) * (3.0 - x) / 2.0 if k == 2 else x * (x - 1.0) * (x - 2.0) / 6.0
+        return 0.5 * x * (2.0 - x) * (3.0 - x)
+    return 0.5 * x * (x - 1.0) * (3.0 - x) if k == 2 else SIXTH * x * (x - 1.0) * (x - 2.0)
 
 
 @inlined

@@ -43,7 +43,7 @@ def many(out: Any, to: int, factors: Any, first: int, terms: int, row: Any, at: 
 
 @entry
 def products(out: Any, to: int, numbers: Any, first: int, terms: int, one: Any, two: Any, at: int, count: int) -> None:
-    rows.add_products(out, to, 0, numbers, first, terms, one, two, at, 0, count)
+    rows.add_products(out, to, numbers, first, terms, one, two, at, count)
 
 
 @entry
