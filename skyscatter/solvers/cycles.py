@@ -20,7 +20,7 @@ from skyscatter.solvers.mixing import Parts, Past
 from skyscatter.solvers.series import FINE_SHARE, ORDERS_SHARE, finished, is_sum, sum_orders
 from skyscatter.solvers.state import Checkpoint
 from skyscatter.solvers.sweeps import Solution, Sums, Sweeper, per_light
-from skyscatter.solvers.synthetic import Diffusion
+from skyscatter.solvers.synthetic import Harmonics
 from skyscatter.solvers.transfer import Light, added
 from skyscatter.solvers.twogrid import TwoGrids
 from skyscatter.workers import Workers
@@ -70,8 +70,8 @@ def all_orders(
     if (whole := finished(kept)) is not None:
         return whole
     found = None
-    is_thick = float(expected_orders(sweeper.problem, tolerance).max()) > THICK
-    if (is_thick or guide is not None) and not is_sum(kept):
+    if not is_sum(kept):
+        is_thick = float(expected_orders(sweeper.problem, tolerance).max()) > THICK
         with Workers(max_workers=sweeper.threads) as pool:
             way = _way(sweeper, guide, tolerance, pool, is_thick)
             found = _cycles(sweeper, way, ORDERS_SHARE * tolerance, pool, progress, checkpoint, name)
@@ -98,12 +98,11 @@ class _Way(NamedTuple):
 def _way(sweeper: Sweeper, guide: Solution | None, tolerance: float, pool: ThreadPoolExecutor, is_thick: bool) -> _Way:
     """By diffusion in a thick medium, by a coarser solution in any other."""
     grids = None if guide is None else TwoGrids(sweeper, guide, tolerance, pool)
-    if is_thick:
+    if is_thick or grids is None:
         # Diffusion knows nothing of moments beyond the first, and of azimuth: they have to settle by themselves.
-        diffusion, parts = Diffusion(sweeper.problem), Parts.of(sweeper.problem)
-        begun = diffusion.begun if grids is None else grids.whole
-        return _Way(begun, diffusion.corrected, parts, UNEVEN)
-    assert grids is not None
+        harmonics, parts = Harmonics(sweeper.problem), Parts.of(sweeper.problem)
+        begun = harmonics.begun if grids is None else grids.begun
+        return _Way(begun, harmonics.corrected, parts, UNEVEN)
     parts = Parts.of_the_mean(sweeper.problem.moments.degree.size)
     return _Way(grids.begun, grids.corrected, parts, SLOWEST)
 

@@ -92,8 +92,8 @@ def solve_once(
     check_memory(problem)
     sweeper, more = Sweeper(problem, threads), (progress, checkpoint, name)
     if max_order is None:
-        return Solution(problem, all_orders(sweeper, goal, None, *more))
-    return Solution(problem, sum_orders(sweeper, goal, max_order, *more))
+        return Solution(problem, all_orders(sweeper, goal, None, *more), threads)
+    return Solution(problem, sum_orders(sweeper, goal, max_order, *more), threads)
 
 
 def highest_sight(origins: Array, directions: Array, radius: float, top: float) -> float:
@@ -285,7 +285,7 @@ class _Making:
             sums = sum_orders(sweeper, problem.tolerance, self.max_order, *more)
         if numbers.size < self.wavelengths.size:
             sums = at_all(sums, problem, coarse, chosen, self.threads)
-        return Solution(problem, sums)
+        return Solution(problem, sums, self.threads)
 
 
 def check_coverage(scene: Scene, zenith: tuple[float, float], origins: Array, directions: Array, sun: Sun) -> None:

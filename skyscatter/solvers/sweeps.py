@@ -589,6 +589,7 @@ class Solution:
 
     problem: Problem
     sums: Sums
+    threads: int = 1  #: that make it ready
 
     @property
     def unseen(self) -> float:
@@ -598,9 +599,10 @@ class Solution:
     @cached_property
     def loaded(self) -> Field:
         """Moments on the rows and Sun nodes that `view` reads."""
-        sweeper = Sweeper(self.problem.seen, 1)
-        with ThreadPoolExecutor(1) as pool:
-            return sweeper.load(pool, self.sums.moments, self.sums.flux)
+        sweeper, moments = Sweeper(self.problem.seen, self.threads), self.sums.moments
+        sweeper.narrow(moments, moments, 0.0)
+        with ThreadPoolExecutor(self.threads) as pool:
+            return sweeper.load(pool, moments, self.sums.flux)
 
 
 def view(

@@ -1,103 +1,203 @@
-"""What a sweep of the grid still misses deep inside a thick medium, from the diffusion of light up and down.
+"""What a sweep of the grid still misses, from the exchange of light up and down in a few spherical harmonics.
 
 A sweep carries light about one free path far, and in a thick medium the sum over the orders grows for hundreds of them.
-But what is missing there diffuses.  A sweep makes L' of a light L; of the light that is right L' misses what scattering
-makes of L' - L, and all that follows.  In the diffusion approximation that has the scalar irradiance phi (moment 0)
-and the net upward irradiance F of
+But what is missing there is smooth.  A sweep makes L' of a light L; of the light that is right L' misses e, what
+scattering makes of r = L' - L, and all that follows.  In a plane-parallel medium, whose orders m of azimuth are apart,
+the moments e_lm of that are bound to their neighbours by the equation of transfer,
 
-    dF/dz + sigma_a phi = sigma_s r_0,    (1/3) dphi/dz + sigma_tr F = g sigma_s r_1,
+    sqrt((l+1)^2 - m^2) de_l+1/dz + sqrt(l^2 - m^2) de_l-1/dz = (2 l + 1) ((sigma_t - chi_l sigma_s) e_l - chi_l sigma_s r_l),
 
-r_0 and r_1 being what the sweep changed of both, and sigma_tr = sigma_t - g sigma_s.  No light comes from above, and
-from below what the ground of albedo A sends back (Marshak's condition),
-
-    F = phi / 2 at the top,    F = -phi (1 - A) / (2 (1 + A)) at the ground.
-
-Every Sun has its own column: in a thick medium light does not come from afar.  This is diffusion synthetic
-acceleration (Alcouffe 1977, Nucl. Sci. Eng. 64, 344; Adams & Larsen 2002, Prog. Nucl. Energy 40, 3); without the first
-moment a peaked phase function would leave a share g of what is missing.
+in the moments of `moments.py`, which are of where light comes from.  A few degrees from l = m on will do; the rest is left
+out.  No light comes from above, and from below what the ground of albedo A sends back, the same from everywhere; both
+hold on average with the moments of odd l - m as weights (Marshak's conditions).  For m = 0 and two degrees this is the
+diffusion of light.  Every Sun has its own column, for light does not come from afar where it is scattered often.
+Alcouffe (1977), Nucl. Sci. Eng. 64, 344; Adams & Larsen (2002), Prog. Nucl. Energy 40, 3; Marshak's conditions: Davison
+(1957), Neutron Transport Theory, section 10.3.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyscatter.solvers.direct import outward_profile
-from skyscatter.solvers.moments import I_KIND
+from skyscatter.solvers.moments import I_KIND, wigner
 from skyscatter.solvers.sweeps import Problem
 from skyscatter.solvers.transfer import Light
 
 Array = NDArray[np.float64]
 
+#: Pairs of degrees of each order of azimuth.  With one pair sweeps of a cloud leave a third of what was missing, with
+#: two an eighth, with three or four a tenth or less.
+PAIRS = 3
+#: Coefficient of a phase function below which an order of azimuth fades by itself.
+LEAST_COEFFICIENT = 0.05
 #: Optical depth between two nodes below which they are as good as one.
 THINNEST = 1e-9
 #: What is left of a mean radiance or a flux at least: light is not negative.
 LEAST = 0.3
+#: Points of the rule by which half-range integrals of products of angular functions are found.
+HALF_RANGE = 40
 
 
-class Diffusion:
-    """The diffusion of light in the columns of a problem, cell by cell between its nodes."""
+class Harmonics:
+    """The exchange of light in the columns of a problem, between its nodes."""
 
     def __init__(self, problem: Problem) -> None:
-        light, altitudes, columns = problem.diffuse, problem.grid.altitudes, problem.table.columns
-        middles = 0.5 * (altitudes[1:] + altitudes[:-1])
-        at_nodes = outward_profile(columns, altitudes)  # (node, component)
-        edges = np.concatenate([at_nodes[:1], outward_profile(columns, middles), at_nodes[-1:]])
-        between, around = at_nodes[:-1] - at_nodes[1:], edges[:-1] - edges[1:]
-        scattering, forward = 4 * np.pi * light.greek[0, :, 0], 4 * np.pi / 3 * light.greek[0, :, 1]
-        #: Optical depths of scattering around a node, (node, wavelength); what conducts between two, and what drives
-        #: light from one to the other there, (node - 1, wavelength).
-        self.scattering = np.maximum(around @ scattering, 0.0)
-        self.conducts = 1.0 / np.maximum(3 * between @ (light.sigma_t - forward), THINNEST)
-        self.drives = 3 * between @ forward * self.conducts
-        self.answers = self._answers(np.maximum(around @ (light.sigma_t - scattering), 0.0), light.light[2])
-        table = problem.moments
-        up_and_down = (table.degree == 1) & (table.order == 0) & (table.kind == I_KIND)
-        self.current = int(np.argmax(up_and_down)) if up_and_down.any() else None
-
-    def _answers(self, absorbs: Array, albedo: Array) -> Array:
-        """Scalar irradiance at nodes for a unit of light that is made at each, (wavelength, node, node)."""
-        nodes, wavelengths = absorbs.shape
-        system, low, high = np.zeros((wavelengths, nodes, nodes)), np.arange(nodes - 1), np.arange(1, nodes)
-        system[:, np.arange(nodes), np.arange(nodes)] = absorbs.T
-        for one, other in ((low, high), (high, low)):
-            system[:, one, one] += self.conducts.T
-            system[:, one, other] -= self.conducts.T
-        system[:, -1, -1] += 0.5
-        system[:, 0, 0] += 0.5 * (1 - albedo) / (1 + albedo)
-        return np.asarray(np.linalg.inv(system))
+        columns = _Columns.of(problem)
+        orders = range(int(problem.moments.order.max()) + 1)
+        self.orders = [_Order.of(problem, columns, m) for m in orders if m == 0 or columns.turns(m) > LEAST_COEFFICIENT]
 
     def begun(self, first: Light) -> Light:
-        """The first order with all others as they diffuse."""
+        """The first order with an estimate of all others."""
         return self.corrected(Light(np.zeros_like(first.moments), np.zeros_like(first.flux)), first)
 
     def corrected(self, light: Light, swept: Light) -> Light:
         """What a sweep made of a light, with what it still misses."""
-        mean, net = _scalar(swept) - _scalar(light), _net(swept) - _net(light)
-        driven = self.drives[:, None] * 0.5 * (net[1:] + net[:-1])
-        made = self.scattering[:, None] * mean
-        made[:-1] -= driven
-        made[1:] += driven
-        scalar = np.einsum("wij,jsw->isw", self.answers, made)
-        between = driven - self.conducts[:, None] * np.diff(scalar, axis=0)
-        current = np.concatenate([between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]])
-        return self._added(swept, scalar, current)
-
-    def _added(self, light: Light, scalar: Array, current: Array) -> Light:
-        """A light with more scalar and net upward irradiance, (node, sun, wavelength), and nothing else changed."""
-        moments = light.moments.copy()
-        moments[:, :, 0] = np.maximum(moments[:, :, 0] + scalar, LEAST * moments[:, :, 0])
-        if self.current is not None:  # moments are of where light comes from
-            moments[:, :, self.current] = light.moments[:, :, self.current] - current
-        more = np.stack([scalar / 4 + current / 2, scalar / 4 - current / 2], axis=1)
-        return Light(moments, np.maximum(light.flux + more, LEAST * light.flux))
+        moments, flux = swept.moments.copy(), swept.flux
+        for order in self.orders:
+            even, odd = order.missing(light.moments, swept.moments)
+            order.add(moments, even, odd)
+            if order.azimuth == 0:
+                moments[:, :, 0] = np.maximum(moments[:, :, 0], LEAST * swept.moments[:, :, 0])
+                flux = np.maximum(flux + order.flux(even, odd), LEAST * flux)
+        return Light(moments, flux)
 
 
-def _scalar(light: Light) -> Array:
-    """Scalar irradiance (node, sun, wavelength)."""
-    return light.moments[:, :, 0]
+@dataclass(frozen=True)
+class _Columns:
+    """Optical depths around nodes and between them."""
+
+    around: Array  #: columns of the components around a node [m], (node, component)
+    between: Array  #: and between two, (node - 1, component)
+    extinction: Array  #: per unit column, (component, wavelength)
+    scattering: Array  #: times the coefficient of each degree, (degree, component, wavelength)
+    albedo: Array  #: of the ground, (wavelength,)
+
+    @classmethod
+    def of(cls, problem: Problem) -> _Columns:
+        """Those of a problem."""
+        light, altitudes, columns = problem.diffuse, problem.grid.altitudes, problem.table.columns
+        middles = 0.5 * (altitudes[1:] + altitudes[:-1])
+        at_nodes = outward_profile(columns, altitudes)
+        edges = np.concatenate([at_nodes[:1], outward_profile(columns, middles), at_nodes[-1:]])
+        degree = np.arange(light.greek.shape[2])[:, None, None]
+        scattering = 4 * np.pi / (2 * degree + 1) * np.moveaxis(light.greek[0], 1, 0)
+        return cls(edges[:-1] - edges[1:], at_nodes[:-1] - at_nodes[1:], light.sigma_t, scattering, light.light[2])
+
+    def turns(self, degree: int) -> float:
+        """Greatest coefficient of that degree among the components."""
+        return float(np.max(self.scattering[degree] / np.maximum(self.scattering[0], 1e-300)))
+
+    def scattered(self, columns: Array, degrees: list[int]) -> Array:
+        """(2 l + 1) chi_l times optical depths of scattering, (column, degree, wavelength); 0 beyond what is known."""
+        known = len(self.scattering)
+        depths = [columns @ self.scattering[k] if k < known else np.zeros((len(columns), len(self.albedo))) for k in degrees]
+        return np.stack([(2 * k + 1) * depth for k, depth in zip(degrees, depths, strict=True)], axis=1)
+
+    def left(self, columns: Array, degrees: list[int]) -> Array:
+        """(2 l + 1) times optical depths of what is not scattered on, in the same shape."""
+        factors = 2.0 * np.array(degrees)[:, None] + 1
+        return np.maximum(factors * (columns @ self.extinction)[:, None] - self.scattered(columns, degrees), 0.0)
 
 
-def _net(light: Light) -> Array:
-    """Net upward irradiance (node, sun, wavelength)."""
-    return light.flux[:, 0] - light.flux[:, 1]
+@dataclass(frozen=True)
+class _Order:
+    """An order of azimuth: its moments whose degrees are even, counted from the order, at nodes; odd ones between them."""
+
+    azimuth: int
+    even: list[int | None]  #: their numbers among the moments of the problem; None: nothing scatters them
+    odd: list[int | None]
+    binds: Array  #: factors of the derivatives, (even, odd)
+    sends: Array  #: half-range integrals by which even moments make odd ones where light leaves, (odd, even)
+    made: Array  #: what scattering makes of even moments around a node, (node, even, wavelength)
+    driven: Array  #: and of odd ones between two, (node - 1, odd, wavelength)
+    conducts: Array  #: (node - 1, odd, wavelength)
+    system: Array  #: equations of the even moments, as `scipy.linalg.solve_banded` takes them, (wavelength, band, unknown)
+
+    @classmethod
+    def of(cls, problem: Problem, columns: _Columns, m: int) -> _Order:
+        """One of a problem's orders."""
+        table = problem.moments
+        mine = np.flatnonzero((table.order == m) & (table.kind == I_KIND))
+        number = {int(table.degree[k]): int(k) for k in mine}
+        pairs = max(min(PAIRS, (int(table.degree.max()) - m + 2) // 2), 1)
+        even, odd = ([m + side + 2 * k for k in range(pairs)] for side in (0, 1))
+        binds = np.zeros((pairs, pairs))
+        for i, low in enumerate(even):
+            for j, high in enumerate(odd):
+                if abs(low - high) == 1:
+                    binds[i, j] = np.sqrt(max(low, high) ** 2 - m * m)
+        x, w = np.polynomial.legendre.leggauss(HALF_RANGE)
+        functions = wigner(odd[-1], m, 0, 0.5 * (x + 1))
+        sends = np.einsum("k,ik,jk->ij", 0.5 * w, functions[odd], functions[even]) * (2 * np.array(even) + 1)
+        whole = functions[odd] @ (0.5 * w) if m == 0 else np.zeros(pairs)
+        conducts = 1.0 / np.maximum(columns.left(columns.between, odd), THINNEST)
+        system = _system(columns.left(columns.around, even), conducts, binds, sends, whole, columns.albedo)
+        return cls(
+            m, [number.get(k) for k in even], [number.get(k) for k in odd], binds, sends,
+            columns.scattered(columns.around, even), columns.scattered(columns.between, odd), conducts, system,
+        )  # fmt: skip
+
+    def missing(self, light: Array, swept: Array) -> tuple[Array, Array]:
+        """What moments (node, sun, moment, wavelength) of a light that was swept miss; (node, sun, even or odd, ...)."""
+        from scipy.linalg import solve_banded
+
+        high = _some(swept, self.odd) - _some(light, self.odd)
+        driven = (self.conducts * self.driven)[:, None] * (0.5 * (high[1:] + high[:-1]))
+        made = self.made[:, None] * (_some(swept, self.even) - _some(light, self.even))
+        into = np.einsum("ij,nsjw->nsiw", self.binds, driven)
+        made[:-1] += into
+        made[1:] -= into
+        nodes, suns, pairs, wavelengths = made.shape
+        asked = np.ascontiguousarray(made.transpose(3, 0, 2, 1)).reshape(wavelengths, nodes * pairs, suns)
+        band = 2 * pairs - 1
+        found = [solve_banded((band, band), *both, check_finite=False) for both in zip(self.system, asked, strict=True)]
+        even = np.stack(found).reshape(wavelengths, nodes, pairs, suns).transpose(1, 3, 2, 0)
+        between = driven + self.conducts[:, None] * np.einsum("ij,nsiw->nsjw", self.binds, np.diff(even, axis=0))
+        return even, np.concatenate([between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]])
+
+    def add(self, moments: Array, even: Array, odd: Array) -> None:
+        """Add these to the moments of a light."""
+        for numbers, values in ((self.even, even), (self.odd, odd)):
+            for k, number in enumerate(numbers):
+                if number is not None:
+                    moments[:, :, number] += values[:, :, k]
+
+    def flux(self, even: Array, odd: Array) -> Array:
+        """Their irradiances, upward and downward, (node, 2, sun, wavelength); of the order 0."""
+        both_ways = np.einsum("i,nsiw->nsw", self.sends[0], even)
+        return 0.5 * np.stack([both_ways - odd[:, :, 0], both_ways + odd[:, :, 0]], axis=1)
+
+
+def _some(moments: Array, numbers: list[int | None]) -> Array:
+    """Moments with these numbers, zeros for those that are not there."""
+    return np.stack([np.zeros_like(moments[:, :, 0]) if k is None else moments[:, :, k] for k in numbers], axis=2)
+
+
+def _system(left: Array, conducts: Array, binds: Array, sends: Array, whole: Array, albedo: Array) -> Array:
+    """The equations of even moments at nodes, banded, (wavelength, band, unknown).
+
+    `left` (node, even, wavelength) is what is taken from each, and the half-range integrals `whole` (odd,) say what
+    light that is the same from everywhere sends into the odd ones.
+    """
+    nodes, pairs, wavelengths = left.shape
+    links = np.einsum("ij,njw,kj->wnik", binds, conducts, binds)
+    blocks = np.zeros((wavelengths, nodes, pairs, pairs))
+    blocks[:, :, np.arange(pairs), np.arange(pairs)] = np.moveaxis(left, 2, 0)
+    blocks[:, :-1] += links
+    blocks[:, 1:] += links
+    blocks[:, -1] += binds @ sends
+    back = 2 * albedo[:, None, None] * whole[:, None]  # a row of what the ground sends up for a unit that comes down
+    taken = np.eye(pairs) + back * np.eye(1, pairs)
+    blocks[:, 0] += binds @ np.linalg.solve(taken, sends - back * sends[0])
+    band, unknowns = 2 * pairs - 1, nodes * pairs
+    out = np.zeros((wavelengths, 2 * band + 1, unknowns))
+    for a in range(pairs):
+        for b in range(pairs):
+            out[:, band + a - b, b::pairs] += blocks[:, :, a, b]
+            out[:, band + a - b - pairs, pairs + b :: pairs] -= links[:, :, a, b]
+            out[:, band + a - b + pairs, b : unknowns - pairs : pairs] -= links[:, :, a, b]
+    return out

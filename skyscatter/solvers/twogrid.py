@@ -21,6 +21,7 @@ import numpy as np
 from skyscatter.solvers.mixing import settled
 from skyscatter.solvers.series import ORDERS_SHARE
 from skyscatter.solvers.sweeps import Solution, Sweeper
+from skyscatter.solvers.synthetic import Harmonics
 from skyscatter.solvers.transfer import Light, Transfer, added, less, light_of
 
 #: Share of what may be missing in the end that may be missing of a correction.
@@ -32,7 +33,7 @@ class TwoGrids:
 
     def __init__(self, sweeper: Sweeper, guide: Solution, tolerance: float, pool: ThreadPoolExecutor) -> None:
         self.goal, self.pool, self.guide = CORRECTION_SHARE * ORDERS_SHARE * tolerance, pool, guide
-        self.sweeper = Sweeper(guide.problem, sweeper.threads)
+        self.sweeper, self.harmonics = Sweeper(guide.problem, sweeper.threads), Harmonics(guide.problem)
         self.rate = 0.0
         self.up = Transfer.between(guide.problem, sweeper.problem)
         self.down = Transfer.between(sweeper.problem, guide.problem)
@@ -67,7 +68,10 @@ class TwoGrids:
         before, now = (self._lowered(which) for which in (light, swept))
         given = less(now, self.sweeper.next(self.pool, *before))
 
-        found, self.rate = settled(lambda u: added(given, self.sweeper.next(self.pool, *u)), now, self.goal, self.rate)
+        def step(light: Light) -> Light:
+            return self.harmonics.corrected(light, added(given, self.sweeper.next(self.pool, *light)))
+
+        found, self.rate = settled(step, now, self.goal, self.rate)
         return self._changed(swept, less(self.up.known(found), self.up.known(now)))
 
     def _lowered(self, light: Light) -> Light:

@@ -1,4 +1,4 @@
-"""Light of all orders in thick media: diffusion against its closed form, and cycles against the sum over the orders."""
+"""Light of all orders in thick media: what harmonics exchange against closed forms, and cycles against the sum over the orders."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from skyscatter.errors import DomainError
 from skyscatter.media.fields import Uniform
 from skyscatter.optics.particles import Particles
 from skyscatter.optics.phase import HenyeyGreenstein
-from skyscatter.solvers import cycles
+from skyscatter.solvers import cycles, synthetic
 from skyscatter.solvers.effort import check_effort
 from skyscatter.solvers.run import Interrupted
 from skyscatter.solvers.series import sum_orders
 from skyscatter.solvers.sweeps import Sweeper, make_problem, moment_weights
-from skyscatter.solvers.synthetic import Diffusion
+from skyscatter.solvers.synthetic import Harmonics
 from skyscatter.solvers.transfer import Light
 from skyscatter.workers import Workers
 
@@ -41,10 +41,11 @@ def problem(scene: Scene, tolerance: float) -> Any:
 
 
 @pytest.mark.parametrize("ground", [0.0, 0.5, 1.0])
-def test_diffusion_is_that_of_the_closed_form(ground: float) -> None:
+def test_two_degrees_diffuse_as_the_closed_form_says(ground: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(synthetic, "PAIRS", 1)
     # An even source q of a white slab: phi = q t (c + 3/2 s - 3/2 s^2 t_tr ...) solves phi'' = -3 q in transport depth.
     made = problem(cloud(20.0, ground=ground), 0.005)
-    diffusion, light = Diffusion(made), made.diffuse
+    harmonics, light = Harmonics(made), made.diffuse
     scattering = float(4 * np.pi * light.greek[0, 0, 0, 0])
     forward = float(4 * np.pi / 3 * light.greek[0, 0, 1, 0])
     z = made.grid.altitudes
@@ -54,7 +55,7 @@ def test_diffusion_is_that_of_the_closed_form(ground: float) -> None:
     swept = flat.copy()
     swept[:, :, 0] = 1.0
     dark = np.zeros((z.size, 2, suns, 1))
-    found = diffusion.corrected(Light(flat, dark), Light(swept, dark)).moments[:, 0, 0, 0] - 1.0
+    found = harmonics.corrected(Light(flat, dark), Light(swept, dark)).moments[:, 0, 0, 0] - 1.0
     source, conducts = scattering, 1 / (3 * (light.sigma_t[0, 0] - forward))
     # F = a + source z with F = phi / 2 at the top and F = -phi (1 - A) / (2 (1 + A)) at the ground.
     k = 0.5 * (1 - ground) / (1 + ground)
@@ -62,6 +63,34 @@ def test_diffusion_is_that_of_the_closed_form(ground: float) -> None:
     right = below + (k * below * z - source * z**2 / 2) / conducts
     # Finite volumes: of second order in some 40 cells.
     np.testing.assert_allclose(found, right, rtol=3e-3)
+
+
+def test_far_from_all_edges_every_moment_answers_for_itself() -> None:
+    # Where nothing changes over height e_l (sigma_t - chi_l sigma_s) = chi_l sigma_s r_l, whatever the order.
+    made = problem(cloud(60.0, albedo=0.7), 0.02)
+    light, table = made.diffuse, made.moments
+    scattering = 4 * np.pi / (2 * table.degree + 1) * light.greek[0, 0, table.degree, 0]
+    shape = made.grid.altitudes.size, made.grid.sun_zenith.size
+    dark = Light(np.zeros((*shape, table.degree.size, 1)), np.zeros((shape[0], 2, shape[1], 1)))
+    swept = Light(np.ones_like(dark.moments), dark.flux)
+    found = Harmonics(made).corrected(dark, swept).moments[np.argmin(np.abs(made.grid.altitudes - 0.5 * TOP)), 0, :, 0]
+    expected = 1 + scattering / (light.sigma_t[0, 0] - scattering)
+    known = (table.degree < table.order + 2 * synthetic.PAIRS) & (table.order <= 2)
+    assert known.sum() >= 12
+    # The edges are some twenty lengths of diffusion away.
+    np.testing.assert_allclose(found[known], expected[known], rtol=1e-4)
+    np.testing.assert_array_equal(found[table.degree > table.order + 2 * synthetic.PAIRS], 1.0)
+
+
+def test_what_a_white_ground_takes_it_gives_back() -> None:
+    made = problem(cloud(8.0, ground=1.0), 0.02)
+    shape = made.grid.altitudes.size, made.grid.sun_zenith.size
+    dark = Light(np.zeros((*shape, made.moments.degree.size, 1)), np.zeros((shape[0], 2, shape[1], 1)))
+    swept = Light(np.ones_like(dark.moments), np.full_like(dark.flux, 10.0))
+    up, down = (Harmonics(made).corrected(dark, swept).flux - swept.flux)[0, :, 0, 0]
+    assert up > 0
+    # Between the lowest two nodes light of finite volumes has its value half-way.
+    assert up == pytest.approx(down, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -73,11 +102,11 @@ def test_cycles_are_the_sum_of_all_orders_in_few_sweeps(depth: float, albedo: fl
     made = problem(cloud(depth, albedo, ground=ground), tolerance)
     found = cycles.all_orders(Sweeper(made, 1), tolerance)
     summed = sum_orders(Sweeper(made, 1), 0.1 * tolerance)
-    assert found.orders <= 10 < summed.orders
+    assert found.orders <= 5 < 10 < summed.orders
     deviation = np.abs(found.moments[:, :, 0] / summed.moments[:, :, 0] - 1)
     # Light that is summed is interpolated order by order, which alone makes a difference of half the tolerance here.
     assert deviation.max() < tolerance
-    # Every moment has settled, those of azimuth too, which diffusion does not know: one sweep more changes little.
+    # Every moment has settled, those too that the harmonics do not know: one sweep more changes little.
     sweeper = Sweeper(made, 1)
     with Workers(max_workers=1) as pool:
         swept = sweeper.first(pool)[0] + sweeper.next(pool, found.moments, found.flux)[0]
@@ -86,14 +115,14 @@ def test_cycles_are_the_sum_of_all_orders_in_few_sweeps(depth: float, albedo: fl
     assert changed.max() < 0.5 * tolerance
 
 
-def test_diffusion_leaves_light_that_a_sweep_does_not_change() -> None:
+def test_light_that_a_sweep_does_not_change_is_left_alone() -> None:
     made = problem(cloud(10.0), 0.02)
     rng = np.random.default_rng(1)
     shape = made.grid.altitudes.size, made.grid.sun_zenith.size
     light = Light(
         rng.uniform(1, 2, (*shape, made.moments.degree.size, 1)), rng.uniform(1, 2, (shape[0], 2, shape[1], 1))
     )
-    found = Diffusion(made).corrected(light, light)
+    found = Harmonics(made).corrected(light, light)
     np.testing.assert_array_equal(found.moments, light.moments)
     np.testing.assert_array_equal(found.flux, light.flux)
 
