@@ -1,8 +1,9 @@
 """Light of all orders from few sweeps: each is followed by what it still misses, as a cheaper solution tells.
 
 The sum over the orders (`series.py`) takes a sweep for each.  Here a light that is nearly right is swept once, which
-rights all but what is smooth; what is smooth is put right by a coarser grid (`twogrid.py`) or, in a thick medium, by
-diffusion (`synthetic.py`); and several such cycles together tell where all of them lead (`mixing.py`).
+rights all but what is smooth; what is smooth is put right by a coarser grid (`twogrid.py`) or, in a thick medium and
+where there is none, by a few harmonics in every column (`synthetic.py`); and several such cycles together tell where
+all of them lead (`mixing.py`).
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ LEAST_LEFT = 0.4
 #: Shares of the places [%] that are looked at, and what may be missing there in units of what may be missing: the worst
 #: places are at the ends of the range of Suns, where few rays look.
 PLACES, ALLOWED = np.array([95.0, 100.0]), np.array([1.0, 3.0])
-#: Cycles after which orders are summed instead, and how much each may have of the change before.  Diffusion begins with
-#: nothing, and its cycles do not fall evenly.  The first change may be of any size: in the depth of night the coarse
-#: solution is wrong by factors somewhere, and yet cycles settle.  A sum of orders misses more there: each is dark
-#: beyond its own shadow's edge, which no cubic over the Suns follows, while the light of all of them is smooth.
+#: Cycles after which orders are summed instead, and how much each may have of the change before.  Harmonics begin with
+#: the first order, and their cycles do not fall evenly.  The first change may be of any size: in the depth of night the
+#: coarse solution is wrong by factors somewhere, and yet cycles settle.  A sum of orders misses more there: each is
+#: dark beyond its own shadow's edge, which no cubic over the Suns follows, while the light of all of them is smooth.
 MOST_CYCLES, SLOWEST, UNEVEN = 40, 0.9, 30.0
 #: Orders that are expected from which a medium counts as thick: what the coarse grid cannot see falls by a twentieth
-#: there with each sweep, and what is missing diffuses.
+#: there with each sweep, and what is missing is told by each column alone.
 THICK = 4.0
 
 
@@ -96,13 +97,13 @@ class _Way(NamedTuple):
 
 
 def _way(sweeper: Sweeper, guide: Solution | None, tolerance: float, pool: ThreadPoolExecutor, is_thick: bool) -> _Way:
-    """By diffusion in a thick medium, by a coarser solution in any other."""
+    """By harmonics in a thick medium or without a coarser solution, by that in any other."""
     grids = None if guide is None else TwoGrids(sweeper, guide, tolerance, pool)
     if is_thick or grids is None:
-        # Diffusion knows nothing of moments beyond the first, and of azimuth: they have to settle by themselves.
-        harmonics, parts = Harmonics(sweeper.problem), Parts.of(sweeper.problem)
+        # What harmonics do not know, moments of high degree, has to settle by itself.
+        harmonics = Harmonics(sweeper.problem)
         begun = harmonics.begun if grids is None else grids.begun
-        return _Way(begun, harmonics.corrected, parts, UNEVEN)
+        return _Way(begun, harmonics.corrected, Parts.of(sweeper.problem), UNEVEN)
     parts = Parts.of_the_mean(sweeper.problem.moments.degree.size)
     return _Way(grids.begun, grids.corrected, parts, SLOWEST)
 

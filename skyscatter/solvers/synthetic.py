@@ -5,12 +5,13 @@ But what is missing there is smooth.  A sweep makes L' of a light L; of the ligh
 scattering makes of r = L' - L, and all that follows.  In a plane-parallel medium, whose orders m of azimuth are apart,
 the moments e_lm of that are bound to their neighbours by the equation of transfer,
 
-    sqrt((l+1)^2 - m^2) de_l+1/dz + sqrt(l^2 - m^2) de_l-1/dz = (2 l + 1) ((sigma_t - chi_l sigma_s) e_l - chi_l sigma_s r_l),
+    sqrt((l+1)^2 - m^2) de_l+1/dz + sqrt(l^2 - m^2) de_l-1/dz
+        = (2 l + 1) ((sigma_t - chi_l sigma_s) e_l - chi_l sigma_s r_l),
 
-in the moments of `moments.py`, which are of where light comes from.  A few degrees from l = m on will do; the rest is left
-out.  No light comes from above, and from below what the ground of albedo A sends back, the same from everywhere; both
-hold on average with the moments of odd l - m as weights (Marshak's conditions).  For m = 0 and two degrees this is the
-diffusion of light.  Every Sun has its own column, for light does not come from afar where it is scattered often.
+in the moments of `moments.py`, which are of where light comes from.  A few degrees from l = m on will do; the rest is
+left out.  No light comes from above, and from below what the ground of albedo A sends back, the same from everywhere;
+both hold on average with the moments of odd l - m as weights (Marshak's conditions).  For m = 0 and two degrees this is
+the diffusion of light.  Every Sun has its own column, for light does not come from afar where it is scattered often.
 Alcouffe (1977), Nucl. Sci. Eng. 64, 344; Adams & Larsen (2002), Prog. Nucl. Energy 40, 3; Marshak's conditions: Davison
 (1957), Neutron Transport Theory, section 10.3.
 """
@@ -93,9 +94,11 @@ class _Columns:
 
     def scattered(self, columns: Array, degrees: list[int]) -> Array:
         """(2 l + 1) chi_l times optical depths of scattering, (column, degree, wavelength); 0 beyond what is known."""
-        known = len(self.scattering)
-        depths = [columns @ self.scattering[k] if k < known else np.zeros((len(columns), len(self.albedo))) for k in degrees]
-        return np.stack([(2 * k + 1) * depth for k, depth in zip(degrees, depths, strict=True)], axis=1)
+        out = np.zeros((len(columns), len(degrees), len(self.albedo)))
+        for k, degree in enumerate(degrees):
+            if degree < len(self.scattering):
+                out[:, k] = (2 * degree + 1) * columns @ self.scattering[degree]
+        return out
 
     def left(self, columns: Array, degrees: list[int]) -> Array:
         """(2 l + 1) times optical depths of what is not scattered on, in the same shape."""
@@ -105,7 +108,7 @@ class _Columns:
 
 @dataclass(frozen=True)
 class _Order:
-    """An order of azimuth: its moments whose degrees are even, counted from the order, at nodes; odd ones between them."""
+    """An order of azimuth: moments of even degree, counted from the order, at nodes, and odd ones between them."""
 
     azimuth: int
     even: list[int | None]  #: their numbers among the moments of the problem; None: nothing scatters them
@@ -115,7 +118,7 @@ class _Order:
     made: Array  #: what scattering makes of even moments around a node, (node, even, wavelength)
     driven: Array  #: and of odd ones between two, (node - 1, odd, wavelength)
     conducts: Array  #: (node - 1, odd, wavelength)
-    system: Array  #: equations of the even moments, as `scipy.linalg.solve_banded` takes them, (wavelength, band, unknown)
+    system: Array  #: equations of even moments for `scipy.linalg.solve_banded`, (wavelength, band, unknown)
 
     @classmethod
     def of(cls, problem: Problem, columns: _Columns, m: int) -> _Order:
@@ -142,7 +145,7 @@ class _Order:
         )  # fmt: skip
 
     def missing(self, light: Array, swept: Array) -> tuple[Array, Array]:
-        """What moments (node, sun, moment, wavelength) of a light that was swept miss; (node, sun, even or odd, ...)."""
+        """What moments (node, sun, moment, wavelength) of a swept light miss, even and odd ones, in the same shape."""
         from scipy.linalg import solve_banded
 
         high = _some(swept, self.odd) - _some(light, self.odd)

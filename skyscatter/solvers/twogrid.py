@@ -8,8 +8,9 @@ s = S + K v one sweep better, the coarse grid is asked for the light u that has 
     u = R s + K' u - K' R v,
 
 K' being its own sweep and R the way to it (R L solves this but for the difference between the two sweeps); its
-pattern over that of R s is put upon s.  This is the full approximation scheme of multigrid methods (Brandt 1977,
-Math. Comp. 31, 333; Trottenberg et al. 2001, Multigrid, section 5.3) with the sweep as the smoother.
+pattern over that of R s is put upon s.  The columns of the coarse grid (`synthetic.py`) help to find u.  This is the
+full approximation scheme of multigrid methods (Brandt 1977, Math. Comp. 31, 333; Trottenberg et al. 2001, Multigrid,
+section 5.3) with the sweep as the smoother.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from skyscatter.solvers.mixing import settled
-from skyscatter.solvers.series import ORDERS_SHARE
+from skyscatter.solvers.series import ORDERS_SHARE, greatest_change
 from skyscatter.solvers.sweeps import Solution, Sweeper
 from skyscatter.solvers.synthetic import Harmonics
 from skyscatter.solvers.transfer import Light, Transfer, added, less, light_of
 
-#: Share of what may be missing in the end that may be missing of a correction.
-CORRECTION_SHARE = 0.3
+#: Share of what may be missing in the end that may be missing of a correction; and share of what the fine sweep
+#: changed, for the next cycle finds that as well.
+CORRECTION_SHARE, CHANGE_SHARE = 0.3, 0.03
 
 
 class TwoGrids:
@@ -52,17 +54,6 @@ class TwoGrids:
         self.up.by_sun(self.pool, at)
         return out
 
-    def whole(self, first: Light) -> Light:
-        """The guide's light; moments that it does not have are those of the first order."""
-        known = self.up.known(Light(self.guide.sums.moments, self.guide.sums.flux))
-        out = Light(first.moments.copy(), first.flux.copy())
-
-        def at(suns: slice) -> None:
-            out.moments[:, suns, self.up.there], out.flux[:, :, suns] = light_of(self.up.moved(known, suns))
-
-        self.up.by_sun(self.pool, at)
-        return out
-
     def corrected(self, light: Light, swept: Light) -> Light:
         """The light that was swept, with what the coarse grid says that is still missing of it."""
         before, now = (self._lowered(which) for which in (light, swept))
@@ -71,7 +62,8 @@ class TwoGrids:
         def step(light: Light) -> Light:
             return self.harmonics.corrected(light, added(given, self.sweeper.next(self.pool, *light)))
 
-        found, self.rate = settled(step, now, self.goal, self.rate)
+        changed = greatest_change(*((which.moments[:, :, 0], which.flux) for which in (before, now)))
+        found, self.rate = settled(step, now, max(self.goal, CHANGE_SHARE * changed), self.rate)
         return self._changed(swept, less(self.up.known(found), self.up.known(now)))
 
     def _lowered(self, light: Light) -> Light:

@@ -1,4 +1,4 @@
-"""Light of all orders in thick media: what harmonics exchange against closed forms, and cycles against the sum over the orders."""
+"""Light of all orders in thick media: harmonics against closed forms, cycles against the sum over the orders."""
 
 from __future__ import annotations
 
