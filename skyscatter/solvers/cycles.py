@@ -1,9 +1,9 @@
 """Light of all orders from few sweeps: each is followed by what it still misses, as a cheaper solution tells.
 
 The sum over the orders (`series.py`) takes a sweep for each.  Here a light that is nearly right is swept once, which
-rights all but what is smooth; what is smooth is put right by a coarser grid (`twogrid.py`) or, in a thick medium and
-where there is none, by a few harmonics in every column (`synthetic.py`); and several such cycles together tell where
-all of them lead (`mixing.py`).
+rights all but what is smooth; what is smooth is put right by a coarser grid (`twogrid.py`) or, in a thick medium, by
+a few harmonics in every column (`synthetic.py`); and several such cycles together tell where all of them lead
+(`mixing.py`).
 """
 
 from __future__ import annotations
@@ -71,8 +71,10 @@ def all_orders(
     if (whole := finished(kept)) is not None:
         return whole
     found = None
-    if not is_sum(kept):
-        is_thick = float(expected_orders(sweeper.problem, tolerance).max()) > THICK
+    is_thick = float(expected_orders(sweeper.problem, tolerance).max()) > THICK
+    # A thin medium's coarse solution is a sum, whose light is interpolated order by order: it is closer to the fine one
+    # than that of cycles, above all in how it changes with wavelength.
+    if (is_thick or guide is not None) and not is_sum(kept):
         with Workers(max_workers=sweeper.threads) as pool:
             way = _way(sweeper, guide, tolerance, pool, is_thick)
             found = _cycles(sweeper, way, ORDERS_SHARE * tolerance, pool, progress, checkpoint, name)
@@ -97,13 +99,14 @@ class _Way(NamedTuple):
 
 
 def _way(sweeper: Sweeper, guide: Solution | None, tolerance: float, pool: ThreadPoolExecutor, is_thick: bool) -> _Way:
-    """By harmonics in a thick medium or without a coarser solution, by that in any other."""
+    """By harmonics in a thick medium, by a coarser solution in any other."""
     grids = None if guide is None else TwoGrids(sweeper, guide, tolerance, pool)
-    if is_thick or grids is None:
+    if is_thick:
         # What harmonics do not know, moments of high degree, has to settle by itself.
         harmonics = Harmonics(sweeper.problem)
         begun = harmonics.begun if grids is None else grids.begun
         return _Way(begun, harmonics.corrected, Parts.of(sweeper.problem), UNEVEN)
+    assert grids is not None
     parts = Parts.of_the_mean(sweeper.problem.moments.degree.size)
     return _Way(grids.begun, grids.corrected, parts, SLOWEST)
 

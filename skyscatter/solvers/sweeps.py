@@ -564,21 +564,26 @@ class Sweeper:
 
     def load(self, pool: ThreadPoolExecutor, moments: Array, flux: Array) -> Field:
         """Interpolate moments and the ground's light into the field from which rays gather."""
-        mean = np.maximum(moments[:, :, :1], FLOOR)
-        packed = np.clip(moments[:, :, self.stage.kept] / mean, -2.0, 2.0)
-        packed[:, :, :1] = np.log(mean)
-        field = self.stage.field
-        largest = np.abs(packed).max(axis=(1, 3))
-        field.bound[:] = np.einsum("rk,rkm->rm", np.abs(self.row_weight), largest[self.row_node])
+        field, nodes, suns = self.stage.field, len(moments), moments.shape[1]
+        packed = np.empty((nodes, suns, self.stage.kept.size, moments.shape[3]))
+        largest = np.empty((suns, nodes, self.stage.kept.size))
+
+        def pack(sun: int) -> None:
+            mean = np.maximum(moments[:, sun, :1], FLOOR)
+            shape = np.clip(moments[:, sun, self.stage.kept] / mean, -2.0, 2.0)
+            largest[sun] = np.abs(shape).max(axis=2)
+            shape[:, :1] = np.log(mean)
+            packed[:, sun] = shape
+
+        def spread(sun: int) -> None:
+            refine(packed, self.row_node, self.row_weight, sun, sun + 1, field.moments)
+
+        for work, count in ((pack, suns), (spread, field.ground.shape[0])):
+            for _ in pool.map(work, range(count)):
+                pass
+        highest = largest.max(axis=0)
+        field.bound[:] = np.einsum("rk,rkm->rm", np.abs(self.row_weight), highest[self.row_node])
         field.bound[:, 0] = 1.0
-        suns = field.ground.shape[0]
-        edges = np.linspace(0, suns, min(4 * self.threads, suns) + 1).astype(int)
-
-        def part(k: int) -> None:
-            refine(packed, self.row_node, self.row_weight, edges[k], edges[k + 1], field.moments)
-
-        for _ in pool.map(part, range(edges.size - 1)):
-            pass
         field.ground[:] = np.maximum(self.problem.diffuse.light[2] / np.pi * flux[0, 1], FLOOR)
         return field
 
