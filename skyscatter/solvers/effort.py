@@ -18,7 +18,7 @@ MOST_ORDERS, MOST_MINUTES = 1000, 60
 #: with caution.  How many orders that are summed have all moments, and what the others, which have few left, are worth.
 POINT, OF_WAVELENGTH, OF_MOMENT = 1e-6, 3e-8, 4.5e-10
 FIRST_ORDERS, LATER_SHARE = 4, 0.05
-#: Sweeps of a solution that is not a sum of orders: three to seven, and those of the coarser one.
+#: Sweeps of a solution that is not a sum of orders: two to nine, and those of the coarser one.
 CYCLES = 8
 #: Points of a line for each row of the field.
 POINTS = 1.5
