@@ -16,6 +16,7 @@ section 5.3) with the sweep as the smoother.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 
 import numpy as np
 
@@ -35,10 +36,15 @@ class TwoGrids:
 
     def __init__(self, sweeper: Sweeper, guide: Solution, tolerance: float, pool: ThreadPoolExecutor) -> None:
         self.goal, self.pool, self.guide = CORRECTION_SHARE * ORDERS_SHARE * tolerance, pool, guide
-        self.sweeper, self.harmonics = Sweeper(guide.problem, sweeper.threads), Harmonics(guide.problem)
+        self.sweeper = Sweeper(guide.problem, sweeper.threads)
         self.rate = 0.0
         self.up = Transfer.between(guide.problem, sweeper.problem)
         self.down = Transfer.between(sweeper.problem, guide.problem)
+
+    @cached_property
+    def harmonics(self) -> Harmonics:
+        """Of the coarse grid; a thick medium only begins with that."""
+        return Harmonics(self.guide.problem)
 
     def begun(self, first: Light) -> Light:
         """The first order of the fine grid with the guide's light of all others."""
