@@ -54,12 +54,12 @@ class Clock(logging.Handler):
         return {words: until - begin for (words, begin), until in zip(self.begun, ends, strict=True)}
 
 
-def scene_of(medium: str, elevation: float) -> Scene:
-    """A shipped model, or the Earth's air with a layer of cloud, seen from the ground."""
+def scene_of(medium: str, elevation: float, depth: float = CLOUD[0]) -> Scene:
+    """A shipped model, or the Earth's air with a layer of cloud of an optical depth, seen from the ground."""
     if medium != "cloud":
         return skyscatter.load_model(medium).scene(sun_elevation_deg=elevation)
     scene = skyscatter.load_model("earth").scene(sun_elevation_deg=elevation)
-    depth, g, base, top = CLOUD
+    _, g, base, top = CLOUD
     optics = Particles(optical_depth=depth, single_scattering_albedo=1.0, phase=HenyeyGreenstein(g=g))
     cloud = Component(name="cloud", density=Uniform(base=base, top=top), optics=optics)
     air = scene.medium
