@@ -27,6 +27,7 @@ from skyscatter.kernels.lookup import columns_along, start_columns, trace_line
 from skyscatter.kernels.optics import disk_radiance, transmittance
 from skyscatter.kernels.rows import add_rows, clear
 from skyscatter.kernels.sunlight import (
+    AUREOLE_END,
     chain_columns,
     light_bundle,
     light_node,
@@ -246,7 +247,11 @@ def look(columns, diffuse, optics, first, field, origins, directions, group, scr
                 scatter_once(columns, diffuse, first, line, n, ray, bundle.many_lit[ray], course, bundle, work)
             widens = diffuse.peaks.shape[1] > 0 and not line.hits_ground
             if widens and chain_columns(columns, diffuse, s, origins[begin], directions[begin], line, n, course, work):
-                spread_peaks(diffuse, work.weighted, bundle)
+                nearest = bundle.nu[0]
+                for ray in range(1, rays):
+                    nearest = max(nearest, bundle.nu[ray])
+                if nearest > AUREOLE_END:
+                    spread_peaks(diffuse, work.weighted, nearest, bundle)
                 for ray in range(rays):
                     narrow_aureole(diffuse, ray, bundle)
                     if chain.shape[0] > 0:

@@ -8,6 +8,7 @@ import numpy as np
 
 from skyscatter.kernels.bundle import SUN_REFINEMENT, cubic, place_rays, sun_reach
 from skyscatter.kernels.course import put_gauss
+from skyscatter.kernels.fastexp import fast_exp
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.lookup import columns_to_light
 from skyscatter.kernels.optics import phase_at, transmittance
@@ -371,8 +372,21 @@ def chain_columns(columns, diffuse, sun, origin, direction, line, n, course, wor
     return True
 
 
+@inlined
+def _expm1_over(x):
+    """(e^x - 1) / x for x >= 0, without a branch; relative error below 1e-8."""
+    series = 1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x / 720))))
+    return series if x < 0.1 else (fast_exp(x) - 1.0) / max(x, 0.1)
+
+
+@inlined
+def _degrees_at(nu, degrees):
+    """Degrees of the peaks that count at a cosine of the angle from the Sun; what more of them add is noise."""
+    return min(degrees, int(AUREOLE_WAVES / max(math.acos(nu), 1e-6)) + 1)
+
+
 @merged
-def spread_peaks(diffuse, chain, bundle):
+def spread_peaks(diffuse, chain, nu, bundle):
     """What first-order light in the forward peaks loses, because peaks that follow one another widen.
 
     Delta-M counts what the peaks scatter as unscattered, and gives all of that the whole phase function once more when
@@ -383,20 +397,29 @@ def spread_peaks(diffuse, chain, bundle):
     take one line for the way.
 
     `chain` (component, wavelength) are the columns of that way [m].  Fills ``bundle.spread`` (component, degree,
-    wavelength) with the lost part.
+    wavelength) with the lost part, up to the degree that counts at `nu`, the cosine of the least angle from the Sun.
     """
-    for d in range(diffuse.peaks.shape[1]):
-        for i in range(chain.shape[1]):
-            peak, moment = 0.0, 0.0
-            for c in range(diffuse.peaks.shape[0]):
-                # Degree 0 belongs to the cut part: there r_l = f.
-                peak += chain[c, i] * diffuse.peaks[c, 0, i]
-                moment += chain[c, i] * diffuse.peaks[c, d, i] / (2 * d + 1)
-            peak *= 4.0 * math.pi
-            moment = max(4.0 * math.pi * moment, 1e-12)
-            lost = 1.0 - math.exp(-peak) * math.expm1(moment) / moment
-            for c in range(diffuse.peaks.shape[0]):
-                bundle.spread[c, d, i] = np.float32(lost * diffuse.peaks[c, d, i])
+    components, degrees, wavelengths = bundle.spread.shape
+    left = bundle.phase[0]
+    for i in range(wavelengths):
+        left[i] = 0.0
+        for c in range(components):
+            # Degree 0 belongs to the cut part: there r_l = f.
+            left[i] += chain[c, i] * diffuse.peaks[c, 0, i]
+        left[i] = fast_exp(-4.0 * math.pi * left[i])
+    lost = bundle.here
+    for d in range(_degrees_at(nu, degrees)):
+        per_moment = 4.0 * math.pi / (2 * d + 1)
+        for i in range(wavelengths):
+            lost[i] = np.float32(0.0)
+        for c in range(components):
+            for i in range(wavelengths):
+                lost[i] += np.float32(per_moment * chain[c, i] * diffuse.peaks[c, d, i])
+        for i in range(wavelengths):
+            lost[i] = np.float32(1.0 - left[i] * _expm1_over(max(lost[i], np.float32(0.0))))
+        for c in range(components):
+            for i in range(wavelengths):
+                bundle.spread[c, d, i] = lost[i] * np.float32(diffuse.peaks[c, d, i])
 
 
 @merged
@@ -409,9 +432,7 @@ def narrow_aureole(diffuse, ray, bundle):
     x = min((nu - AUREOLE_END) / (AUREOLE_FULL - AUREOLE_END), 1.0)
     fade = np.float32(x * x * (3.0 - 2.0 * x))
     components, degrees, wavelengths = bundle.spread.shape
-    # At an angle only degrees up to some times its reciprocal count; what more of them add is noise.
-    angle = math.acos(nu)
-    degrees = min(degrees, int(AUREOLE_WAVES / max(angle, 1e-6)) + 1)
+    angle, degrees = math.acos(nu), _degrees_at(nu, degrees)
     for c in range(components):
         if diffuse.scatters[c]:
             for i in range(wavelengths):
