@@ -24,6 +24,7 @@ PARTS = ("thick", "bands", "first", "accuracy")
 CAMERA = skyscatter.Panorama(width=SIZE[0], height=SIZE[1])
 DEPTHS, THICK_SUNS = (3.0, 10.0, 30.0, 100.0), (60.0, 10.0, 0.0)  #: of clouds
 THIN, BAND_SUNS = MEDIA[:4], (60.0, 10.0, -6.0)
+FIRST_SUNS = 60.0, -6.0  #: of first answers
 MANY = np.linspace(380.0, 780.0, 400)  #: wavelengths [nm]
 LOOSE = 0.05  #: tolerance of a first answer
 TOLD = np.array([420.0, 550.0, 700.0])  #: wavelengths at which accuracy is looked at [nm]
@@ -80,14 +81,15 @@ def first(given: Any) -> list[str]:
     """A first answer, and a better one from it."""
     rows = []
     for medium in (*THIN, "cloud"):
-        for sun in BAND_SUNS:
+        for sun in FIRST_SUNS:
             scene = scene_of(medium, sun)
             soon, full = (middle(picture(scene, WAVELENGTHS, given, t), given) for t in (LOOSE, None))
             solve = partial(skyscatter.solve, scene, WAVELENGTHS, sun_elevations_deg=(sun, sun), threads=given.threads)
             field = solve(tolerance=LOOSE)
             refined = middle(partial(field.refined, threads=given.threads), given)
-            anew = middle(partial(solve, tolerance=field.refined().tolerance), given)
+            anew = middle(partial(solve, tolerance=field.tolerance / 4), given)
             rows.append([medium, f"{sun:g}", soon, full, soon / full, refined, anew])
+            print(*rows[-1], flush=True)
     about = (
         f"Panorama {SIZE[0]}x{SIZE[1]} from the ground, {WAVELENGTHS.size} wavelengths, {given.threads} threads; "
         f"median of {given.repeats}. Seconds of solution and picture at tolerances of {LOOSE:g} and 0.005; and of "

@@ -84,7 +84,7 @@ def prepare(
     surfaces = as_surfaces(scene, wavelengths, shining.lamps)
     walks = surface_path.prepare(surfaces, local(rays, lift), wavelengths, among_surfaces(asked), threads, progress)
     ground, guide = scene.ground.material, walks.table.guide
-    sea = lift if isinstance(ground.rest if isinstance(ground, Mosaic) else ground, Sea) else 0.0
+    sea = lift if any(map(glitters, (ground, *(body.material for body in scene.bodies)))) else 0.0
     guide = guide._replace(level=ROULETTE_LEVEL, sea=sea)
     guide = guide._replace(open=guide.open or bool(shining.around.any()))
     star = star_shines(scene, wavelengths)
@@ -97,6 +97,13 @@ def prepare(
     if star:
         warn_of_low_light(scene, shining.star, wavelengths, table)
     return World(walks._replace(table=table), lift)
+
+
+def glitters(material: object) -> bool:
+    """Whether a material is a sea, or some of a mosaic: from above it shows an image of the star."""
+    if isinstance(material, Mosaic):
+        return any(map(glitters, (*material.materials, material.rest)))
+    return isinstance(material, Sea)
 
 
 def warn_of_low_light(scene: Scene, star: str, wavelengths: Array, table: WalkTable) -> None:

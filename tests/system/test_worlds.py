@@ -283,6 +283,24 @@ def test_a_cloud_over_the_sea(depth: float, monkeypatch: pytest.MonkeyPatch) -> 
     assert noise(led) < 1.05 * noise(free)  # 0.77 and 0.93 of it
 
 
+def test_air_over_a_lake(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walks are led to the glitter of a lake that is a body in part, too; one in a thousand brought the light else."""
+    water, shore = Sea(wind_speed=2), Lambert(albedo=0.1)
+    lake = Mosaic(classes=[[1, 0]], materials=(water, shore), rest=shore, cell_size="10 km")
+    plate = Body(name="lake", shape=Box(position=(0, 0, 1.0), size=(2e4, 2e4, 2.0)), material=lake)
+    scene = sky("earth-simple", 9.0, bodies=(plate,), altitude=60.0)
+    camera = skyscatter.Perspective(width=16, height=10, azimuth_deg=0, elevation_deg=12, fov_deg=30)
+    walks = skyscatter.Path(samples=256, sampling="march", seed=5)
+    led = skyscatter.render(scene, camera, [550.0], solver=walks)
+    lead_none(monkeypatch)
+    free = skyscatter.render(scene, camera, [550.0], solver=walks)
+    means, errors = zip(
+        *((x.radiance.mean(), np.sqrt((x.error**2).sum()) / x.error.size) for x in (led, free)), strict=True
+    )
+    assert abs(means[0] - means[1]) < 3 * np.hypot(*errors)
+    assert noise(led) < 0.8 * noise(free)  # 0.54 of it
+
+
 @pytest.mark.filterwarnings("ignore:path does not find")
 def test_black_water_mirrors_the_sky() -> None:
     """A basin of ink with a smooth surface: what is seen in it is the sky by Fresnel's share, as solved by orders."""

@@ -57,7 +57,7 @@ class LampGuide(NamedTuple):
     level: float  #: throughput below which roulette begins
     gathered: np.ndarray  #: (medium, angle) integral of the mean phase function over the angle up to pi (k / n)^2
     halo: np.ndarray  #: (medium, angle) share of the light around a point lamp that is seen within such an angle of it
-    sea: float  #: radius of the planet whose ground is a sea, centred below the frame's origin [m]; 0 where none is
+    sea: float  #: radius of the planet on which a sea lies, centred below the frame's origin [m]; 0 where none is
 
 
 @inlined

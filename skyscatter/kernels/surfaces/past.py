@@ -53,7 +53,7 @@ def early(order):
 
 @inlined
 def from_middle(guide, x):
-    """Distance of the place x from the middle of the planet whose ground is a sea [m]."""
+    """Distance of the place x from the middle of the planet on which a sea lies [m]."""
     z = x[2] + guide.sea
     return math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z)
 
