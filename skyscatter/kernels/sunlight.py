@@ -8,7 +8,7 @@ import numpy as np
 
 from skyscatter.kernels.bundle import SUN_REFINEMENT, cubic, place_rays, sun_reach
 from skyscatter.kernels.course import put_gauss
-from skyscatter.kernels.fastexp import fast_exp
+from skyscatter.kernels.fastexp import fast_exp, fast_expm1_over
 from skyscatter.kernels.jit import inlined, kernel, merged
 from skyscatter.kernels.lookup import columns_to_light
 from skyscatter.kernels.optics import phase_at, transmittance
@@ -373,13 +373,6 @@ def chain_columns(columns, diffuse, sun, origin, direction, line, n, course, wor
 
 
 @inlined
-def _expm1_over(x):
-    """(e^x - 1) / x for x >= 0, without a branch; relative error below 1e-8."""
-    series = 1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x / 720))))
-    return series if x < 0.1 else (fast_exp(x) - 1.0) / max(x, 0.1)
-
-
-@inlined
 def _degrees_at(nu, degrees):
     """Degrees of the peaks that count at a cosine of the angle from the Sun; what more of them add is noise."""
     return min(degrees, int(AUREOLE_WAVES / max(math.acos(nu), 1e-6)) + 1)
@@ -416,7 +409,7 @@ def spread_peaks(diffuse, chain, nu, bundle):
             for i in range(wavelengths):
                 lost[i] += np.float32(per_moment * chain[c, i] * diffuse.peaks[c, d, i])
         for i in range(wavelengths):
-            lost[i] = np.float32(1.0 - left[i] * _expm1_over(max(lost[i], np.float32(0.0))))
+            lost[i] = np.float32(1.0 - left[i] * fast_expm1_over(max(lost[i], np.float32(0.0))))
         for c in range(components):
             for i in range(wavelengths):
                 bundle.spread[c, d, i] = lost[i] * np.float32(diffuse.peaks[c, d, i])

@@ -9,13 +9,19 @@ import numpy as np
 import pytest
 from numba import njit
 
-from skyscatter.kernels.fastexp import fast_exp
+from skyscatter.kernels.fastexp import fast_exp, fast_expm1_over
 
 
 @njit
 def _exp(x, out):
     for i in range(x.size):
         out[i] = fast_exp(x[i])
+
+
+@njit
+def _expm1_over(x, out):
+    for i in range(x.size):
+        out[i] = fast_expm1_over(x[i])
 
 
 def exp(x) -> np.ndarray:
@@ -50,6 +56,16 @@ def test_deep_shadow_is_dark_and_finite() -> None:
     values = exp([-700.0, -701.0, -1e4, -1e300, -np.inf])
     assert np.all(values > 0)
     assert np.all(values < 1e-303)
+
+
+def test_expm1_over_its_argument() -> None:
+    """On both sides of where the series ends, whose first omitted term is 0.1^6 / 5040 = 2e-10, and 3e-10 over 0.1."""
+    x = np.concatenate([np.geomspace(1e-300, 700, 20_000), np.linspace(0.09, 0.11, 1001)])
+    out = np.empty_like(x)
+    _expm1_over(x, out)
+    np.testing.assert_allclose(out, np.expm1(x) / x, rtol=1e-8)
+    _expm1_over(np.zeros(1), out[:1])
+    assert out[0] == 1.0
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names of SIMD instructions of x86-64")
