@@ -142,7 +142,7 @@ def test_models_are_listed_shown_and_checked_by_sort(capsys: pytest.CaptureFixtu
     assert main(["models", "show", "milk-and-water"]) == 0
     shown = capsys.readouterr().out
     for words in (
-        "milk: index 1.334",
+        "milk: index 1.336",
         "311 um",
         "glass of water: turned, dielectric, glass inside",
         "10550 lumens, sun",
