@@ -258,6 +258,18 @@ def noise(image: Any) -> float:
     return float(np.sqrt(np.mean((image.error / image.radiance) ** 2)))
 
 
+def led_and_free(scene: Any, camera: Any, walks: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Any]:
+    """Pictures by walks that are led to where light is and by those that are not, whose means agree."""
+    led = skyscatter.render(scene, camera, [550.0], solver=walks)
+    lead_none(monkeypatch)
+    free = skyscatter.render(scene, camera, [550.0], solver=walks)
+    means, errors = zip(
+        *((x.radiance.mean(), np.sqrt((x.error**2).sum()) / x.error.size) for x in (led, free)), strict=True
+    )
+    assert abs(means[0] - means[1]) < 3 * np.hypot(*errors)
+    return led, free
+
+
 @pytest.mark.parametrize("depth", [5.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_a_cloud_over_the_sea(depth: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Walks that are led to the glitter and around the Sun find what those find that are not, with no more noise.
@@ -273,31 +285,19 @@ def test_a_cloud_over_the_sea(depth: float, monkeypatch: pytest.MonkeyPatch) -> 
     scene = sky("earth-simple", 20.0, fields=(cloud,), ground=skyscatter.Ground(material=Sea(wind_speed=5)))
     camera = skyscatter.Perspective(width=24, height=16, azimuth_deg=0, elevation_deg=25, fov_deg=50)
     walks = skyscatter.Path(samples=256, sampling="march", seed=3)
-    led = skyscatter.render(scene, camera, [550.0], solver=walks)
-    lead_none(monkeypatch)
-    free = skyscatter.render(scene, camera, [550.0], solver=walks)
-    means, errors = zip(
-        *((x.radiance.mean(), np.sqrt((x.error**2).sum()) / x.error.size) for x in (led, free)), strict=True
-    )
-    assert abs(means[0] - means[1]) < 3 * np.hypot(*errors)
+    led, free = led_and_free(scene, camera, walks, monkeypatch)
     assert noise(led) < 1.05 * noise(free)  # 0.77 and 0.93 of it
 
 
 def test_air_over_a_lake(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walks are led to the glitter of a lake that is a body in part, too; one in a thousand brought the light else."""
+    """Walks are led to the glitter of a lake, too, that is part of what covers a body."""
     water, shore = Sea(wind_speed=2), Lambert(albedo=0.1)
     lake = Mosaic(classes=[[1, 0]], materials=(water, shore), rest=shore, cell_size="10 km")
     plate = Body(name="lake", shape=Box(position=(0, 0, 1.0), size=(2e4, 2e4, 2.0)), material=lake)
     scene = sky("earth-simple", 9.0, bodies=(plate,), altitude=60.0)
     camera = skyscatter.Perspective(width=16, height=10, azimuth_deg=0, elevation_deg=12, fov_deg=30)
     walks = skyscatter.Path(samples=256, sampling="march", seed=5)
-    led = skyscatter.render(scene, camera, [550.0], solver=walks)
-    lead_none(monkeypatch)
-    free = skyscatter.render(scene, camera, [550.0], solver=walks)
-    means, errors = zip(
-        *((x.radiance.mean(), np.sqrt((x.error**2).sum()) / x.error.size) for x in (led, free)), strict=True
-    )
-    assert abs(means[0] - means[1]) < 3 * np.hypot(*errors)
+    led, free = led_and_free(scene, camera, walks, monkeypatch)
     assert noise(led) < 0.8 * noise(free)  # 0.54 of it
 
 
