@@ -41,7 +41,7 @@ class SurfaceModel(ModelFile):
     >>> import skyscatter
     >>> model = skyscatter.load_model("milk-and-water")
     >>> [(medium.name, medium.index) for medium in model.media]
-    [('room', 1.0), ('glass', 1.52), ('water', 'water'), ('milk', 1.3337)]
+    [('room', 1.0), ('glass', 1.52), ('water', 1.336), ('milk', 1.336)]
     >>> scene = model.scene(position=(0, "-1 m", "0.3 m"))  # seen from elsewhere
     >>> scene.observer.position
     array([ 0. , -1. ,  0.3])
