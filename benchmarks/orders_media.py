@@ -31,7 +31,7 @@ TOLD = np.array([420.0, 550.0, 700.0])  #: wavelengths at which accuracy is look
 LOW = np.array([1.0, 3.0, 8.0, 20.0, 40.0, 75.0])  #: elevations of the lines of sight [degree]
 AROUND = np.arange(0.0, 181.0, 30.0)  #: their azimuths from the Sun [degree]
 #: Tolerance of the solution that judges, and walks of `path` for each line of sight, in thin and in thick media.
-FINE, WALKS = (0.001, 0.002), (8192, 1024)
+FINE, WALKS = (0.0015, 0.002), (8192, 1024)
 #: A deviation from walks counts as covered within so many of their own errors beside what is stated; walks whose error
 #: is beyond a share of the light, or beyond what is stated, say nothing.
 WIDTH, BLIND = 2.0, 0.2
