@@ -100,9 +100,10 @@ def prepare(
 
 
 def glitters(material: object) -> bool:
-    """Whether a material is a sea, or some of a mosaic: from above it shows an image of the star."""
+    """Whether a material is a sea, or a mosaic in which one lies: from above it shows an image of the star."""
     if isinstance(material, Mosaic):
-        return any(map(glitters, (*material.materials, material.rest)))
+        lying = (material.materials[k] for k in np.flatnonzero(np.bincount(material.cells.ravel())))
+        return any(map(glitters, (*lying, material.rest)))
     return isinstance(material, Sea)
 
 

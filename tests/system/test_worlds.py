@@ -12,6 +12,7 @@ from worlds import BURIED, HOUSE, RAYS, WAVELENGTHS, directions, lead_none, look
 
 import skyscatter
 from skyscatter import fields
+from skyscatter.solvers.world import glitters
 from skyscatter.surfaces import Body, Box, Dielectric, Lambert, Mosaic, PointLamp, RossLi, Rpv, Sea
 
 
@@ -299,6 +300,15 @@ def test_air_over_a_lake(monkeypatch: pytest.MonkeyPatch) -> None:
     walks = skyscatter.Path(samples=256, sampling="march", seed=5)
     led, free = led_and_free(scene, camera, walks, monkeypatch)
     assert noise(led) < 0.8 * noise(free)  # 0.54 of it
+
+
+def test_glitter_is_where_a_sea_lies() -> None:
+    """A sea among the materials of a mosaic shows no image of the Sun while none of the cells is one."""
+    water, shore = Sea(wind_speed=2), Lambert(albedo=0.1)
+    lies = {"materials": (shore, water), "cell_size": "1 km"}
+    assert glitters(Mosaic(classes=[[0, 1]], rest=shore, **lies))
+    assert glitters(Mosaic(classes=[[0, 0]], rest=water, **lies))
+    assert not glitters(Mosaic(classes=[[0, 0]], rest=shore, **lies))
 
 
 @pytest.mark.filterwarnings("ignore:path does not find")
