@@ -1,16 +1,17 @@
 """Filters that take noise off pictures with a spectrum in each pixel; what becomes of their answers is `denoising`'s.
 
 - ``oidn``: the network of Open Image Denoise (Intel, Apache-2.0; package ``pyoidn``), on three neighbouring wavelengths
-  at a time as if they were red, green and blue, each divided by its mean.
+  at a time as if they were red, green and blue, each divided by its mean; told what the pixels see first, or not.
 - ``nlm``: non-local means with the variances of the pixels, after Rousselle, Knaus and Zwicker (2012, ACM Trans. Graph.
   31(6), 195, section 4): pixels are averaged whose surroundings look alike within their noise.
 
-Both are functions of the picture and its variances alone, and the same numbers come on every run.
+The same numbers come on every run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import metadata
 from importlib.util import find_spec
 from typing import Any
@@ -27,6 +28,10 @@ Filter = Callable[[Array, Array], Array]
 #: Non-local means: half the side of the patches that are compared and of the square that is searched [pixel], and how
 #: many standard deviations apart is alike.  Of Rousselle et al. (2012), with a smaller square.
 PATCH, SEARCH, ALIKE = 3, 8, 0.45
+#: What the network is told in place of an albedo of 0, of which it keeps the noise; it is told 1 minus that for 1.
+DARKEST = 0.1
+#: Rows and columns below which no picture of half the resolution is made.
+LEAST = 16
 #: Groups of wavelengths by which patches are compared.
 GROUPS = 3
 
@@ -47,11 +52,22 @@ def chosen(method: str) -> str:
     return ("oidn" if there else "nlm") if method == "auto" else method
 
 
-def filter_of(method: str) -> tuple[str, Filter]:
-    """What a chosen filter is called in recipes, and the filter."""
+def filters_of(method: str, features: Array | None, side: int) -> tuple[str, list[Filter]]:
+    """What a chosen filter is called in recipes, and its forms of which the best mixture is taken.
+
+    At half the resolution too, where the shorter `side` of the picture has pixels enough; and told by `features`
+    (y, x, 4) the albedo of what the pixels see first and the way that faces, where the filter can make use of them.
+    """
     if method == "nlm":
-        return "non-local means (Rousselle et al. 2012)", non_local_means
-    return f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})", oidn
+        name, plain = "non-local means (Rousselle et al. 2012)", non_local_means
+    else:
+        name, plain = f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})", oidn
+    forms: list[Filter] = [plain]
+    if features is not None and method == "oidn":
+        forms.append(partial(oidn, features=features))
+    if side >= LEAST:
+        forms.append(coarsened(plain))
+    return name, forms
 
 
 def triples(wavelengths: int) -> Iterator[tuple[list[int], slice]]:
@@ -62,16 +78,20 @@ def triples(wavelengths: int) -> Iterator[tuple[list[int], slice]]:
         yield indices, slice(first - begin, min(first + 3, wavelengths) - begin)
 
 
-def oidn(picture: Array, variance: Array) -> Array:
+def oidn(picture: Array, variance: Array, features: Array | None = None) -> Array:
     """The picture as the network of Open Image Denoise sees it; negative values are taken as 0."""
     import pyoidn
 
-    found = np.empty_like(picture)
+    found, known = np.empty_like(picture), {}
+    if features is not None:
+        albedo = DARKEST + (1 - 2 * DARKEST) * features[..., :1]
+        normal = np.ascontiguousarray(features[..., 1:], np.float32)
+        known = {"albedo": np.repeat(albedo, 3, axis=-1).astype(np.float32), "normal": normal, "clean_aux": True}
     for indices, new in triples(picture.shape[-1]):
         some = np.maximum(picture[..., indices], 0.0)
         scale = some.mean(axis=(0, 1))
         scale[scale <= 0.0] = 1.0
-        clean: Any = pyoidn.denoise(np.ascontiguousarray(some / scale, np.float32), hdr=True)
+        clean: Any = pyoidn.denoise(np.ascontiguousarray(some / scale, np.float32), hdr=True, **known)
         found[..., indices[new]] = (clean * scale)[..., new]
     return found
 

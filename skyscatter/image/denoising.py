@@ -20,7 +20,8 @@ With c = 0 this is the weight var / (var + mse) of estimators that are combined;
 place of the two buffers of Rousselle, Knaus and Zwicker (2012).  Half the difference of D_A and D_B is no error: it
 lacks the bias.
 
-Two such pictures are made, at full and at half the resolution, and mixed before: D = D1 + u (D2 - D1) with
+Two or three such pictures are made, at full and at half the resolution, and with what the pixels see first where that
+is known, and mixed before, one by one: D = D1 + u (D2 - D1) with
 
     u = <E_A (2 B - D1_A - D1_B) + E_B (2 A - D1_A - D1_B)> / <(E_A + E_B)^2>,    E = D2 - D1,
 
@@ -32,6 +33,7 @@ whole keeps its light within a standard error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -55,13 +57,13 @@ WINDOW = 11
 WORTH = (1.5 * WINDOW) ** 2
 #: How much shares of two denoised pictures differ from place to place.
 SHARES = 0.5
-#: Rows and columns below which no picture of half the resolution is made.
-LEAST = 16
 #: Side of the tiles of which the error is stated.
 TILE = 32
 #: Standard deviation of the mean by which large patches of light are kept [pixel], and how many standard errors of it
 #: are taken for chance.
 WIDE, CHANCE = 12.0, 2.0
+#: By which share of the light around a denoiser may be off where noise hides by how much it is.
+PLAUSIBLE = 0.2
 #: Squared chance, in units of that in the middle of the picture, beyond which a place says nothing of others.
 OUTLYING = 100.0
 #: Side of the square over which the level of the light is a median [pixel], and the least of it over the mean.
@@ -157,13 +159,14 @@ def middle(values: Array, lit: Mask) -> Array:
     return np.array([np.median(some[here]) if here.any() else 0.0 for some, here in zip(values.T, lit.T, strict=True)])
 
 
-def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moments, Array]:
+def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moments, Array, Array]:
     """Local moments; the squared bias, which is known worst, is drawn towards that of the whole picture.
 
     It is taken relative to the variance of the raw picture.  Local values whose spread is no greater than chance makes
     it say nothing, and are replaced by the common one; the greater their spread, the more they count (the estimate of
     James and Stein, in Efron and Morris 1973, J. Am. Stat. Assoc. 68, 117; 1972, ibid. 67, 130, for its limit).  Also
-    returned is the standard deviation of what is found; so many pixels as are `together` have their noise in common.
+    returned are the standard deviation of what is found, and how much of it is more than chance; so many pixels as are
+    `together` have their noise in common.
     """
     local = Moments(*(local_mean(part, mask) for part in single))
     variance = np.maximum(local.variance, 1e-150)
@@ -187,7 +190,8 @@ def steadied(single: Moments, mask: Mask, together: float = 1.0) -> tuple[Moment
     common_doubt = share * chance + (1 - share) ** 2 * mean(chance) * WORTH / count
     doubt = np.sqrt(np.where(outlying | (least > drawn), chance, common_doubt))
     bias = np.maximum(drawn, least) * variance
-    return Moments(variance, np.maximum(local.spread, 0.0), local.shared, bias), doubt * variance
+    found = Moments(variance, np.maximum(local.spread, 0.0), local.shared, bias)
+    return found, doubt * variance, np.maximum(least, 0.0) * variance
 
 
 def mixed(
@@ -234,13 +238,15 @@ def denoised(image: SpectralImage, method: str = "auto") -> SpectralImage:
     if any(name not in image.layers for name in HALVES) or image.error is None:
         rule = "needs two halves of the walks or passes; render with halves=True and the solver path or photons"
         raise DomainError("denoise", f"layers {', '.join(image.layers) or 'none'}", rule)
-    label, denoise = denoisers.filter_of(denoisers.chosen(method))
-    inside = image.inside
+    inside, sight = image.inside, image.features
+    if sight is not None:
+        sight = _filled(np.nan_to_num(sight), inside)
+    label, filters = denoisers.filters_of(denoisers.chosen(method), sight, min(inside.shape))
     a, b = (_filled(np.asarray(image.layers[name], float), inside) for name in HALVES)
     mask, shown_a, shown_b = set_aside(a, b, noisy_pixels(a, b, inside))
     raw_error = np.asarray(image.error, float)
     if mask.any():
-        change, square = _blended(shown_a, shown_b, mask, _filled(raw_error, inside) ** 2, denoise)
+        change, square = _blended(shown_a, shown_b, mask, _filled(raw_error, inside) ** 2, filters)
     else:
         change, square = np.zeros_like(a), np.zeros_like(a)
     known = ~mask[..., None]
@@ -319,37 +325,39 @@ def light_level(picture: Array, clean: Array) -> Array:
 
 
 def _cleaned(
-    halves: tuple[Array, Array], fine: tuple[Array, Array], level: Array, mask: Mask, variance: Array,
-    coarse: denoisers.Filter, together: float,
+    halves: tuple[Array, Array], pictures: Sequence[tuple[Array, Array]], level: Array, mask: Mask, variance: Array,
+    together: float,
 ) -> tuple[Array, ...]:  # fmt: skip
-    """Both halves denoised, a mixture of `fine` and what the `coarse` filter makes of them, and what that flatters.
+    """Both halves denoised, the mixture of the `pictures` that filters make of them, and what that flatters.
 
     All in units of the `level`.
     """
 
-    def kept(pictures: tuple[Array, ...]) -> tuple[Array, Array]:
-        whole = [faithful(*pair, 2 * variance, together) / level for pair in zip(halves, pictures, strict=True)]
+    def kept(some: tuple[Array, Array]) -> tuple[Array, Array]:
+        whole = [faithful(*pair, 2 * variance, together) / level for pair in zip(halves, some, strict=True)]
         return whole[0], whole[1]
 
-    first = kept(fine)
-    if min(mask.shape) < LEAST:
-        return *first, np.zeros_like(level)
-    second = kept(tuple(coarse(half, 2 * variance) for half in halves))
-    return mixed(halves[0] / level, halves[1] / level, first, second, mask, together)
+    clean, flattered = kept(pictures[0]), np.zeros_like(level)
+    for some in pictures[1:]:
+        one, two, more = mixed(halves[0] / level, halves[1] / level, clean, kept(some), mask, together)
+        clean, flattered = (one, two), flattered + more
+    return *clean, flattered
 
 
-def _blended(a: Array, b: Array, mask: Mask, variance: Array, denoise: denoisers.Filter) -> tuple[Array, Array]:
+def _blended(
+    a: Array, b: Array, mask: Mask, variance: Array, filters: Sequence[denoisers.Filter]
+) -> tuple[Array, Array]:  # fmt: skip
     """What is added to the raw picture, and the mean squared error of the sum."""
-    fine = denoise(a, 2 * variance), denoise(b, 2 * variance)
-    level = light_level((a + b) / 2, (fine[0] + fine[1]) / 2)
+    pictures = [(some(a, 2 * variance), some(b, 2 * variance)) for some in filters]
+    level = light_level((a + b) / 2, (pictures[0][0] + pictures[0][1]) / 2)
     part_a, part_b = a / level, b / level
     together = togetherness(part_a, part_b, mask)
-    coarse = denoisers.coarsened(denoise)
-    clean_a, clean_b, flattered = _cleaned((a, b), fine, level, mask, variance, coarse, together)
-    found, doubt = steadied(moments(part_a, part_b, clean_a, clean_b), mask, together)
+    clean_a, clean_b, flattered = _cleaned((a, b), pictures, level, mask, variance, together)
+    found, doubt, sure = steadied(moments(part_a, part_b, clean_a, clean_b), mask, together)
     found = found._replace(bias=found.bias + flattered)
-    # In doubt nearer to the raw picture.
-    weight = found._replace(bias=found.bias + doubt).weight()
+    # In doubt nearer to the raw picture, but no further than a denoiser is seen to be off, or may be.
+    most = PLAUSIBLE**2 * local_mean(((clean_a + clean_b) / 2) ** 2, mask)
+    weight = found._replace(bias=np.maximum(np.minimum(found.bias + doubt, most), sure)).weight()
     change = np.where(mask[..., None], weight * ((clean_a + clean_b) - (part_a + part_b)) / 2, 0.0) * level
     # The picture as a whole keeps its light within a standard error.  What is missing goes where there is noise, but as
     # a share of the light no more than at the median: what a speck has too much is missing all over.

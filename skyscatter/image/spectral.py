@@ -76,6 +76,9 @@ class SpectralImage:
         U_error, V_error their standard errors.
     sky : SkyFrame, optional
         Where the picture stands in the sky; files keep it (FITS as a celestial WCS).
+    features : array_like, shape (y, x, 4), optional
+        What the pixels see first, by which `denoised` tells edges from noise: its albedo, and the unit vector of the
+        way that it faces.  Files do not keep it.
 
     Raises
     ------
@@ -103,6 +106,7 @@ class SpectralImage:
         recipe: Mapping[str, Any] | None = None,
         layers: Mapping[str, ArrayLike] | None = None,
         sky: SkyFrame | None = None,
+        features: ArrayLike | None = None,
     ) -> None:
         self._wavelengths = _checked_wavelengths(wavelengths)
         self._radiance = _checked_cube("radiance", radiance, None, self._wavelengths.size)
@@ -122,6 +126,9 @@ class SpectralImage:
         if sky is not None and not isinstance(sky, SkyFrame):
             raise DomainError("sky", type(sky).__name__, "must be a SkyFrame")
         self._sky = sky
+        self._features = None if features is None else np.asarray(features)
+        if self._features is not None and self._features.shape != (*shape[:2], 4):
+            raise DomainError("features", self._features.shape, f"must have the shape {(*shape[:2], 4)}")
 
     def __repr__(self) -> str:
         y, x, n = self.shape
@@ -239,6 +246,11 @@ class SpectralImage:
         return self._sky
 
     @property
+    def features(self) -> NDArray[Any] | None:
+        """What the pixels see first, (y, x, 4): albedo and the way that it faces; None where that is not known."""
+        return self._features
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """(y, x, wavelength)."""
         y, x, n = self._radiance.shape
@@ -315,8 +327,9 @@ class SpectralImage:
     def placed(self, sky: SkyFrame) -> SpectralImage:
         """The same picture, with its arrays, at a place in the sky."""
         return SpectralImage(
-            self._radiance, self._wavelengths, self._error, recipe=self._recipe, layers=self._layers, sky=sky
-        )
+            self._radiance, self._wavelengths, self._error, recipe=self._recipe, layers=self._layers, sky=sky,
+            features=self._features,
+        )  # fmt: skip
 
     def through(
         self, *filters: str | Iterable[Any] | Any, errors: Literal["correlated", "independent"] = "correlated"

@@ -16,6 +16,7 @@ from skyscatter.solvers.guide import guided_columns
 from skyscatter.solvers.path import FEW_WALKS, walks_for
 
 if TYPE_CHECKING:
+    from skyscatter.kernels.space import SpaceTable
     from skyscatter.kernels.volume import VolumeTable
     from skyscatter.solvers.base import Asked, Rays
     from skyscatter.solvers.options import Path
@@ -88,7 +89,7 @@ class Ways:
 
         step = max(len(rays.origins) // LOOKED_AT, 1)
         origins, directions = rays.origins[::step], rays.directions[::step]
-        enter, leave = _ends(table, origins, directions)
+        enter, leave = box_ends(table.space, origins, directions)
         self.through = np.zeros((len(origins), len(table.sigma_t)))
         fill_columns(table.space, enter, leave, make_space_work(), self.through)
         found = guided_columns(table, enter)
@@ -99,9 +100,9 @@ class Ways:
         self.turn = np.maximum(0.5 * (1.0 - np.sum(towards * directions, axis=1)), LEAST_TURN)
 
 
-def _ends(table: VolumeTable, origins: Array, directions: Array) -> tuple[Array, Array]:
+def box_ends(space: SpaceTable, origins: Array, directions: Array) -> tuple[Array, Array]:
     """Where rays enter the box of the medium and leave it; where they miss it, one point on it that they pass."""
-    low, size = table.space.bound_low, table.space.bound_step * table.space.cells
+    low, size = space.bound_low, space.bound_step * space.cells
     with np.errstate(divide="ignore", invalid="ignore"):
         one, two = (low - origins) / directions, (low + size - origins) / directions
     near = np.nanmax(np.where(np.isfinite(one), np.minimum(one, two), -np.inf), axis=1)

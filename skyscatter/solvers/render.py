@@ -155,10 +155,26 @@ def render(
     if kept is not None and (kept.written or not complete):
         kept.save()
     alone = complete and kept is None  # nobody goes on from this state
-    image = _picture(scene, camera, grid, inside, wl, state, threads, progress, alone)
+    sight = _sight(scene, rays, wl, inside, threads) if halves and complete else None
+    image = _picture(scene, camera, grid, inside, wl, state, threads, progress, alone, sight)
     if not complete:
         raise Interrupted(image, state)
     return image
+
+
+def _sight(
+    scene: AnyScene, rays: Rays, wl: Array, inside: NDArray[np.bool_], threads: int | None
+) -> NDArray[np.float32] | None:
+    """What the pixels see first, for whoever takes the noise off."""
+    from skyscatter.kernels.processors import processors
+    from skyscatter.solvers.features import first_sight
+
+    found = first_sight(scene, rays, wl, threads or processors())
+    if found is None:
+        return None
+    features = np.full((*inside.shape, found.shape[1]), np.nan, np.float32)
+    features[inside] = found
+    return features
 
 
 @contextmanager
@@ -239,6 +255,7 @@ def _picture(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     alone: bool = False,
+    sight: NDArray[np.float32] | None = None,
 ) -> SpectralImage:
     """The picture of a state, with what is added to rays; unless it is `alone` the state stays as it is."""
     from skyscatter.image.spectral import SpectralImage
@@ -259,7 +276,7 @@ def _picture(
         added = Corrections(scene, camera, wl)
         added.add(grid, cube, layers, state.recipe)
         error = spread(state.standard_error, False)
-        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=added.sky)
+        return SpectralImage(cube, wl, error, recipe=state.recipe, layers=layers, sky=added.sky, features=sight)
     corrections, recipe = sun_corrections(scene, camera, grid, wl, state.recipe)
     more = bool(state.done.all()) and (scene.lights is not None or bool(scene.towns))
     changed = bool(corrections) or more
@@ -269,7 +286,7 @@ def _picture(
             values.reshape(-1, wl.size)[pixels] += light
     if more:
         add_sky_lights(scene, camera, grid, wl, (cube, error, layers), recipe["options"], threads, progress)
-    return SpectralImage(cube, wl, error, recipe=recipe, layers=layers)
+    return SpectralImage(cube, wl, error, recipe=recipe, layers=layers, features=sight)
 
 
 def sun_corrections(

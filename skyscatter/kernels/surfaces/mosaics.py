@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skyscatter.kernels.jit import inlined
+from skyscatter.kernels.jit import entry, inlined
 from skyscatter.kernels.optics import cell_below
 
 
@@ -18,3 +18,10 @@ def tile(materials, k, x):
     place, shape = materials.mosaic_place[mosaic], materials.mosaic_shape[mosaic]
     cell = cell_below(shape[1], shape[2], place[2], x[0] - place[0], x[1] - place[1])
     return k + materials.mosaic_cells[shape[0] + cell] if cell >= 0 and x[2] >= place[3] else k
+
+
+@entry
+def tiles(materials, rows, points, out):
+    """`tile` of many points (n, 3) of materials of some rows (n,), into `out` (n,)."""
+    for n in range(rows.size):
+        out[n] = tile(materials, rows[n], points[n])
