@@ -17,6 +17,9 @@ import numpy as np
 from common import machine, parser, report, table, versions, view
 
 import skyscatter
+from skyscatter.solvers.base import Rays
+from skyscatter.solvers.corrections import seen
+from skyscatter.solvers.features import first_sight
 from skyscatter.solvers.options import record_of
 
 Array = Any
@@ -44,9 +47,9 @@ CASES = {
 def picture(name: str, side: int, samples: int, seed: int, keep: Path | None) -> Any:
     """A render with its halves, or the one that was kept."""
     file = None if keep is None else keep / f"{name}-{side}-{samples}-{seed}.nc"
-    if file is not None and file.is_file():
-        return skyscatter.SpectralImage.load(file)
     scene, camera = view(name, side)
+    if file is not None and file.is_file():
+        return sighted(skyscatter.SpectralImage.load(file), scene, camera)
     solver = CASES[name].solver
     image = skyscatter.render(
         scene, camera, WAVELENGTHS, solver=record_of(solver, samples=samples, seed=seed), halves=True
@@ -54,6 +57,16 @@ def picture(name: str, side: int, samples: int, seed: int, keep: Path | None) ->
     if file is not None:
         image.save(file)
     return image
+
+
+def sighted(image: Any, scene: Any, camera: Any) -> Any:
+    """A picture that was kept, with what its pixels see first, which files do not hold."""
+    directions = seen(scene, camera).reshape(-1, 3)
+    rays = Rays(np.broadcast_to(scene.observer.position, directions.shape), directions, np.arange(len(directions)))
+    features = first_sight(scene, rays, image.wavelengths).reshape(*image.shape[:2], 4)
+    return skyscatter.SpectralImage(
+        image.radiance, image.wavelengths, image.error, recipe=image.recipe, layers=image.layers, features=features
+    )
 
 
 class Judged(NamedTuple):
