@@ -63,7 +63,7 @@ TILE = 32
 #: are taken for chance.
 WIDE, CHANCE = 12.0, 2.0
 #: By which share of the light around a denoiser may be off where noise hides by how much it is.
-PLAUSIBLE = 0.2
+PLAUSIBLE = 0.3
 #: Squared chance, in units of that in the middle of the picture, beyond which a place says nothing of others.
 OUTLYING = 100.0
 #: Side of the square over which the level of the light is a median [pixel], and the least of it over the mean.
