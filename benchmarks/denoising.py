@@ -17,9 +17,8 @@ import numpy as np
 from common import machine, parser, report, table, versions, view
 
 import skyscatter
-from skyscatter.solvers.base import Rays
 from skyscatter.solvers.corrections import seen
-from skyscatter.solvers.features import first_sight
+from skyscatter.solvers.features import picture_sight
 from skyscatter.solvers.options import record_of
 
 Array = Any
@@ -61,9 +60,7 @@ def picture(name: str, side: int, samples: int, seed: int, keep: Path | None) ->
 
 def sighted(image: Any, scene: Any, camera: Any) -> Any:
     """A picture that was kept, with what its pixels see first, which files do not hold."""
-    directions = seen(scene, camera).reshape(-1, 3)
-    rays = Rays(np.broadcast_to(scene.observer.position, directions.shape), directions, np.arange(len(directions)))
-    features = first_sight(scene, rays, image.wavelengths).reshape(*image.shape[:2], 4)
+    features = picture_sight(scene, seen(scene, camera), image.wavelengths)
     return skyscatter.SpectralImage(
         image.radiance, image.wavelengths, image.error, recipe=image.recipe, layers=image.layers, features=features
     )

@@ -1,9 +1,9 @@
 """What a camera sees first along its rays, without chance: by it a denoiser tells edges from noise.
 
 Four numbers a ray: how bright what is seen is by itself, its albedo, and which way it faces, a unit vector.  Of a
-surface these are its reflectance and its normal.  A cloud or a nebula faces where its density falls, at the depth from
-which half of what is seen of it comes, or from half its own depth where it is thin; it counts by the share of the light
-that it scatters or swallows, and what stands behind it by the rest.  All at the middle one of the wavelengths.
+surface these are its reflectance and its normal.  A cloud or a nebula faces where its density falls, at an optical
+depth of a half, or half its own where that is less than 1; it counts by the share of the light that it scatters or
+swallows, and what stands behind it by the rest.  All at the middle one of the wavelengths.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: Halvings by which a depth is found: to a four thousandth of the way through the medium.
 HALVINGS = 12
-#: Optical depth at which a medium is looked at, or half of its own where that is less.
+#: Optical depth at which a medium is looked at, and share of its own where that is less than 1.
 DEPTH = 0.5
 #: Share of what is seen below which a medium counts as nothing.
 FAINT = 0.005
@@ -92,6 +92,24 @@ def first_sight(scene: Any, rays: Rays, wavelengths: Array, threads: int = 1) ->
     return np.concatenate(found).astype(np.float32)
 
 
+def picture_sight(
+    scene: Any, grid: Array, wavelengths: Array, threads: int | None = None
+) -> NDArray[np.float32] | None:  # fmt: skip
+    """`first_sight` of the pixels of a picture, whose rays are `grid` (y, x, 3), shape (y, x, 4); NaN where they are."""
+    from skyscatter.kernels.processors import processors
+
+    inside = np.isfinite(grid[..., 0])
+    directions = grid[inside]
+    origins = np.broadcast_to(scene.observer.position, directions.shape)
+    rays = Rays(origins, directions, np.arange(len(directions)))
+    found = first_sight(scene, rays, wavelengths, threads or processors())
+    if found is None:
+        return None
+    features = np.full((*inside.shape, found.shape[1]), np.nan, np.float32)
+    features[inside] = found
+    return features
+
+
 def _prepared(scene: Any, rays: Rays, wavelengths: Array) -> Sight:
     """The tables of a scene, at the middle one of the wavelengths."""
     from skyscatter.solvers.surfaces import compile_surfaces
@@ -152,6 +170,8 @@ def surfaces_ahead(table: SurfaceTable, rays: Rays) -> tuple[Array, Array]:
         tiles(table.materials, shapes.material[bodies[items[stops]]], places[here], rows)
         seen[here, 0], seen[here, 1:] = albedo(table.materials, rows), hits[stops, 1:]
         going = going[~stops]
+        if not going.size:
+            break
     seen[np.sum(seen[:, 1:] * directions, axis=1) > 0, 1:] *= -1  # a sheet is seen from either side
     return np.where(seen[:, 1:].any(axis=1), far, np.inf), seen
 

@@ -155,26 +155,15 @@ def render(
     if kept is not None and (kept.written or not complete):
         kept.save()
     alone = complete and kept is None  # nobody goes on from this state
-    sight = _sight(scene, rays, wl, inside, threads) if halves and complete else None
+    sight = None
+    if halves and complete:
+        from skyscatter.solvers.features import picture_sight
+
+        sight = picture_sight(scene, grid, wl, threads)
     image = _picture(scene, camera, grid, inside, wl, state, threads, progress, alone, sight)
     if not complete:
         raise Interrupted(image, state)
     return image
-
-
-def _sight(
-    scene: AnyScene, rays: Rays, wl: Array, inside: NDArray[np.bool_], threads: int | None
-) -> NDArray[np.float32] | None:
-    """What the pixels see first, for whoever takes the noise off."""
-    from skyscatter.kernels.processors import processors
-    from skyscatter.solvers.features import first_sight
-
-    found = first_sight(scene, rays, wl, threads or processors())
-    if found is None:
-        return None
-    features = np.full((*inside.shape, found.shape[1]), np.nan, np.float32)
-    features[inside] = found
-    return features
 
 
 @contextmanager
