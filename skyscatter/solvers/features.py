@@ -95,7 +95,7 @@ def first_sight(scene: Any, rays: Rays, wavelengths: Array, threads: int = 1) ->
 def picture_sight(
     scene: Any, grid: Array, wavelengths: Array, threads: int | None = None
 ) -> NDArray[np.float32] | None:  # fmt: skip
-    """`first_sight` of the pixels of a picture, whose rays are `grid` (y, x, 3), shape (y, x, 4); NaN where they are."""
+    """`first_sight` of a picture's pixels, (y, x, 4), whose rays are `grid` (y, x, 3); NaN where there is no ray."""
     from skyscatter.kernels.processors import processors
 
     inside = np.isfinite(grid[..., 0])
