@@ -115,15 +115,35 @@ def cubic(v, ray, part):
 
 
 @inlined
-def sun_number(diffuse, cosine):
-    """Number of the field's Sun node, with fraction, for a cosine of the Sun's zenith angle.
+def sun_node(diffuse, angle, refinement, suns):
+    """The first of the four of so many Sun nodes that are around a zenith angle of the Sun [rad].
 
-    It is tabulated over the angle: over the cosine no table follows it near the zenith.
+    A table over the angle says about which: over the cosine none follows it near the zenith.
     """
-    steps = diffuse.sun_index.size - 1
-    y = math.acos(min(max(cosine, -1.0), 1.0)) * (steps / math.pi)
-    k = min(int(y), steps - 1)
-    return diffuse.sun_index[k] + (y - k) * (diffuse.sun_index[k + 1] - diffuse.sun_index[k])
+    cubics = diffuse.sun_cubics[refinement - 1]
+    guess = refinement * diffuse.sun_index[int(angle * ((diffuse.sun_index.size - 1) / math.pi))]
+    j = min(max(int(guess) - 1, 0), suns - 4)
+    while j < suns - 4 and angle >= cubics[j, 2]:
+        j += 1
+    while j > 0 and angle < cubics[j, 1]:
+        j -= 1
+    return j
+
+
+@inlined
+def sun_cubic(cubics, j, angle, ray, part):
+    """Weights of Lagrange's cubic through Sun nodes j to j + 3 for a zenith angle [rad], into ``part[ray]``.
+
+    Through the angles themselves, as `skyscatter.solvers.grid.sun_cubics` has them: where light is scattered a hundred
+    times, each time read a thousandth of a degree away from where it is, that adds up.  Beyond the nodes the last one
+    goes on.
+    """
+    x = min(max(angle, cubics[0, 0]), cubics[cubics.shape[0] - 1, 3])
+    a, b, c, d = x - cubics[j, 0], x - cubics[j, 1], x - cubics[j, 2], x - cubics[j, 3]
+    part[ray, 0] = np.float32(b * c * d * cubics[j, 4])
+    part[ray, 1] = np.float32(a * c * d * cubics[j, 5])
+    part[ray, 2] = np.float32(a * b * d * cubics[j, 6])
+    part[ray, 3] = np.float32(a * b * c * cubics[j, 7])
 
 
 @inlined
@@ -143,8 +163,7 @@ def sun_reach(diffuse, line, t, r, refinement, suns, rays, bundle):
     for ray in range(rays):
         x = sun_cosine(along, per_r, ray, bundle)
         low, high = min(low, x), max(high, x)
-    first, last = refinement * sun_number(diffuse, high), refinement * sun_number(diffuse, low)
-    return min(max(int(first) - 1, 0), suns - 4), min(max(int(last) - 1, 0), suns - 4) + 3
+    return sun_node(diffuse, math.acos(high), refinement, suns), sun_node(diffuse, math.acos(low), refinement, suns) + 3
 
 
 @kernel
@@ -152,11 +171,10 @@ def place_rays(diffuse, line, t, r, refinement, suns, rays, bundle):
     """Sun nodes of every ray at distance t; there are so many, `refinement` for each of the field's."""
     per_r, along = 1.0 / r, t - line.start
     for ray in range(rays):
-        x = sun_cosine(along, per_r, ray, bundle)
-        f = refinement * sun_number(diffuse, x)
-        j = min(max(int(f) - 1, 0), suns - 4)
+        angle = math.acos(sun_cosine(along, per_r, ray, bundle))
+        j = sun_node(diffuse, angle, refinement, suns)
         bundle.sun[ray] = j
-        cubic(f - j, ray, bundle.part)
+        sun_cubic(diffuse.sun_cubics[refinement - 1], j, angle, ray, bundle.part)
 
 
 @kernel

@@ -53,6 +53,7 @@ class Diffuse(NamedTuple):
     share: np.ndarray  #: (7, wavelength) irradiance that each carries in its rule [W m-2 nm-1]
     shell: np.ndarray  #: (row,) altitudes at which the field is known, rising, from the ground to the top [m]
     sun_index: np.ndarray  #: number of the field's Sun node over the Sun's zenith angle, even from 0 to pi
+    sun_cubics: np.ndarray  #: (2, node, 8) four Sun nodes from each on, and what a cubic divides by; also finer
     max_angle: float  #: largest angle at the planet's centre that a cell spans [rad]
     max_depth: float  #: largest optical depth of a cell from which light arrives
 

@@ -30,7 +30,10 @@ STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 #: Spacing of the Sun's zenith angles in twilight, in units of the angle under which a scale height sinks below the
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
-TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 6.0, 12.0
+TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 5.0, 12.0
+#: What it grows by at most, at any tolerance: a cubic beside a gap of twice its own weighs its nodes by twice as much
+#: in all, and by the hundredth scattering light swings.
+MOST_GROWTH = 0.4
 #: Twilight's spacing at most [degree]: on a small planet with deep air a scale height sinks within 12 degrees, and yet
 #: light changes over fewer, for phase functions are as narrow as elsewhere.
 MOST_TWILIGHT = 2.4
@@ -52,9 +55,8 @@ ROW_REFINEMENT, SEEN_STEP = 2, 0.13
 WILDEST = 8.0
 #: Steps in the table of Sun nodes over the Sun's zenith angle.
 INDEX_STEPS = 8192
-#: Range of the Sun's zenith angles [rad] below which there is one Sun for all; steps of the table below which a range
-#: is narrow, and how many it then has at least.
-ONE_SUN, NARROW, LEAST_STEPS = 1e-4, 40, 8
+#: Range of the Sun's zenith angles [rad] below which there is one Sun for all.
+ONE_SUN = 1e-4
 
 
 @dataclass(frozen=True)
@@ -193,15 +195,16 @@ def sun_nodes(
     at_horizon : float
         The same angle for whatever changes over less height when the Sun sets there, such as the top of a cloud.
     """
-    low, high = _in_steps(max(low, 0.0), min(high, np.pi))
+    low, high = max(low, 0.0), min(high, np.pi)
     f = fineness(tolerance)
     angle = np.linspace(low, high, 4001)
     dusk = min(fineness(twilight * tolerance) * TWILIGHT_STEP * sinking, f * np.radians(MOST_TWILIGHT))
+    growth = min(f * DAY_GROWTH, MOST_GROWTH)
     away = np.maximum(np.pi / 2 - 2 * sinking - angle, angle - np.pi / 2 - NIGHT * sinking)
-    step = dusk + f * DAY_GROWTH * np.maximum(away, 0.0)
+    step = dusk + growth * np.maximum(away, 0.0)
     if at_horizon < sinking:  # the sky lights it as well, which changes less: the mean of both angles
         away = np.maximum(np.abs(angle - np.pi / 2) - 2 * at_horizon, 0.0)
-        step = np.minimum(step, dusk * np.sqrt(at_horizon / sinking) + f * DAY_GROWTH * away)
+        step = np.minimum(step, dusk * np.sqrt(at_horizon / sinking) + growth * away)
     step = np.minimum(step, f * np.radians(DAY_STEP))
     number = np.concatenate([[0.0], np.cumsum(0.5 * (1 / step[1:] + 1 / step[:-1]) * np.diff(angle))])
     if high - low < ONE_SUN:  # a flat world: one Sun for all
@@ -210,37 +213,33 @@ def sun_nodes(
     count = max(int(np.ceil(number[-1])), 4)
     coarse = np.interp(np.linspace(0, number[-1], count + 1), number, angle)
     fine = np.interp(np.linspace(0, number[-1], SUN_REFINEMENT * count + 1), number, angle)
-    return coarse, fine, _numbered(fine)
+    table = np.linspace(0, np.pi, INDEX_STEPS + 1)
+    return coarse, fine, np.interp(table, fine, np.arange(fine.size) / SUN_REFINEMENT)
 
 
-def _numbered(fine: Array) -> Array:
-    """Number of the Sun node over the Sun's zenith angle from 0 to pi; beyond the ends the last one goes on.
+def sun_cubics(coarse: Array, fine: Array) -> Array:
+    """What Lagrange's cubic through four Sun nodes needs, for `skyscatter.kernels.bundle.sun_cubic`.
 
-    But not in the steps in which the ends lie: read in those, the table would find each end a little within, and where
-    light is scattered often that adds up to light of the next Sun.
+    Parameters
+    ----------
+    coarse, fine : (sun,), (fine sun,)
+        Zenith angles of the nodes [rad], rising, four at least; or one Sun for all.
+
+    Returns
+    -------
+    ndarray, shape (2, fine sun - 3, 8)
+        Of the coarse nodes and the fine ones, from each on four angles and one over the products of the differences of
+        one and the others.  There are fewer coarse ones: the last row goes on.
     """
-    angle, number = np.linspace(0, np.pi, INDEX_STEPS + 1), np.arange(fine.size) / SUN_REFINEMENT
-    index = np.interp(angle, fine, number)
-    first, last = np.searchsorted(angle, fine[0]) - 1, np.searchsorted(angle, fine[-1], side="right")
-    if first >= 0:
-        index[first] = number[1] * (angle[first] - fine[0]) / (fine[1] - fine[0])
-    if last <= INDEX_STEPS:
-        index[last] = number[-1] + number[1] * (angle[last] - fine[-1]) / (fine[-1] - fine[-2])
-    return np.asarray(index)
-
-
-def _in_steps(low: float, high: float) -> tuple[float, float]:
-    """A narrow range of zenith angles [rad], widened to whole steps of the table of Sun nodes, of which it has some.
-
-    Within less than a step the table takes one node for another, and in thick media that adds up.
-    """
-    step = np.pi / INDEX_STEPS
-    if not ONE_SUN <= high - low < NARROW * step:
-        return low, high
-    first, last = np.floor(low / step), np.ceil(high / step)
-    more = max(LEAST_STEPS - (last - first), 0.0)
-    first = max(first - np.ceil(more / 2), 0.0)
-    return float(first * step), float(max(last, first + LEAST_STEPS) * step)
+    if coarse.size == 1:  # light is the same at all four, wherever they are taken to be
+        coarse = fine = coarse + np.arange(4)
+    out = np.empty((2, fine.size - 3, 8))
+    for rows, nodes in zip(out, (coarse, fine), strict=True):
+        four = np.lib.stride_tricks.sliding_window_view(nodes, 4)
+        apart = four[:, :, None] - four[:, None, :] + np.eye(4)
+        known = np.concatenate([four, 1 / apart.prod(axis=2)], axis=1)
+        rows[:] = known[np.minimum(np.arange(len(rows)), len(known) - 1)]
+    return out
 
 
 def cubic_weights(nodes: Array, points: ArrayLike) -> tuple[NDArray[np.int64], Array]:

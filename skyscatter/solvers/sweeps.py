@@ -270,6 +270,7 @@ def make_problem(
         emission=optics.emission,
         light=light, peaks=np.ascontiguousarray(peaks),
         tilt=tilt, share=share, shell=grid.rows, sun_index=grid.index,
+        sun_cubics=grids.sun_cubics(grid.sun_zenith, grid.fine_sun_zenith),
         max_angle=CELL_ANGLE * grids.fineness(tolerance), max_depth=CELL_DEPTH * grids.fineness(tolerance),
     )  # fmt: skip
     kinds = 1 if not stokes else 4 if 3 in moments.kind else 3

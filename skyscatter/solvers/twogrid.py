@@ -29,6 +29,8 @@ from skyscatter.solvers.transfer import Light, Transfer, added, less, light_of
 #: Share of what may be missing in the end that may be missing of a correction; and share of what the fine sweep
 #: changed, for the next cycle finds that as well.
 CORRECTION_SHARE, CHANGE_SHARE = 0.3, 0.03
+#: By how much a cycle may change a logarithm: in deepest night, of which the coarse grid may know next to nothing.
+MOST_CHANGE = 2.0
 
 
 class TwoGrids:
@@ -81,15 +83,16 @@ class TwoGrids:
         return Light(moments, known.flux)
 
     def _changed(self, light: Light, change: Light) -> Light:
-        """A light on the fine grid whose pattern is changed by what the coarse grid says."""
+        """A light on the fine grid whose pattern is changed by what the coarse grid says, but not wildly."""
         out = Light(np.empty_like(light.moments), np.empty_like(light.flux))
 
         def at(suns: slice) -> None:
             more = self.up.moved(change, suns)
-            factor = np.exp(more.moments[:, :, :1])
+            logarithms = more.moments[:, :, :1], more.flux
+            factor, brighter = (np.exp(np.clip(part, -MOST_CHANGE, MOST_CHANGE)) for part in logarithms)
             moments = light.moments[:, suns] * factor
             moments[:, :, self.up.there[1:]] += more.moments[:, :, 1:] * moments[:, :, :1]
-            out.moments[:, suns], out.flux[:, :, suns] = moments, light.flux[:, :, suns] * np.exp(more.flux)
+            out.moments[:, suns], out.flux[:, :, suns] = moments, light.flux[:, :, suns] * brighter
 
         self.up.by_sun(self.pool, at)
         return out

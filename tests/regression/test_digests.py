@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -21,8 +20,6 @@ DOUBLE, SINGLE = 1e-9, 6e-6
 #: What is known to `SINGLE` only.  Profiles by Abel's transform come from ill-conditioned products of linear algebra:
 #: four sorts of processors that OpenBLAS knows differ by 6e-8 of the largest density, a millionth of its error bar.
 COARSE = ("orders", "field", "dusk", "abel")
-#: Names of what is drawn by chance.
-DRAWN = re.compile("path|photons|flights|quadrature|ratio")
 
 
 @contextmanager
@@ -63,7 +60,7 @@ def test_numbers_are_as_they_were(name: str) -> None:
             scale = np.nanmax(np.abs(expected["radiance"] if part == "error" else values), initial=0.0)
             np.testing.assert_allclose(found[part], values, rtol=rtol, atol=rtol * scale, err_msg=part)
     except AssertionError:
-        if digests.processor() == digests.made_on() or not DRAWN.search(name):
+        if digests.processor() == digests.made_on() or not digests.DRAWN.search(name):
             raise
         # On another processor a walk that decides on the edge goes another way; error bars cover that, of 16 walks
         # with the tails of a t distribution: beyond 6 of them lies one value in 10 000.

@@ -104,14 +104,43 @@ def test_sun_nodes_cover_their_range_and_are_found_again(low: float, high: float
     assert np.all(np.diff(fine) > 0)
     np.testing.assert_allclose(fine[:: grids.SUN_REFINEMENT], coarse, rtol=1e-9)
     assert index.size == grids.INDEX_STEPS + 1
-    # A table of 8192 steps finds each Sun again, in the zenith too.
+    # A table of 8192 steps says about where each Sun is.
     angle = np.linspace(coarse[0], coarse[-1], 20001)
     expected = np.interp(angle, fine, np.arange(fine.size) / grids.SUN_REFINEMENT)
     found = np.interp(angle, np.linspace(0, np.pi, index.size), index)
     np.testing.assert_allclose(found, expected, atol=0.01)
-    # And the ends with all digits: what is read a little within them has light of the next Sun.
-    ends = np.interp([coarse[0], coarse[-1]], np.linspace(0, np.pi, index.size), index)
-    np.testing.assert_allclose(ends, [0, coarse.size - 1], atol=1e-9)
+    # And cubics are cubics of the angle, though steps grow.
+    for nodes, rows in zip((coarse, fine), grids.sun_cubics(coarse, fine), strict=True):
+        j = len(nodes) // 2 - 2
+        np.testing.assert_array_equal(rows[j, :4], nodes[j : j + 4])
+        x = np.linspace(nodes[j], nodes[j + 3], 7)
+        others = [np.prod(x[:, None] - np.delete(nodes[j : j + 4], k), axis=1) for k in range(4)]
+        read = sum(rows[j, 4 + k] * others[k] * (nodes[j + k] - 1) ** 3 for k in range(4))
+        np.testing.assert_allclose(read, (x - 1) ** 3, atol=1e-12)
+        assert rows[-1, 3] == nodes[-1]
+
+
+def test_a_single_sun_has_four_nodes_of_the_same_light() -> None:
+    coarse, fine, index = grids.sun_nodes(1.0, 1.0, 0.035, 0.005)
+    rows = grids.sun_cubics(coarse, fine)
+    assert coarse.size == 1
+    assert not index.any()
+    assert rows.shape == (2, 1, 8)
+    others = [np.prod(0.3 - np.delete(np.arange(4.0), k)) for k in range(4)]
+    assert np.dot(rows[0, 0, 4:], others) == pytest.approx(1.0)
+
+
+def test_light_that_was_scattered_hundreds_of_times_is_the_same_wherever_the_nodes_of_the_sun_are() -> None:
+    optics = Particles(optical_depth=60.0, single_scattering_albedo=1.0, phase=HenyeyGreenstein(g=0.8))
+    cloud = skyscatter.Component(name="cloud", density=Uniform(base=0.0, top=1e3), optics=optics)
+    light = []
+    for low, high in [(76.0, 86.0), (76.0, 89.0), (73.0, 86.0), (72.0, 88.0)]:
+        problem = make_problem(scene(cloud), np.array([550.0]), tuple(np.radians([low, high])), 0.005)
+        mean = all_orders(Sweeper(problem, 1), 0.005).moments[0, :, 0, 0]
+        four, weights = grids.cubic_weights(problem.grid.sun_zenith, np.radians([81.0]))
+        light.append(float(np.exp(weights[0] @ np.log(mean[four[0]]))))
+    # A thousandth of a degree at each scattering, the hundredth part of a step, would be 1 %.
+    np.testing.assert_allclose(light, light[0], rtol=0.002)
 
 
 @pytest.mark.parametrize("end", [-1, 0])
