@@ -31,8 +31,8 @@ STEEP_SUN, LEAST_SLANT, LEAST_RISE = 0.7, 0.6, 0.75
 #: horizon; by day, and by night beyond the fourth number of such angles, it grows by the second number per degree away
 #: from there, up to the third [degree].
 TWILIGHT_STEP, DAY_GROWTH, DAY_STEP, NIGHT = 0.3, 0.25, 5.0, 12.0
-#: What it grows by at most, at any tolerance: a cubic beside a gap of twice its own weighs its nodes by twice as much
-#: in all, and by the hundredth scattering light swings.
+#: What it grows by at most, at any tolerance: so the sizes of a cubic's weights, 1.6 in all between even nodes at most,
+#: stay below 2.6.
 MOST_GROWTH = 0.4
 #: Twilight's spacing at most [degree]: on a small planet with deep air a scale height sinks within 12 degrees, and yet
 #: light changes over fewer, for phase functions are as narrow as elsewhere.

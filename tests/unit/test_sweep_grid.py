@@ -95,6 +95,16 @@ def test_finer_tolerances_make_finer_grids() -> None:
     assert len(set(suns)) == 3
 
 
+@pytest.mark.parametrize("tolerance", [0.0015, 0.005, 0.02, 0.08, 0.3])
+def test_cubics_of_the_sun_weigh_gently_at_any_tolerance(tolerance: float) -> None:
+    for low, high, sinking, horizon in [(0, 130, 2.9, 90), (0, 180, 2.9, 0.6), (10, 96, 12, 90), (60, 110, 2.9, 0.3)]:
+        given = (*np.radians([low, high, sinking]), tolerance, 1.0, np.radians(horizon))
+        coarse, fine, _ = grids.sun_nodes(*given)
+        for nodes in (coarse, fine):
+            weights = grids.cubic_weights(nodes, np.linspace(nodes[0], nodes[-1], 2000))[1]
+            assert np.abs(weights).sum(axis=1).max() < 2.65
+
+
 @pytest.mark.parametrize(("low", "high"), [(-0.2, np.pi + 0.2), (0.0, 0.3), (1.5, 1.8), (2.5, np.pi)])
 def test_sun_nodes_cover_their_range_and_are_found_again(low: float, high: float) -> None:
     coarse, fine, index = grids.sun_nodes(low, high, 0.035, 0.005)
