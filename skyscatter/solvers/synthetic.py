@@ -118,7 +118,7 @@ class _Order:
     made: Array  #: what scattering makes of even moments around a node, (node, even, wavelength)
     driven: Array  #: and of odd ones between two, (node - 1, odd, wavelength)
     conducts: Array  #: (node - 1, odd, wavelength)
-    system: Array  #: equations of even moments for `scipy.linalg.solve_banded`, (wavelength, band, unknown)
+    equations: _Equations  #: of even moments at nodes
 
     @classmethod
     def of(cls, problem: Problem, columns: _Columns, m: int) -> _Order:
@@ -138,27 +138,21 @@ class _Order:
         sends = np.einsum("k,ik,jk->ij", 0.5 * w, functions[odd], functions[even]) * (2 * np.array(even) + 1)
         whole = functions[odd] @ (0.5 * w) if m == 0 else np.zeros(pairs)
         conducts = 1.0 / np.maximum(columns.left(columns.between, odd), THINNEST)
-        system = _system(columns.left(columns.around, even), conducts, binds, sends, whole, columns.albedo)
+        equations = _Equations.of(columns.left(columns.around, even), conducts, binds, sends, whole, columns.albedo)
         return cls(
             m, [number.get(k) for k in even], [number.get(k) for k in odd], binds, sends,
-            columns.scattered(columns.around, even), columns.scattered(columns.between, odd), conducts, system,
+            columns.scattered(columns.around, even), columns.scattered(columns.between, odd), conducts, equations,
         )  # fmt: skip
 
     def missing(self, light: Array, swept: Array) -> tuple[Array, Array]:
         """What moments (node, sun, moment, wavelength) of a swept light miss, even and odd ones, in the same shape."""
-        from scipy.linalg import solve_banded
-
         high = _some(swept, self.odd) - _some(light, self.odd)
         driven = (self.conducts * self.driven)[:, None] * (0.5 * (high[1:] + high[:-1]))
         made = self.made[:, None] * (_some(swept, self.even) - _some(light, self.even))
         into = np.einsum("ij,nsjw->nsiw", self.binds, driven)
         made[:-1] += into
         made[1:] -= into
-        nodes, suns, pairs, wavelengths = made.shape
-        asked = np.ascontiguousarray(made.transpose(3, 0, 2, 1)).reshape(wavelengths, nodes * pairs, suns)
-        band = 2 * pairs - 1
-        found = [solve_banded((band, band), *both, check_finite=False) for both in zip(self.system, asked, strict=True)]
-        even = np.stack(found).reshape(wavelengths, nodes, pairs, suns).transpose(1, 3, 2, 0)
+        even = self.equations.solved(made.transpose(0, 3, 2, 1)).transpose(0, 3, 2, 1)
         between = driven + self.conducts[:, None] * np.einsum("ij,nsiw->nsjw", self.binds, np.diff(even, axis=0))
         return even, np.concatenate([between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]])
 
@@ -180,27 +174,50 @@ def _some(moments: Array, numbers: list[int | None]) -> Array:
     return np.stack([np.zeros_like(moments[:, :, 0]) if k is None else moments[:, :, k] for k in numbers], axis=2)
 
 
-def _system(left: Array, conducts: Array, binds: Array, sends: Array, whole: Array, albedo: Array) -> Array:
-    """The equations of even moments at nodes, banded, (wavelength, band, unknown).
+@dataclass(frozen=True)
+class _Equations:
+    """Equations of even moments at nodes, each of which is bound to its neighbours; eliminated from the ground up.
 
-    `left` (node, even, wavelength) is what is taken from each, and the half-range integrals `whole` (odd,) say what
-    light that is the same from everywhere sends into the odd ones.
+    With E_n the inverse of what is left of the block of node n when those below are gone, and K_n what binds it to
+    node n + 1, the moments are e_n = y_n + E_n K_n e_n+1, where y_n = E_n (q_n + K_n-1 y_n-1).
     """
-    nodes, pairs, wavelengths = left.shape
-    links = np.einsum("ij,njw,kj->wnik", binds, conducts, binds)
-    blocks = np.zeros((wavelengths, nodes, pairs, pairs))
-    blocks[:, :, np.arange(pairs), np.arange(pairs)] = np.moveaxis(left, 2, 0)
-    blocks[:, :-1] += links
-    blocks[:, 1:] += links
-    blocks[:, -1] += binds @ sends
-    back = 2 * albedo[:, None, None] * whole[:, None]  # a row of what the ground sends up for a unit that comes down
-    taken = np.eye(pairs) + back * np.eye(1, pairs)
-    blocks[:, 0] += binds @ np.linalg.solve(taken, sends - back * sends[0])
-    band, unknowns = 2 * pairs - 1, nodes * pairs
-    out = np.zeros((wavelengths, 2 * band + 1, unknowns))
-    for a in range(pairs):
-        for b in range(pairs):
-            out[:, band + a - b, b::pairs] += blocks[:, :, a, b]
-            out[:, band + a - b - pairs, pairs + b :: pairs] -= links[:, :, a, b]
-            out[:, band + a - b + pairs, b : unknowns - pairs : pairs] -= links[:, :, a, b]
-    return out
+
+    inverse: Array  #: E_n, (node, wavelength, even, even)
+    upward: Array  #: E_n K_n-1, (node - 1, wavelength, even, even)
+    downward: Array  #: E_n K_n
+
+    @classmethod
+    def of(
+        cls, left: Array, conducts: Array, binds: Array, sends: Array, whole: Array, albedo: Array
+    ) -> _Equations:  # fmt: skip
+        """Those of an order of azimuth.
+
+        `left` (node, even, wavelength) is what is taken from each, and the half-range integrals `whole` (odd,) say
+        what light that is the same from everywhere sends into the odd ones.
+        """
+        nodes, pairs, wavelengths = left.shape
+        links = np.einsum("ij,njw,kj->nwik", binds, conducts, binds)
+        blocks = np.zeros((nodes, wavelengths, pairs, pairs))
+        blocks[..., np.arange(pairs), np.arange(pairs)] = left.transpose(0, 2, 1)
+        blocks[:-1] += links
+        blocks[1:] += links
+        blocks[-1] += binds @ sends
+        back = (
+            2 * albedo[:, None, None] * whole[:, None]
+        )  # a row of what the ground sends up for a unit that comes down
+        taken = np.eye(pairs) + back * np.eye(1, pairs)
+        blocks[0] += binds @ np.linalg.solve(taken, sends - back * sends[0])
+        inverse = np.empty_like(blocks)
+        inverse[0] = np.linalg.inv(blocks[0])
+        for n in range(1, nodes):
+            inverse[n] = np.linalg.inv(blocks[n] - links[n - 1] @ inverse[n - 1] @ links[n - 1])
+        return cls(inverse, inverse[1:] @ links, inverse[:-1] @ links)
+
+    def solved(self, asked: Array) -> Array:
+        """The moments that what is `asked` (node, wavelength, even, sun) makes, in the same shape."""
+        found = self.inverse @ asked
+        for n in range(1, len(found)):
+            found[n] += self.upward[n - 1] @ found[n - 1]
+        for n in range(len(found) - 2, -1, -1):
+            found[n] += self.downward[n] @ found[n + 1]
+        return found

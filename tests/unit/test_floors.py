@@ -126,3 +126,20 @@ def test_what_is_described_loads_no_compiler() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
+
+
+def test_the_default_sky_itself_asks_for_no_scipy(tmp_path: Path) -> None:
+    """It takes a quarter of a second to load.  The compiler does, too, but with machine code there is no compiler."""
+    code = (
+        "import builtins\n"
+        "plain = builtins.__import__\n"
+        "def watched(name, scope=None, *rest, **named):\n"
+        "    if name.split('.')[0] == 'scipy' and (scope or {}).get('__name__', '').startswith('skyscatter.'):\n"
+        "        print(name, 'in', scope['__name__'])\n"
+        "    return plain(name, scope, *rest, **named)\n"
+        "builtins.__import__ = watched\n"
+        "from skyscatter.cli.main import main\n"
+        f"raise SystemExit(main(['sky', 'earth', '--size', '16x8', '-q', '-o', {str(tmp_path / 'sky.png')!r}]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
