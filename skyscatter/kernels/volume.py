@@ -46,7 +46,8 @@ class MeanPhase(NamedTuple):
 class VolumeTable(NamedTuple):
     """Everything about a scene; components in the order of the fields, the wavelength always last."""
 
-    space: SpaceTable
+    space: SpaceTable  #: without columns of what dims no light
+    clear: SpaceTable  #: the same with columns of nothing but what emits and dims no light
     sigma_s: np.ndarray  #: (component, wavelength) scattering per unit density [m-1]
     sigma_t: np.ndarray  #: (component, wavelength) extinction per unit density [m-1]
     emission: np.ndarray  #: (component, wavelength) [W m-3 sr-1 nm-1]

@@ -40,6 +40,8 @@ FINE = 0.35
 PLAIN = 0.05
 #: How much more an evenly dense stratum would hold than it does, from which on the medium ends within it.
 BLUNT = 1.02
+#: How often a stratum is halved to find where in it light is emitted.
+HALVINGS = 5
 #: No stratum's values differ by more than exp(this) from edge to edge as far as the draw is concerned.
 STEEPEST = 40.0
 
@@ -219,6 +221,18 @@ def fill_columns_of_leg(v, x, d, leg, work):
             leg.column[k, c] = work.along[c]
 
 
+@kernel
+def fill_clear_columns(v, x, d, leg, work):
+    """Columns of what emits and dims no light, which nothing before has asked for, to the edges of a leg's strata."""
+    for c in range(work.to_light.size):
+        work.to_light[c] = 0.0
+    for k in range(1, leg.edge.size):
+        before, t = leg.edge[k - 1], leg.edge[k]
+        space_columns(v.clear, x[0], x[1], x[2], d[0], d[1], d[2], before, t, work.space, work.to_light)
+        for c in range(work.to_light.size):
+            leg.column[k, c] += work.to_light[c]
+
+
 @inlined
 def rim_behind(v, x, d, leg, k, n, work):
     """Where a medium that is as dense as at edge k of a leg would end, all of it lying between there and edge n."""
@@ -301,9 +315,10 @@ def look_ahead(v, x, d, leg, k, t, depth):
 
 
 @kernel
-def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
+def prepare_volume_leg(v, x, d, start, end, camera, early, u, leg, work):
     """Cut a leg and fill its columns, chances and, for later legs, its escaping light; False if it meets nothing.
 
+    Of an `early` leg what it emits is known by columns.
     ``work.density`` holds the densities where a leg that is no `camera`'s begins.
     """
     last = leg.edge.size - 1
@@ -318,6 +333,8 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
     if camera and recut_by_depth(v, leg):
         fill_columns_of_leg(v, x, d, leg, work)
     trim_leg(v, x, d, camera, leg, work)
+    if v.emits and early:
+        fill_clear_columns(v, x, d, leg, work)
     for i in range(wavelengths):
         leg.total[0, i], leg.total[1, i], leg.total[2, i], leg.escape[i] = 0.0, 0.0, 0.0, 0.0
     g = guessed_forwardness(v, leg.column[last])
@@ -340,7 +357,7 @@ def prepare_volume_leg(v, x, d, start, end, camera, u, leg, work):
         if k > 0:
             weigh_stratum(v, k - 1, leg)
     if v.glows and not camera:
-        gather_escape(v, x, d, u, leg, work)
+        gather_escape(v, x, d, early, u, leg, work)
     found = 0.0
     for i in range(wavelengths):
         found += leg.total[1, i]
@@ -384,27 +401,108 @@ def weigh_stratum(v, k, leg):
 
 
 @kernel
-def gather_escape(v, x, d, u, leg, work):
-    """Emission along a leg, one point at the fraction u of every stratum, and the background at its end."""
-    last = leg.edge.size - 1
-    for c in range(work.along.size):
-        work.along[c] = leg.column[last, c]
-    transmittance(work.along, v.sigma_t, work.through)
+def gather_escape(v, x, d, early, u, leg, work):
+    """Emission along a leg, and the background at its end."""
+    transmittance(leg.column[leg.edge.size - 1], v.sigma_t, work.through)
     for i in range(leg.escape.size):
         leg.escape[i] = v.background[i] * work.through[i]
-    if not v.emits:
-        return
-    for k in range(last):
+    if v.emits and early:
+        gather_emission(v, x, d, u, leg, work)
+    elif v.emits:
+        sample_emission(v, x, d, u, leg, work)
+
+
+@kernel
+def sample_emission(v, x, d, u, leg, work):
+    """Add emission along a leg, from one point at the fraction u of every stratum."""
+    for k in range(leg.edge.size - 1):
         width = leg.edge[k + 1] - leg.edge[k]
         t = leg.edge[k] + u * width
-        for c in range(work.along.size):
-            work.along[c] = leg.column[k, c]
-        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], leg.edge[k], t, work.space, work.along)
+        columns_to(v, x, d, leg, k, t, work)
         space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
         transmittance(work.along, v.sigma_t, work.through)
         mix_components(work.density, v.emission, work.towards)
         for i in range(leg.escape.size):
             leg.escape[i] += width * work.through[i] * work.towards[i]
+
+
+@kernel
+def gather_emission(v, x, d, u, leg, work):
+    """Add emission along a leg of whose strata the columns say what they emit.
+
+    All that a stratum emits is let through by as much as what comes from its far edge.  What more comes through is
+    found at one point, drawn with the number u by how much it may be.
+    """
+    transmittance(leg.column[0], v.sigma_t, work.through)
+    chosen, chance, unsure = -1, 0.0, 0.0
+    for k in range(leg.edge.size - 1):
+        more = add_emission(v, k, leg, work)
+        unsure += more
+        share = more / unsure if more > 0.0 else 0.0
+        if u < share:
+            chosen, chance, u = k, more, u / share
+        elif share < 1.0:
+            u = (u - share) / (1.0 - share)
+    if chosen >= 0:
+        correct_emission(v, x, d, u, chosen, chance / unsure, leg, work)
+
+
+@inlined
+def add_emission(v, k, leg, work):
+    """Add what comes through at least of what stratum k emits, and tell how much more it may be.
+
+    ``work.through`` goes from its first edge to its second.
+    """
+    transmittance(leg.column[k + 1], v.sigma_t, work.towards)
+    for c in range(work.density.size):
+        work.density[c] = leg.column[k + 1, c] - leg.column[k, c]
+    mix_components(work.density, v.emission, work.arriving)
+    unsure = 0.0
+    for i in range(leg.escape.size):
+        leg.escape[i] += work.arriving[i] * work.towards[i]
+        unsure += work.arriving[i] * (work.through[i] - work.towards[i])
+        work.through[i] = work.towards[i]
+    return unsure
+
+
+@kernel
+def correct_emission(v, x, d, u, k, chance, leg, work):
+    """Add what comes through of the emission of stratum k beyond what was taken, from a point that is drawn.
+
+    It is drawn nearly as the emission goes: in the half of the stratum, of that half and so on in which what is emitted
+    is found by chance, and evenly there.
+    """
+    transmittance(leg.column[k], v.sigma_t, work.through)
+    transmittance(leg.column[k + 1], v.sigma_t, work.spare)
+    whole = 0.0
+    for c in range(work.density.size):
+        work.along[c], work.density[c] = leg.column[k, c], 0.0
+        for i in range(leg.escape.size):
+            work.density[c] += v.emission[c, i] * (work.through[i] - work.spare[i])
+        whole += work.density[c] * (leg.column[k + 1, c] - leg.column[k, c])
+    low, high = leg.edge[k], leg.edge[k + 1]
+    for _ in range(HALVINGS):
+        middle, left = 0.5 * (low + high), 0.0
+        for c in range(work.density.size):
+            work.to_light[c] = work.along[c]
+        space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], low, middle, work.space, work.to_light)
+        space_columns(v.clear, x[0], x[1], x[2], d[0], d[1], d[2], low, middle, work.space, work.to_light)
+        for c in range(work.density.size):
+            left += work.density[c] * (work.to_light[c] - work.along[c])
+        share = min(left / whole, 1.0) if whole > 0.0 else 0.5
+        if u < share:
+            high, whole, chance, u = middle, left, chance * share, u / share
+        else:
+            low, whole, chance, u = middle, whole - left, chance * (1.0 - share), (u - share) / (1.0 - share)
+            for c in range(work.density.size):
+                work.along[c] = work.to_light[c]
+    t = low + u * (high - low)
+    space_columns(v.space, x[0], x[1], x[2], d[0], d[1], d[2], low, t, work.space, work.along)
+    space_densities(v.space, x[0] + t * d[0], x[1] + t * d[1], x[2] + t * d[2], work.space, work.density)
+    transmittance(work.along, v.sigma_t, work.through)
+    mix_components(work.density, v.emission, work.towards)
+    for i in range(leg.escape.size):
+        leg.escape[i] += (high - low) / chance * work.towards[i] * (work.through[i] - work.spare[i])
 
 
 @inlined

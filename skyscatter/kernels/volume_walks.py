@@ -156,7 +156,7 @@ def next_number(walk, order, k):
 def look_along_ray(v, hero, camera, work, walker, walk, total, by_order, apart):
     """Light that the camera's ray sees unscattered and scattered once, from a few points on it."""
     if v.glows:
-        gather_escape(v, walk.position, walk.direction, walk.even[7], camera, work)
+        gather_escape(v, walk.position, walk.direction, np.bool_(True), walk.even[7], camera, work)
         for i in range(total.size):
             total[i] += camera.escape[i]
             apart[0, i] += camera.escape[i]
@@ -178,7 +178,7 @@ def follow_leg(v, hero, order, max_order, leg, work, walker, aim, walk, total, b
     if end <= start:
         return False
     found = prepare_volume_leg(
-        v, x, d, start, end, np.bool_(False), next_number(walk, order, 2), leg, work
+        v, x, d, start, end, np.bool_(False), order == 1, next_number(walk, order, 2), leg, work
     )  # fmt: skip
     if order < max_order:
         fetch_light(v, hero, next_number(walk, order, 3), leg, work, walker, walk)
@@ -290,7 +290,7 @@ def volume_path_rays(
                 for i in range(mean.shape[1]):
                     mean[ray, i], apart[ray, 0, i] = v.background[i], v.background[i]
             continue
-        if not prepare_volume_leg(v, o, d, start, end, np.bool_(True), 0.5, s.camera, s.work) and not walked:
+        if not prepare_volume_leg(v, o, d, start, end, np.bool_(True), True, 0.5, s.camera, s.work) and not walked:
             continue
         for b in range(batches):
             start_stream(walk.state, seed, ids[ray], -1 - b)

@@ -36,7 +36,8 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     wl = np.array(wavelengths)
     space = medium_table(scene.medium.fields)
     sigma_s, sigma_t, emission, phase, cdf = medium_optics(scene.medium, wavelengths)
-    space = space._replace(method=_methods(space, sigma_t))
+    dims, emits = np.any(sigma_t > 0, axis=1), np.any(emission > 0, axis=1)
+    space, clear = _with_columns(space, dims), _with_columns(space, emits & ~dims)
     distance = scene.view.distance
     # A star without a surface, given by its spectrum alone, stops growing where nothing could be seen of it.
     least = 1e-9 * float(np.linalg.norm(space.bound_step * space.cells))
@@ -55,6 +56,7 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     decay, shape, around = _modes(sigma_s, sigma_t, phase)
     table = VolumeTable(
         space=space,
+        clear=clear,
         sigma_s=sigma_s,
         sigma_t=sigma_t,
         emission=emission,
@@ -89,12 +91,11 @@ def compile_volume(scene: SpaceScene, wavelengths: tuple[float, ...]) -> VolumeT
     return table._replace(correction=guess_correction(table)) if table.decay[wl.size // 2] < SLOW else table
 
 
-def _methods(space: SpaceTable, sigma_t: Array) -> NDArray[np.int64]:
-    """How columns are found: not at all where a component dims no light."""
+def _with_columns(space: SpaceTable, wanted: NDArray[np.bool_]) -> SpaceTable:
+    """The medium with columns of some of its components (component,) alone."""
     from skyscatter.kernels.codes.space import TRANSPARENT
 
-    component = np.repeat(np.arange(len(sigma_t)), np.diff(space.term_start))
-    return np.where(np.any(sigma_t > 0, axis=1)[component], space.method, TRANSPARENT)
+    return space._replace(method=np.where(np.repeat(wanted, np.diff(space.term_start)), space.method, TRANSPARENT))
 
 
 def _mean_phase(sigma_s: Array, phase: Array) -> MeanPhase:

@@ -1,4 +1,4 @@
-"""Points at which legs of walks fetch starlight: how much more one of them can bring than all do on average."""
+"""Legs of walks: what points at which starlight is fetched can bring at most, and what is emitted along a leg."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from nebulae import dusty_sphere
 
+import skyscatter
+from skyscatter import fields
 from skyscatter.kernels.jit import entry
 from skyscatter.kernels.optics import transmittance
 from skyscatter.kernels.space import space_densities
@@ -20,7 +22,7 @@ from skyscatter.solvers.volume import compile_volume
 @entry
 def draw_points(v, x, d, far, u, leg, work, place, density):
     """Distances (point,) along a leg of the length `far`, one per number u, and their densities."""
-    prepare_volume_leg(v, x, d, 0.0, far, np.bool_(False), 0.5, leg, work)
+    prepare_volume_leg(v, x, d, 0.0, far, np.bool_(False), True, 0.5, leg, work)
     for n in range(u.size):
         place[n], _ = draw_point(leg.light, leg.light_rim, True, leg, PLAIN, np.int64(0), u[n], leg.draw)
         density[n] = leg.draw[0]
@@ -60,7 +62,7 @@ def test_no_point_brings_much_more_than_all_on_average(tau: float, height: float
 def weigh_vertices(v, x, d, end, camera, u, leg, work, weight):
     """What the light at each of the drawn vertices (point,) of a leg is guessed to be, over its density."""
     space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
-    prepare_volume_leg(v, x, d, 0.0, end, camera, 0.5, leg, work)
+    prepare_volume_leg(v, x, d, 0.0, end, camera, True, 0.5, leg, work)
     for n in range(u.size):
         t, k = draw_point(leg.vertex, leg.vertex_rim, False, leg, 0.0, np.int64(0), u[n], leg.draw)
         columns_to(v, x, d, leg, k, t, work)
@@ -95,3 +97,53 @@ def test_every_vertex_promises_the_same(from_above: bool, sine: float, most: flo
     spread = weight.std() / weight.mean()
     print(f"from above {from_above}, sine {sine}: spread {spread:.3f}")
     assert spread < most
+
+
+@entry
+def emissions(v, x, d, far, u, early, leg, work, light):
+    """Emission along a leg of the length `far` (number, wavelength), one for each number u."""
+    space_densities(v.space, x[0], x[1], x[2], work.space, work.density)
+    for n in range(u.size):
+        prepare_volume_leg(v, x, d, 0.0, far, np.bool_(False), early, u[n], leg, work)
+        for i in range(light.shape[1]):
+            light[n, i] = leg.escape[i]
+
+
+def thin_skin() -> skyscatter.SpaceScene:
+    """A ball of dust that a skin of gas surrounds, a hundredth of its radius thick, and gas all through it."""
+    skin = fields.Shell(inner=1.0, outer=1.01)
+    dust = skyscatter.Particles(extinction=2.0, single_scattering_albedo=0.6, phase={"kind": "isotropic"})
+    lines = {"electron_density": 1e10, "temperature": 8000}
+    parts = {
+        "dust": (fields.Sphere(radius=1.2), dust),
+        "skin": (skin, skyscatter.GasLines(**lines)),
+        "oxygen": (fields.Sphere(radius=1.2), skyscatter.GasLines(**lines, hydrogen=False, ratios={"oiii_5007": 1e-2})),
+    }
+    made = [skyscatter.Component(name=name, density=field, optics=optics) for name, (field, optics) in parts.items()]
+    return skyscatter.SpaceScene(medium=skyscatter.Medium(components=tuple(made)), view=skyscatter.View(distance=1e3))
+
+
+def test_emission_along_a_leg_is_right_on_average_and_quiet_where_columns_tell_it() -> None:
+    table = compile_volume(thin_skin(), (500.8, 656.5))
+    assert not np.any(table.sigma_t[1:])
+    assert np.all(table.emission.sum(axis=0) > 0)
+    leg, work = make_volume_leg(LEG_STRATA, 3, 2), make_volume_work(3, 2)
+    x, d = np.array([0.1, 0.0, -0.95]), np.array([0.0, 0.6, 0.8])
+    far = float(np.dot(-x, d) + math.sqrt(1.44 - np.dot(x, x) + np.dot(x, d) ** 2))
+    # Dust is evenly dense: columns are distances, and the skin lies between two known ones, or none.
+    enter, leave = (float(np.dot(-x, d) + math.sqrt(r * r - np.dot(x, x) + np.dot(x, d) ** 2)) for r in (1.0, 1.01))
+    sigma = table.sigma_t[0]
+    through = lambda a, b: (np.exp(-sigma * a) - np.exp(-sigma * b)) / sigma  # noqa: E731
+    truth = table.emission[1] * through(enter, leave) + table.emission[2] * through(0.0, far)
+    u = np.random.default_rng(5).random(40000)
+    spread = {}
+    for early in (False, True):
+        light = np.zeros((u.size, 2))
+        emissions(table, x, d, far, u, early, leg, work, light)
+        error = light.std(axis=0) / math.sqrt(u.size)
+        spread[early] = light.std(axis=0) / truth
+        print(early, light.mean(axis=0) / truth, spread[early], light.min(axis=0) / truth)
+        # Four standard errors, and what columns by quadrature may be off.
+        assert np.all(np.abs(light.mean(axis=0) - truth) < 4.0 * error + 1e-4 * truth)
+    assert spread[True][0] < spread[False][0] / 2
+    assert spread[True][1] < spread[False][1] / 5
