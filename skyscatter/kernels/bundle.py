@@ -135,8 +135,7 @@ def sun_cubic(cubics, j, angle, ray, part):
     """Weights of Lagrange's cubic through Sun nodes j to j + 3 for a zenith angle [rad], into ``part[ray]``.
 
     Through the angles themselves, as `skyscatter.solvers.grid.sun_cubics` has them: where light is scattered a hundred
-    times, each time read a thousandth of a degree away from where it is, that adds up.  Beyond the nodes the last one
-    goes on.
+    times, and each time read a little away from where it is, that adds up.  Beyond the nodes the last one goes on.
     """
     x = min(max(angle, cubics[0, 0]), cubics[cubics.shape[0] - 1, 3])
     a, b, c, d = x - cubics[j, 0], x - cubics[j, 1], x - cubics[j, 2], x - cubics[j, 3]
