@@ -202,9 +202,8 @@ class _Equations:
         blocks[:-1] += links
         blocks[1:] += links
         blocks[-1] += binds @ sends
-        back = (
-            2 * albedo[:, None, None] * whole[:, None]
-        )  # a row of what the ground sends up for a unit that comes down
+        # A row of what the ground sends up for a unit that comes down.
+        back = 2 * albedo[:, None, None] * whole[:, None]
         taken = np.eye(pairs) + back * np.eye(1, pairs)
         blocks[0] += binds @ np.linalg.solve(taken, sends - back * sends[0])
         inverse = np.empty_like(blocks)
